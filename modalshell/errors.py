@@ -1,0 +1,43 @@
+"""Named errors and warnings of the package.
+
+Every message says what was got, what was expected and how to mend it. The command line prints such an error as one
+line and exits with status 2.
+"""
+
+from __future__ import annotations
+
+
+class ModalShellError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class MeshError(ModalShellError, ValueError):
+    """A triangle mesh that cannot be a shell: names the fault and the first offending indices."""
+
+
+class MaterialError(ModalShellError, ValueError):
+    """Material data that is not finite, out of range or of the wrong shape."""
+
+
+class SupportError(ModalShellError, ValueError):
+    """Supports that name no vertex, vertices out of range, or the whole shell."""
+
+
+class LoadError(ModalShellError, ValueError):
+    """Gravity or forces of the wrong shape or with values that are not finite."""
+
+
+class OptionError(ModalShellError, ValueError):
+    """An option, count, step or expression outside what is allowed."""
+
+
+class SolverError(ModalShellError, RuntimeError):
+    """A linear solve or an eigensolve that gave no usable answer."""
+
+
+class FileFormatError(ModalShellError, ValueError):
+    """A file that cannot be read as what it claims to be."""
+
+
+class ModalShellWarning(UserWarning):
+    """An answer that stands but that the user should read with care."""

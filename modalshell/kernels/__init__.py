@@ -1,0 +1,1 @@
+"""Numba kernels: the generated energies (``generated``) and the hand-written rotations."""

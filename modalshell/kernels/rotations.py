@@ -1,0 +1,99 @@
+r"""Rotations from rotation vectors, their running average, and its derivative (MATH.md 4; paper eq. 16-17).
+
+For a rotation vector :math:`w`, with :math:`\phi = |w|`,
+
+.. math:: R(w) = e^{[w]} = I + c_1 [w] + c_2 [w]^2, \qquad
+          \tilde R(w) = \int_0^1 e^{r [w]} dr = I + c_2 [w] + c_3 [w]^2,
+
+with :math:`c_1 = \sin\phi/\phi`, :math:`c_2 = (1-\cos\phi)/\phi^2`, :math:`c_3 = (\phi-\sin\phi)/\phi^3`. :math:`\tilde R` is
+the left Jacobian of SO(3): :math:`d\,e^{[w]} = [\tilde R\,dw]\,e^{[w]}`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+_options = {"cache": True, "error_model": "numpy"}
+
+
+@njit(**_options)
+def coefficients(squared):  # type: ignore[no-untyped-def]
+    """c1, c2, c3 at phi^2 = ``squared``: half angles and a series where subtraction would cancel."""
+    angle = math.sqrt(squared)
+    if squared < 1.0:
+        # sum (-1)^k phi^(2k) / (2k + 3)!, nine terms: below 1e-17 of the sum for phi < 1.
+        third = 1.0
+        for k in range(9, 0, -1):
+            third = 1.0 - third * squared / ((2.0 * k + 2.0) * (2.0 * k + 3.0))
+        third /= 6.0
+        first = 1.0 - squared * third
+        half = 0.5 * angle
+        ratio = 1.0 - (half * half) / 6.0 if half < 1e-4 else math.sin(half) / half
+        return first, 0.5 * ratio * ratio, third
+    half_sine = math.sin(0.5 * angle)
+    return (
+        math.sin(angle) / angle,
+        2.0 * half_sine * half_sine / squared,
+        (angle - math.sin(angle)) / (squared * angle),
+    )
+
+
+@njit(**_options)
+def _apply(w, vector, linear, quadratic, out):  # type: ignore[no-untyped-def]
+    """``out = vector + linear w x vector + quadratic w x (w x vector)`` for one vertex."""
+    cx = w[1] * vector[2] - w[2] * vector[1]
+    cy = w[2] * vector[0] - w[0] * vector[2]
+    cz = w[0] * vector[1] - w[1] * vector[0]
+    out[0] = vector[0] + linear * cx + quadratic * (w[1] * cz - w[2] * cy)
+    out[1] = vector[1] + linear * cy + quadratic * (w[2] * cx - w[0] * cz)
+    out[2] = vector[2] + linear * cz + quadratic * (w[0] * cy - w[1] * cx)
+
+
+@njit(**_options)
+def rotate(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def]
+    """``out_i = R(sign w_i) v_i``; all (n, 3). ``sign`` = -1 applies the transpose."""
+    for i in range(vectors.shape[0]):
+        w = rotation_vectors[i]
+        first, second, _ = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        _apply(w, vectors[i], sign * first, second, out[i])
+
+
+@njit(**_options)
+def warp(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def]
+    """``out_i = Rt(sign w_i) v_i``; all (n, 3). Rt is the average of the rotations from 0 to w (paper eq. 17)."""
+    for i in range(vectors.shape[0]):
+        w = rotation_vectors[i]
+        _, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        _apply(w, vectors[i], sign * second, third, out[i])
+
+
+@njit(**_options)
+def largest_angle(rotation_vectors):  # type: ignore[no-untyped-def]
+    """Largest |w_i| over all vertices [rad]."""
+    largest = 0.0
+    for i in range(rotation_vectors.shape[0]):
+        w = rotation_vectors[i]
+        largest = max(largest, w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+    return math.sqrt(largest)
+
+
+@njit(**_options)
+def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no-untyped-def]
+    """``jacobians_i = d(R(w_i)^T f_i)/dw_i = [R^T f] Rt(-w)``, written into (n, 3, 3)."""
+    rotated = np.empty(3)
+    unit = np.empty(3)
+    column = np.empty(3)
+    for i in range(load.shape[0]):
+        w = rotation_vectors[i]
+        first, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        _apply(w, load[i], -first, second, rotated)
+        for axis in range(3):
+            unit[:] = 0.0
+            unit[axis] = 1.0
+            _apply(w, unit, -second, third, column)
+            jacobians[i, 0, axis] = rotated[1] * column[2] - rotated[2] * column[1]
+            jacobians[i, 1, axis] = rotated[2] * column[0] - rotated[0] * column[2]
+            jacobians[i, 2, axis] = rotated[0] * column[1] - rotated[1] * column[0]

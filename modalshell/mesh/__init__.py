@@ -1,0 +1,16 @@
+"""Triangle meshes: the data structure, its validation, files and parametric shapes."""
+
+from modalshell.mesh.files import load_mesh, save_mesh
+from modalshell.mesh.shapes import cylinder_panel, flat_beam, leaf, sheet, v_beam
+from modalshell.mesh.triangle_mesh import TriangleMesh
+
+__all__ = [
+    "TriangleMesh",
+    "cylinder_panel",
+    "flat_beam",
+    "leaf",
+    "load_mesh",
+    "save_mesh",
+    "sheet",
+    "v_beam",
+]

@@ -1,0 +1,193 @@
+"""Meshes from and to files, through trimesh."""
+
+from __future__ import annotations
+
+import io
+import os
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modalshell.errors import MeshError, ModalShellWarning
+from modalshell.mesh import validation
+from modalshell.mesh.file_checks import Expected, check_off, check_ply, check_stl, clean_obj
+from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.mesh.triangle_mesh import TriangleMesh
+from modalshell.mesh.welding import drop_unused, weld_arrays
+
+READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")
+
+
+def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
+    """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB or glTF file.
+
+    Polygons are split into triangles and the parts of a scene are joined. Materials, normals and texture coordinates
+    are ignored, so texture seams of an OBJ do not cut the shell. STL vertices are merged. Vertices in no face are
+    dropped with a warning.
+
+    Parameters
+    ----------
+    path : path
+        The file; its suffix names the format. Coordinates are taken as metres.
+
+    Raises
+    ------
+    MeshError
+        When the file cannot be read or holds no valid shell; names the file, the fault and the first offending
+        indices, counted from 0 in the file's own order.
+    """
+    file = Path(path)
+    suffix = _check_suffix(file, READABLE, "read")
+    try:
+        data = file.read_bytes()
+    except FileNotFoundError as error:
+        raise MeshError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
+    except OSError as error:
+        raise MeshError(f"{file}: cannot be read ({error.strerror}); give a readable file") from error
+    if not data.strip():
+        raise MeshError(f"{file}: the file is empty; write or download the mesh again")
+    try:
+        vertices, faces = _read(file, data, suffix)
+        if suffix == ".stl":
+            vertices, faces = _weld_stl(file, vertices, faces)
+        return _build(file, vertices, faces)
+    except MeshError as error:
+        text = str(error)
+        note = ""
+        if suffix == ".obj" and "counted from 0" in text and not text.startswith("line"):
+            note = " (an OBJ file itself counts from 1: add one)"
+        raise MeshError(f"{file}: {text}{note}") from error
+
+
+def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
+    """Write a mesh to an OBJ, PLY, STL, OFF or GLB file, replacing an existing one.
+
+    OBJ, OFF and PLY keep every bit of the coordinates; STL and GLB hold float32 by their definition, and STL forgets
+    the numbering of the vertices.
+    """
+    file = Path(path)
+    suffix = _check_suffix(file, WRITABLE, "write")
+    if suffix in (".obj", ".off"):
+        data = _text(mesh, suffix).encode()
+    elif suffix == ".ply":
+        data = _binary_ply(mesh)
+    else:
+        import trimesh
+
+        plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        exported = plain.export(file_type=suffix[1:])
+        data = exported if isinstance(exported, bytes) else str(exported).encode()
+    try:
+        file.write_bytes(data)
+    except OSError as error:
+        raise MeshError(f"{file}: cannot be written ({error.strerror}); give a path in an existing folder") from error
+
+
+def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
+    suffix = file.suffix.lower()
+    if suffix not in known:
+        raise MeshError(
+            f"{file}: cannot {verb} files with suffix {file.suffix!r}; expected one of {', '.join(known)}: convert the "
+            "mesh or rename the file"
+        )
+    return suffix
+
+
+def _read(file: Path, data: bytes, suffix: str) -> tuple[FloatArray, IntArray]:
+    """Vertices and faces as the file holds them, in its order; the format's own faults are raised here."""
+    expected = Expected()
+    if suffix == ".obj":
+        data = clean_obj(data)
+    elif suffix == ".ply":
+        expected = check_ply(data)
+    elif suffix == ".off":
+        data, expected = check_off(data)
+    elif suffix == ".stl":
+        check_stl(data)
+    loaded = _trimesh_load(file, data, suffix)
+    vertices = validation.as_vertices(loaded.vertices) if len(loaded.vertices) else np.zeros((0, 3))
+    if len(vertices) < expected.vertices or len(loaded.faces) < expected.faces:
+        raise MeshError(
+            f"the file is cut short: its header announces {expected.vertices} vertices and {expected.faces} faces, "
+            f"{len(vertices)} and {len(loaded.faces)} were found; write or download it again"
+        )
+    if len(loaded.faces) == 0:
+        raise MeshError(f"the file has no faces ({len(vertices)} vertices read); a shell needs triangles")
+    return vertices, validation.as_faces(loaded.faces, len(vertices))
+
+
+def _trimesh_load(file: Path, data: bytes, suffix: str) -> Any:
+    import trimesh
+
+    options: dict[str, Any] = {"process": False, "maintain_order": True, "skip_materials": True}
+    if suffix == ".ply":
+        options["fix_texture"] = False  # else vertices are doubled along texture seams
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # NumPy's text reader stops at junk with no more than this warning.
+            warnings.filterwarnings("error", message="string or file could not be read")
+            if suffix == ".gltf":  # its buffers lie in files beside it
+                return trimesh.load_mesh(str(file), **options)
+            return trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], **options)
+    except Exception as error:  # trimesh's readers raise whatever their parsing met: IndexError, KeyError, struct.error
+        reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
+        raise MeshError(
+            f"the file is damaged, cut short or not {suffix[1:].upper()} (the reader stopped with {reason}); write or "
+            "download it again, or convert it to OBJ"
+        ) from error
+
+
+def _weld_stl(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    welded, kept, dropped = weld_arrays(vertices, faces)
+    if dropped:
+        warnings.warn(
+            f"{file}: dropped {dropped} of {len(faces)} triangles that collapsed when the STL's vertices were merged; "
+            "repair the file to silence this",
+            ModalShellWarning,
+            stacklevel=3,
+        )
+    return welded, kept
+
+
+def _build(file: Path, vertices: FloatArray, faces: IntArray) -> TriangleMesh:
+    unused = validation.unused_vertices(faces, len(vertices))
+    if len(unused):
+        # Checked before vertices are renumbered, so that an error names the file's own indices.
+        validation.check_faces(vertices, faces)
+        faces, _ = validation.paired_edges(faces, len(vertices))
+        vertices, faces = drop_unused(vertices, faces)
+        warnings.warn(
+            f"{file}: dropped {len(unused)} vertices that are in no face, first vertex {unused[0]} (counted from 0); "
+            "remove them from the file to silence this",
+            ModalShellWarning,
+            stacklevel=3,
+        )
+    return TriangleMesh(vertices, faces)
+
+
+def _text(mesh: TriangleMesh, suffix: str) -> str:
+    """Coordinates in Python's shortest form that reads back to the same float64."""
+    obj = suffix == ".obj"
+    points = [" ".join(map(repr, p)) for p in mesh.vertices.tolist()]
+    faces = [" ".join(map(str, f)) for f in (mesh.faces + int(obj)).tolist()]
+    if obj:
+        lines = ["# written by modalshell; metres", *(f"v {p}" for p in points), *(f"f {f}" for f in faces)]
+    else:
+        lines = ["OFF", f"{len(points)} {len(faces)} {len(mesh.edges)}", *points, *(f"3 {f}" for f in faces)]
+    return "\n".join(lines) + "\n"
+
+
+def _binary_ply(mesh: TriangleMesh) -> bytes:
+    """Binary PLY in double precision: trimesh writes single."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment written by modalshell; metres\n"
+        f"element vertex {len(mesh.vertices)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(mesh.faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = np.zeros(len(mesh.faces), dtype=[("count", "<u1"), ("index", "<i4", (3,))])
+    rows["count"], rows["index"] = 3, mesh.faces
+    return header.encode() + mesh.vertices.astype("<f8").tobytes() + rows.tobytes()

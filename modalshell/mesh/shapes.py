@@ -1,0 +1,116 @@
+"""Parametric shells: beams, sheets and panels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from modalshell.errors import OptionError
+from modalshell.mesh.leaf_shape import leaf
+from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.mesh.triangle_mesh import TriangleMesh
+from modalshell.mesh.triangulate import check_angle, check_cells, check_family, check_size, mirrored, rectangle
+
+__all__ = ["cylinder_panel", "flat_beam", "leaf", "sheet", "v_beam"]
+
+
+def flat_beam(
+    *, length: float = 1.0, width: float = 0.2, cells: Sequence[int] = (40, 8), family: str = "alternating"
+) -> TriangleMesh:
+    """Flat beam in the xy plane: x in [0, length], y in [-width/2, width/2], normals along +z.
+
+    Parameters
+    ----------
+    length, width : float
+        Side lengths [m].
+    cells : (int, int)
+        Cells along and across.
+    family : str
+        Mesh family: "alternating", "equilateral", "union-jack", "lloyd" or "right".
+    """
+    points, faces = rectangle(length, width, cells, family)
+    return TriangleMesh(np.column_stack((points[:, 0], points[:, 1] - 0.5 * width, np.zeros(len(points)))), faces)
+
+
+def sheet(
+    *, length: float = 1.0, width: float = 1.0, cells: Sequence[int] = (20, 20), family: str = "alternating"
+) -> TriangleMesh:
+    """Flat sheet in the xy plane, laid out as `flat_beam`, square by default."""
+    return flat_beam(length=length, width=width, cells=cells, family=family)
+
+
+def v_beam(
+    *,
+    length: float = 1.0,
+    width: float = 0.2,
+    fold: float = 150.0,
+    cells: Sequence[int] = (40, 8),
+    family: str = "alternating",
+) -> TriangleMesh:
+    """Beam folded along its middle: the ridge on the x axis from x = 0, two flat flanges below it in -z.
+
+    Parameters
+    ----------
+    length : float
+        Length of the ridge [m].
+    width : float
+        Developed width over both flanges [m].
+    fold : float
+        Angle between the flanges [degrees], in (0, 180]; 180 is flat.
+    cells : (int, int)
+        Cells along, and across both flanges (even, so that the ridge lies on mesh edges).
+    family : str
+        Mesh family of `flat_beam`. "equilateral" and "lloyd" mesh one flange and mirror it; the others are the lattice
+        of the developed sheet.
+    """
+    points, faces = developed_halves(length, width, cells, family)
+    half_fold = 0.5 * np.radians(check_angle(fold, "fold", 180.0))
+    # Exactly flat at 180 degrees: cos(pi / 2) is not 0 in floating point.
+    drop = 0.0 if fold == 180.0 else float(np.cos(half_fold))
+    y = points[:, 1]
+    return TriangleMesh(np.column_stack((points[:, 0], np.sin(half_fold) * y, 0.0 - drop * np.abs(y))), faces)
+
+
+def cylinder_panel(
+    *,
+    length: float = 1.0,
+    radius: float = 0.6,
+    angle: float = 90.0,
+    cells: Sequence[int] = (20, 20),
+    family: str = "alternating",
+) -> TriangleMesh:
+    """Panel of a circular cylinder about the x axis, its middle line at the top (z = radius), normals outward.
+
+    Parameters
+    ----------
+    length, radius : float
+        Length along x and radius [m].
+    angle : float
+        Arc over the panel's width [degrees], in (0, 360); the arc has length radius * angle in radians.
+    cells : (int, int)
+        Cells along x and along the arc.
+    family : str
+        Mesh family of the developed sheet, as in `flat_beam`.
+    """
+    if angle == 360.0:
+        raise OptionError("angle must be below 360 degrees: a panel's two straight sides must not touch (got 360)")
+    arc = np.radians(check_angle(angle, "angle", 360.0))
+    r = check_size(radius, "radius")
+    points, faces = rectangle(length, r * arc, cells, family)
+    phi = points[:, 1] / r - 0.5 * arc
+    return TriangleMesh(np.column_stack((points[:, 0], r * np.sin(phi), r * np.cos(phi))), faces)
+
+
+def developed_halves(length: float, width: float, cells: Sequence[int], family: str) -> tuple[FloatArray, IntArray]:
+    """Triangulate [0, length] x [-width/2, width/2] with the line y = 0 on edges: points (n, 2) [m], faces (T, 3)."""
+    along, across = check_cells(cells)
+    if across % 2:
+        raise OptionError(f"cells[1] must be even to have a row of edges on the ridge, got {across}; use {across + 1}")
+    half = 0.5 * check_size(width, "width")
+    if check_family(family) in ("equilateral", "lloyd"):
+        return mirrored(*rectangle(length, half, (along, across // 2), family))
+    points, faces = rectangle(length, width, cells, family)
+    side = np.linspace(0.0, half, across // 2 + 1)  # mirrored rather than shifted, so that the ridge is exactly y = 0
+    points[:, 1] = np.tile(np.concatenate((-side[:0:-1], side)), along + 1)
+    return points, faces

@@ -1,0 +1,75 @@
+"""Edges, their faces and the hinges of a triangle list, found by sorting half-edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class HalfEdges:
+    """Half-edges of a triangle list, in the order face by face: (f0, f1), (f1, f2), (f2, f0).
+
+    Attributes
+    ----------
+    edges : (E, 2) int
+        Undirected edges, the smaller vertex first, in lexicographic order.
+    face_edges : (T, 3) int
+        Index into `edges` of each face's three half-edges.
+    counts : (E,) int
+        How many faces hold each edge.
+    forward : (T, 3) bool
+        Whether the face runs along the edge from its smaller to its larger vertex.
+    """
+
+    edges: IntArray
+    face_edges: IntArray
+    counts: IntArray
+    forward: BoolArray
+
+
+def half_edges(faces: IntArray, vertex_count: int) -> HalfEdges:
+    """Pair the half-edges of `faces` (T, 3), whose indices lie in [0, vertex_count)."""
+    start = faces.ravel()
+    end = faces[:, [1, 2, 0]].ravel()
+    low = np.minimum(start, end)
+    key = low * vertex_count + np.maximum(start, end)
+    unique, inverse, counts = np.unique(key, return_inverse=True, return_counts=True)
+    return HalfEdges(
+        edges=np.column_stack(np.divmod(unique, vertex_count)),
+        face_edges=np.ascontiguousarray(inverse.reshape(-1, 3).astype(np.int64)),
+        counts=counts.astype(np.int64),
+        forward=(start == low).reshape(-1, 3),
+    )
+
+
+def faces_of_edges(links: HalfEdges) -> IntArray:
+    """Two faces of each edge, shape (E, 2), for edges with one or two consistently wound faces.
+
+    Column 0 is the face that runs along the edge from the smaller to the larger vertex; on a boundary edge it is the
+    only face, and column 1 is -1.
+    """
+    edge_faces = np.full((len(links.edges), 2), -1, dtype=np.int64)
+    face = np.repeat(np.arange(len(links.face_edges)), 3)
+    side = np.where(links.forward.ravel() | (links.counts[links.face_edges.ravel()] == 1), 0, 1)
+    edge_faces[links.face_edges.ravel(), side] = face
+    return edge_faces
+
+
+def hinges_of_edges(faces: IntArray, links: HalfEdges, edge_faces: IntArray) -> tuple[IntArray, IntArray]:
+    """Hinges (H, 4) and their edges (H,), ascending.
+
+    A hinge is [x0, x1, x2, x3]: the edge x0 -> x1 with x0 < x1, the face (x0, x1, x2) on its left, the face
+    (x1, x0, x3) on its right, both in their own winding, so that the fold angle is 0 where the surface is flat.
+    """
+    hinge_edges = np.flatnonzero(edge_faces[:, 1] >= 0)
+    # The corner opposite half-edge k (from corner k to k + 1) is corner k + 2.
+    opposite = np.zeros((len(links.edges), 2), dtype=np.int64)
+    opposite[links.face_edges.ravel(), np.where(links.forward.ravel(), 0, 1)] = faces[:, [2, 0, 1]].ravel()
+    return np.column_stack((links.edges[hinge_edges], opposite[hinge_edges])), hinge_edges

@@ -1,0 +1,162 @@
+"""The triangle mesh of a shell: vertices, faces and what follows from them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from modalshell.mesh import validation
+from modalshell.mesh.topology import FloatArray, IntArray, faces_of_edges, hinges_of_edges
+from modalshell.mesh.welding import weld_arrays
+
+_Scalar = TypeVar("_Scalar", np.float64, np.int64)
+
+
+class TriangleMesh:
+    """An immutable, validated triangle mesh: a manifold surface with consistent winding, with or without boundary.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        Vertex positions at rest [m]. Copied.
+    faces : (T, 3) int
+        Vertex indices of each triangle. Copied; flipped where the winding is inconsistent, with a warning.
+
+    Raises
+    ------
+    MeshError
+        When the arrays are no valid shell mesh; names the fault and the first offending indices, counted from 0.
+    """
+
+    def __init__(self, vertices: ArrayLike, faces: ArrayLike) -> None:
+        points = validation.as_vertices(vertices)
+        triangles = validation.as_faces(faces, len(points))
+        validation.check_faces(points, triangles)
+        triangles, self._links = validation.paired_edges(triangles, len(points))
+        validation.check_used(triangles, len(points))
+        self._vertices = _frozen(points)
+        self._faces = _frozen(triangles)
+        self._edge_faces = _frozen(faces_of_edges(self._links))
+        validation.warn_of_seams(self._vertices, self.boundary_vertices)
+
+    @classmethod
+    def from_soup(cls, vertices: ArrayLike, faces: ArrayLike, tolerance: float | None = None) -> TriangleMesh:
+        """Build a mesh from a triangle soup: merge coincident vertices, drop collapsed faces and unused vertices."""
+        points = validation.as_vertices(vertices)
+        merged, kept, _ = weld_arrays(points, validation.as_faces(faces, len(points)), tolerance)
+        return cls(merged, kept)
+
+    @property
+    def vertices(self) -> FloatArray:
+        """Vertex positions at rest [m], shape (n, 3), read-only."""
+        return self._vertices
+
+    @property
+    def faces(self) -> IntArray:
+        """Vertex indices of the triangles, shape (T, 3), read-only."""
+        return self._faces
+
+    @cached_property
+    def edges(self) -> IntArray:
+        """Edges, shape (E, 2), the smaller index first, in lexicographic order."""
+        return _frozen(self._links.edges)
+
+    @cached_property
+    def face_edges(self) -> IntArray:
+        """Index into `edges` of each face's (f0, f1), (f1, f2), (f2, f0), shape (T, 3)."""
+        return _frozen(self._links.face_edges)
+
+    @property
+    def edge_faces(self) -> IntArray:
+        """Faces of each edge, shape (E, 2).
+
+        Column 0 runs along the edge from its smaller to its larger vertex; a boundary edge has its one face there
+        and -1 in column 1.
+        """
+        return self._edge_faces
+
+    @cached_property
+    def _hinge_data(self) -> tuple[IntArray, IntArray]:
+        hinges, edges = hinges_of_edges(self.faces, self._links, self.edge_faces)
+        return _frozen(hinges), _frozen(edges)
+
+    @property
+    def hinges(self) -> IntArray:
+        """Hinges [x0, x1, x2, x3] over the interior edges, shape (H, 4).
+
+        The edge runs x0 -> x1 with x0 < x1; (x0, x1, x2) and (x1, x0, x3) are its faces in their winding, so the fold
+        angle of the flexure energy is 0 where the surface is flat.
+        """
+        return self._hinge_data[0]
+
+    @property
+    def hinge_edges(self) -> IntArray:
+        """Index into `edges` of each hinge, shape (H,), ascending."""
+        return self._hinge_data[1]
+
+    @cached_property
+    def edge_lengths(self) -> FloatArray:
+        """Edge lengths at rest [m], shape (E,)."""
+        ends = self.vertices[self.edges]
+        return _frozen(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+
+    @cached_property
+    def _twice_area_vectors(self) -> FloatArray:
+        corners = self.vertices[self.faces]
+        return _frozen(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+    @cached_property
+    def face_areas(self) -> FloatArray:
+        """Triangle areas at rest [m^2], shape (T,)."""
+        return _frozen(0.5 * np.linalg.norm(self._twice_area_vectors, axis=1))
+
+    @cached_property
+    def face_normals(self) -> FloatArray:
+        """Unit normals at rest, shape (T, 3)."""
+        return _frozen(self._twice_area_vectors / (2.0 * self.face_areas)[:, None])
+
+    @property
+    def area(self) -> float:
+        """Total area at rest [m^2]."""
+        return float(self.face_areas.sum())
+
+    @cached_property
+    def boundary_vertices(self) -> IntArray:
+        """Vertices on the boundary, sorted, shape (b,)."""
+        return _frozen(np.unique(self.edges[self.edge_faces[:, 1] < 0]))
+
+    @cached_property
+    def components(self) -> IntArray:
+        """Label of each vertex's connected component, shape (n,), counted from 0."""
+        n = len(self.vertices)
+        ones = np.ones(len(self.edges), dtype=np.int8)
+        graph = coo_array((ones, (self.edges[:, 0], self.edges[:, 1])), shape=(n, n))
+        _, labels = connected_components(graph, directed=False)
+        return _frozen(labels.astype(np.int64))
+
+    def weld(self, tolerance: float | None = None) -> TriangleMesh:
+        """Return the mesh with coincident vertices merged.
+
+        Parameters
+        ----------
+        tolerance : float, optional
+            Merging distance [m]; 1e-8 of the bounding box's diagonal by default. Faces that collapse are dropped.
+        """
+        vertices, faces, _ = weld_arrays(self.vertices, self.faces, tolerance)
+        return TriangleMesh(vertices, faces)
+
+    def __repr__(self) -> str:
+        return (
+            f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces, {len(self.edges)} edges, "
+            f"{len(self.boundary_vertices)} boundary vertices)"
+        )
+
+
+def _frozen(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
+    array.flags.writeable = False
+    return array

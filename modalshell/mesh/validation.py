@@ -1,0 +1,184 @@
+"""What a triangle mesh must satisfy to be a shell; every fault is named with its first offending indices."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from modalshell.errors import MeshError, ModalShellWarning
+from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
+from modalshell.mesh.winding import faces_to_flip
+
+# Twice a triangle's area over its longest edge squared is about its height over its length: 1e-12 lets valid needles of
+# aspect 1e6 through and stops collinear corners whose height is rounding alone.
+DEGENERATE = 1e-12
+LARGEST = 1e100  # [m]
+COINCIDENT = 1e-8  # of the bounding box's diagonal
+
+
+def as_vertices(vertices: ArrayLike) -> FloatArray:
+    """Copy `vertices` to a finite (n, 3) float64 array, or raise MeshError."""
+    array = _as_numbers(vertices, "vertices", "(n, 3) of real numbers [m]")
+    if array.size == 0:
+        raise MeshError(f"the mesh has no vertices (got shape {array.shape}); give an (n, 3) array with n >= 3")
+    if array.ndim != 2 or array.shape[1] != 3:
+        mend = "; add the third coordinate with np.column_stack((points, np.zeros(len(points))))"
+        raise MeshError(f"vertices must have shape (n, 3), got {array.shape}{mend if array.shape[1:] == (2,) else ''}")
+    result = np.array(array, dtype=np.float64, order="C")
+    bad = np.flatnonzero(~np.isfinite(result).all(axis=1))
+    if len(bad):
+        raise MeshError(
+            f"vertex {bad[0]} (counted from 0) is not finite: {result[bad[0]].tolist()}{_more(len(bad), 'vertices')}; "
+            "every coordinate must be a finite number: mend or remove these vertices"
+        )
+    far = np.flatnonzero((np.abs(result) > LARGEST).any(axis=1))
+    if len(far):
+        raise MeshError(
+            f"vertex {far[0]} (counted from 0) lies at {result[far[0]].tolist()}{_more(len(far), 'vertices')}; "
+            f"coordinates beyond {LARGEST:g} overflow when squared: scale the mesh to metres"
+        )
+    return result
+
+
+def as_faces(faces: ArrayLike, vertex_count: int) -> IntArray:
+    """Copy `faces` to a (T, 3) int64 array with indices in [0, vertex_count), or raise MeshError."""
+    array = _as_numbers(faces, "faces", "(T, 3) of vertex indices")
+    if array.size == 0:
+        raise MeshError(
+            f"the mesh has vertices and no faces (got shape {array.shape}); give a (T, 3) array of vertex indices"
+        )
+    if array.ndim != 2 or array.shape[1] != 3:
+        mend = "; split the quads into triangles first" if array.shape[1:] == (4,) else ""
+        raise MeshError(f"faces must have shape (T, 3), got {array.shape}{mend}")
+    if array.dtype.kind == "f":
+        bad = np.flatnonzero(~((array == np.round(array)) & (np.abs(array) < 2**53)).all(axis=1))
+        if len(bad):
+            raise MeshError(
+                f"face {bad[0]} (counted from 0) holds {array[bad[0]].tolist()}{_more(len(bad), 'faces')}; "
+                "faces must hold whole numbers, the indices of their vertices"
+            )
+    bad = np.flatnonzero(((array < 0) | (array >= vertex_count)).any(axis=1))
+    if len(bad):
+        index = next(int(i) for i in array[bad[0]] if not 0 <= i < vertex_count)
+        raise MeshError(
+            f"face {bad[0]} names vertex {index}, out of range (both counted from 0): the mesh has {vertex_count} "
+            f"vertices, 0 to {vertex_count - 1}{_more(len(bad), 'faces')}; mend the face or remove it"
+        )
+    return np.array(array, dtype=np.int64, order="C")
+
+
+def check_faces(vertices: FloatArray, faces: IntArray) -> None:
+    """Reject faces that repeat a vertex, have no area or occur twice."""
+    repeats = (faces == faces[:, [1, 2, 0]]).any(axis=1)
+    bad = np.flatnonzero(repeats | _degenerate(vertices, faces))
+    if len(bad):
+        fault = "repeats a vertex" if repeats[bad[0]] else "has zero area: its corners lie on one line"
+        raise MeshError(
+            f"face {bad[0]}, vertices {_row(faces[bad[0]])} (counted from 0), is degenerate: it {fault}"
+            f"{_more(len(bad), 'faces')}; remove such faces, or merge coincident vertices with TriangleMesh.from_soup"
+        )
+    corners = np.sort(faces, axis=1)
+    order = np.lexsort(corners.T)
+    same = np.flatnonzero((corners[order[1:]] == corners[order[:-1]]).all(axis=1))
+    if len(same):
+        copies = order[same + 1]  # lexsort is stable, so within a pair the later face comes second
+        where = int(np.argmin(copies))
+        raise MeshError(
+            f"face {copies[where]} is a duplicate of face {order[same[where]]}, vertices {_row(faces[copies[where]])} "
+            f"(counted from 0){_more(len(same), 'faces')}; keep one of each"
+        )
+
+
+def paired_edges(faces: IntArray, vertex_count: int) -> tuple[IntArray, HalfEdges]:
+    """Reject edges with three or more faces and mend the winding; returns the faces and their half-edges."""
+    links = half_edges(faces, vertex_count)
+    bad = np.flatnonzero(links.counts > 2)
+    if len(bad):
+        at = np.flatnonzero((links.face_edges == bad[0]).any(axis=1)).tolist()
+        raise MeshError(
+            f"edge {_row(links.edges[bad[0]])} (vertices counted from 0) has {len(at)} faces: {_few(at)}"
+            f"{_more(len(bad), 'edges')}; a shell's edge has one face or two: remove the extra faces or split the mesh"
+        )
+    flip = faces_to_flip(links)
+    if flip.any():
+        faces = np.where(flip[:, None], faces[:, [0, 2, 1]], faces)
+        links = half_edges(faces, vertex_count)
+        warnings.warn(
+            f"flipped {int(flip.sum())} of {len(faces)} faces (first: face {int(np.argmax(flip))}, counted from 0) to "
+            "make the winding consistent; wind the faces the same way round to silence this",
+            ModalShellWarning,
+            stacklevel=3,
+        )
+    return faces, links
+
+
+def unused_vertices(faces: IntArray, vertex_count: int) -> IntArray:
+    """Return the indices of the vertices in no face, ascending."""
+    return np.flatnonzero(np.bincount(faces.ravel(), minlength=vertex_count) == 0).astype(np.int64)
+
+
+def check_used(faces: IntArray, vertex_count: int) -> None:
+    """Reject vertices in no face: they would have no mass."""
+    unused = unused_vertices(faces, vertex_count)
+    if len(unused):
+        raise MeshError(
+            f"vertex {unused[0]} (counted from 0) belongs to no face{_more(len(unused), 'vertices')} and would have no "
+            "mass; build the mesh with TriangleMesh.from_soup(vertices, faces), which drops such vertices"
+        )
+
+
+def warn_of_seams(vertices: FloatArray, boundary: IntArray) -> None:
+    """Warn of coincident but distinct boundary vertices, along which the shell would fall apart."""
+    if len(boundary) < 2:
+        return
+    points = vertices[boundary]
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    distance, nearest = cKDTree(points).query(points, k=2, distance_upper_bound=max(COINCIDENT * diagonal, 1e-300))
+    twins = np.flatnonzero(np.isfinite(np.asarray(distance)[:, 1]))
+    if len(twins):
+        i = int(twins[0])
+        partner = next(int(j) for j in np.asarray(nearest)[i] if j != i)
+        warnings.warn(
+            f"{len(twins)} boundary vertices coincide with another one, first vertices {boundary[i]} and "
+            f"{boundary[partner]} (counted from 0): the shell is cut open along that seam; "
+            "join it with mesh = mesh.weld(), or leave it if the cut is meant",
+            ModalShellWarning,
+            stacklevel=3,
+        )
+
+
+def _degenerate(vertices: FloatArray, faces: IntArray) -> BoolArray:
+    corners = vertices[faces]
+    sides = corners[:, [1, 2, 0]] - corners
+    # Each triangle is brought to unit size first, so that no product under- or overflows.
+    size = np.abs(sides).max(axis=(1, 2))
+    sides = sides / np.where(size > 0, size, 1.0)[:, None, None]
+    longest = np.einsum("tki,tki->tk", sides, sides).max(axis=1)
+    twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    return np.asarray(twice_area <= DEGENERATE * longest, dtype=np.bool_)
+
+
+def _as_numbers(values: ArrayLike, name: str, expected: str) -> np.ndarray[Any, Any]:
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise MeshError(f"{name} must be an array {expected}, got rows of unequal length") from error
+    if array.size and array.dtype.kind not in "iuf":
+        raise MeshError(f"{name} must be an array {expected}, got dtype {array.dtype}")
+    return array
+
+
+def _more(count: int, noun: str) -> str:
+    return f" (the first of {count} such {noun})" if count > 1 else ""
+
+
+def _row(indices: IntArray) -> str:
+    return f"({', '.join(str(i) for i in indices.tolist())})"
+
+
+def _few(indices: list[int]) -> str:
+    return ", ".join(str(i) for i in indices[:6]) + (", ..." if len(indices) > 6 else "")

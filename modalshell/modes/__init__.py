@@ -1,0 +1,6 @@
+"""Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
+
+from modalshell.modes.basis import Basis, solve_modes
+from modalshell.modes.factorisation import Factor, available_backends, factorise
+
+__all__ = ["Basis", "Factor", "available_backends", "factorise", "solve_modes"]

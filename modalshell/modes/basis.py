@@ -1,0 +1,146 @@
+"""The modal basis of a shell: modes, eigenvalues and modal rotations; computed once, saved and loaded."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import FileFormatError, OptionError
+from modalshell.mesh import TriangleMesh
+from modalshell.modes.eigenpairs import eigenpairs
+from modalshell.modes.modal_rotation import rotation_matrix
+from modalshell.shell import Material, Shell
+
+Array = NDArray[np.float64]
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What the modal models need of a shell.
+
+    Attributes
+    ----------
+    shell : Shell
+        The shell the modes belong to.
+    eigenvalues : ndarray, shape (m,)
+        Squared angular frequencies [1/s^2], ascending; zero for rigid modes.
+    modes : ndarray, shape (3n, m)
+        Phi, mass-orthonormal, zero at held vertices [1/sqrt(kg)].
+    rotations : ndarray, shape (3n, m)
+        Psi = W Phi, the modal rotation matrix (paper eq. 15).
+    rigid_modes : int
+        Number of leading modes that are rigid motions left free by the supports: six for a free shell.
+    residual : float
+        Largest relative residual of the eigenpairs.
+    backend : str
+        Library that factorised the stiffness.
+    """
+
+    shell: Shell
+    eigenvalues: Array
+    modes: Array
+    rotations: Array
+    rigid_modes: int
+    residual: float
+    backend: str
+
+    @property
+    def frequencies(self) -> Array:
+        """Natural frequencies (m,) [Hz]."""
+        return np.asarray(np.sqrt(self.eigenvalues) / (2.0 * np.pi))
+
+    @property
+    def count(self) -> int:
+        """Number of modes m."""
+        return int(self.eigenvalues.size)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the basis with its shell to an ``.npz`` file (no pickle)."""
+        shell, material = self.shell, self.shell.material
+        with open(path, "wb") as file:
+            np.savez_compressed(
+                file,
+                modalshell_basis=np.array(_FORMAT),
+                vertices=shell.mesh.vertices,
+                faces=shell.mesh.faces,
+                clamped=shell.clamped,
+                stretch=np.asarray(material.stretch),
+                shear=np.asarray(material.shear),
+                flexure=np.asarray(material.flexure),
+                density=np.asarray(material.density),
+                correct_clamp=np.array(material.correct_clamp),
+                eigenvalues=self.eigenvalues,
+                modes=self.modes,
+                rotations=self.rotations,
+                rigid_modes=np.array(self.rigid_modes),
+                residual=np.array(self.residual),
+                backend=np.array(self.backend),
+            )
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Basis:
+        """Read a basis that :meth:`save` wrote.
+
+        Raises
+        ------
+        FileFormatError
+            If the file is missing, damaged, or not a saved basis.
+        """
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                data = {name: stored[name] for name in stored.files}
+        except Exception as error:  # zip, zlib, OS and value errors all mean the same to the user
+            raise FileFormatError(f"cannot read a basis from {Path(path)}: {error}") from error
+        if "modalshell_basis" not in data or int(data["modalshell_basis"]) != _FORMAT:
+            raise FileFormatError(f"{Path(path)} is not a basis that this version saved (format {_FORMAT} expected)")
+        names = ("stretch", "shear", "flexure", "density")
+        material = Material(*(data[name] for name in names), correct_clamp=bool(data["correct_clamp"]))
+        shell = Shell(TriangleMesh(data["vertices"], data["faces"]), material, data["clamped"])
+        return cls(
+            shell,
+            data["eigenvalues"],
+            data["modes"],
+            data["rotations"],
+            int(data["rigid_modes"]),
+            float(data["residual"]),
+            str(data["backend"]),
+        )
+
+
+def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> Basis:
+    """Lowest vibration modes of a shell about its rest shape, with their modal rotations.
+
+    Parameters
+    ----------
+    shell : Shell
+        Shell with its supports.
+    count : int
+        Number of modes m, rigid ones counted in.
+    backend : str, optional
+        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+
+    Returns
+    -------
+    Basis
+        Modes with a fixed start vector and sign convention, so that results repeat.
+
+    Raises
+    ------
+    OptionError
+        If ``count`` is not between 1 and the number of free unknowns.
+    SolverError
+        If the stiffness is singular beyond its rigid motions, or a mode fails the residual check.
+    """
+    if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 1:
+        raise OptionError(f"count must be a positive integer (got {count!r})")
+    eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, int(count), backend)
+    modes = np.zeros((shell.rest_positions.size, int(count)))
+    modes[shell.free_unknowns] = free_modes
+    rotations = np.asarray(rotation_matrix(shell.mesh) @ modes)
+    return Basis(shell, eigenvalues, modes, rotations, rigid_modes, residual, name)

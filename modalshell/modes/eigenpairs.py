@@ -1,0 +1,154 @@
+"""Lowest eigenpairs of K phi = lambda M phi by shift-invert Lanczos (paper eq. 6-7; MATH.md 2)."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from modalshell.errors import ModalShellWarning, OptionError, SolverError
+from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
+from modalshell.shell import GAUSS_NEWTON, Shell
+
+Array = NDArray[np.float64]
+
+_DENSE_BELOW = 150
+_REPEATED = 1e-6
+_RESIDUAL_LIMIT = 1e-8
+
+
+def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Array, Array, int, float, str]:
+    """The ``count`` lowest eigenpairs of the shell's free unknowns, rigid motions first.
+
+    Returns
+    -------
+    eigenvalues : ndarray, shape (count,)
+        Ascending [1/s^2]; exactly zero for rigid motions.
+    modes : ndarray, shape (N, count)
+        Mass-orthonormal modes of the free unknowns.
+    rigid_modes : int
+        How many of the modes are rigid motions.
+    residual : float
+        Largest ``|K phi - lambda M phi| / (|K| |phi|)``, in the mass-scaled problem.
+    backend : str
+        Library that held the factor.
+    """
+    mass = np.repeat(shell.mass[shell.free], 3)
+    size = mass.size
+    rigid = rigid_motions(shell)
+    elastic = count - rigid.shape[1]
+    if size - rigid.shape[1] < elastic:
+        raise OptionError(f"count must be at most {size}, the number of free unknowns (got {count})")
+    # At rest the exact Hessian is its Gauss-Newton part: positive semi-definite to the last bit.
+    _, _, data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)
+    stiffness = shell.pattern.free_matrix(data)
+    root = np.sqrt(mass)
+    scaled = stiffness.copy()
+    scaled.data = stiffness.data / (np.repeat(root, np.diff(stiffness.indptr)) * root[stiffness.indices])
+    norm = float(spla.norm(scaled, 1))
+
+    name = "dense"
+    if elastic <= 0:
+        values, vectors = np.empty(0), np.empty((size, 0))
+        rigid = rigid[:, :count]
+    else:
+        # Two modes more show whether the last one asked for is part of a repeated eigenvalue.
+        wanted = min(elastic + 2, size - rigid.shape[1])
+        if size <= max(_DENSE_BELOW, 3 * wanted):
+            values, vectors = _dense(scaled.toarray(), root[:, None] * rigid, wanted)
+        else:
+            solver = RigidFreeSolver(stiffness, rigid, mass, backend)
+            name = solver.factor.backend
+            values, vectors = _lanczos(scaled, solver, root, root[:, None] * rigid, wanted)
+        values, vectors = _canonical(values, vectors, elastic)
+    residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
+    residual = float(residuals.max(initial=0.0))
+    if residual > _RESIDUAL_LIMIT:
+        raise SolverError(
+            f"mode {int(residuals.argmax())} has a residual of {residual:.1e} |K| |phi| (at most {_RESIDUAL_LIMIT:.0e}): "
+            "the stiffness is too ill-conditioned; check for slivers and for stiffnesses many decades apart"
+        )
+    modes = vectors / root[:, None]
+    values = _strain_eigenvalues(shell, modes, values)
+    order = np.argsort(values, kind="stable")
+    eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), values[order]])
+    return eigenvalues, np.hstack([rigid, modes[:, order]]), rigid.shape[1], residual, name
+
+
+def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
+    """Eigenpairs of a small matrix on the complement of the (orthonormal) rigid motions."""
+    basis = scipy.linalg.null_space(rigid.T) if rigid.shape[1] else np.eye(matrix.shape[0])
+    values, vectors = np.linalg.eigh(basis.T @ matrix @ basis)
+    return values[:wanted], basis @ vectors[:, :wanted]
+
+
+def _lanczos(
+    matrix: spla.LinearOperator, solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int
+) -> tuple[Array, Array]:
+    """Shift-invert at zero in the mass-scaled problem, whose mass matrix is the identity."""
+    size = root.size
+    inverse = spla.LinearOperator(
+        (size, size), matvec=lambda b: root * solver.solve(root * np.ravel(b)), dtype=np.float64
+    )
+    start = np.random.default_rng(0).standard_normal(size)
+    start -= rigid @ (rigid.T @ start)
+    subspace = min(size, max(wanted * 3 // 2 + 8, wanted + 2))
+    try:
+        values, vectors = spla.eigsh(
+            matrix, k=wanted, sigma=0.0, which="LM", OPinv=inverse, v0=start, ncv=subspace, tol=0.0
+        )
+    except spla.ArpackNoConvergence as error:
+        raise SolverError(
+            f"only {len(error.eigenvalues)} of {wanted} modes converged; ask for fewer, or check the mesh for slivers"
+        ) from error
+    order = np.argsort(values)
+    vectors = vectors[:, order] - rigid @ (rigid.T @ vectors[:, order])
+    return values[order], vectors / np.linalg.norm(vectors, axis=0)
+
+
+def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
+    """The first ``count`` pairs in a form that repeats: a fixed basis in each repeated eigenspace, fixed signs."""
+    groups = np.concatenate([[0], np.cumsum(np.diff(values) > _REPEATED * np.abs(values[1:]))])
+    probes = np.random.default_rng(1).standard_normal((vectors.shape[0], vectors.shape[1]))
+    fixed = vectors.copy()
+    for group in range(int(groups[-1]) + 1):
+        members = np.flatnonzero(groups == group)
+        if members.size > 1:
+            space = vectors[:, members]
+            fixed[:, members], _ = np.linalg.qr(space @ (space.T @ probes[:, : members.size]))
+    for column in fixed.T:
+        magnitude = np.abs(column)
+        # The first of the nearly largest entries: symmetric modes have several that differ by rounding alone.
+        leading = int(np.argmax(magnitude >= 0.999 * magnitude.max()))
+        if column[leading] < 0:
+            column *= -1.0
+    if count < groups.size and groups[count] == groups[count - 1]:
+        warnings.warn(
+            f"mode {count} belongs to a repeated eigenvalue that the count of elastic modes ({count}) cuts in two; "
+            "ask for one or two modes more to hold its whole subspace",
+            ModalShellWarning,
+            stacklevel=4,
+        )
+    return values[:count], fixed[:, :count]
+
+
+def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array:
+    """Eigenvalues as twice the strain energy of each mass-normalised mode, summed over elements.
+
+    A sum of squares keeps the digits that ``phi^T K phi`` loses where membrane and bending stiffness are many decades
+    apart.
+    """
+    values = np.empty_like(approximate)
+    step = np.zeros(shell.rest_positions.size)
+    zero = shell.predicted_stresses(shell.rest_positions, np.zeros_like(shell.rest_positions))
+    for k in range(modes.shape[1]):
+        step[shell.free_unknowns] = modes[:, k]
+        stresses = shell.predicted_stresses(shell.rest_positions, step.reshape(-1, 3))
+        values[k] = sum(
+            float(np.sum((stress - offset)[e.weight != 0] ** 2 / (2.0 * e.weight[e.weight != 0])))
+            for stress, offset, e in zip(stresses, zero, shell.elements, strict=True)
+        )
+    return values

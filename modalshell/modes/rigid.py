@@ -1,0 +1,83 @@
+"""Rigid motions that the supports leave free, exactly, and solves with the singular stiffness that they make."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sps
+from numpy.typing import NDArray
+
+from modalshell.modes.factorisation import Factor, factorise
+from modalshell.shell import Shell
+
+Array = NDArray[np.float64]
+
+
+def rigid_motions(shell: Shell) -> Array:
+    """Mass-orthonormal rigid motions (free unknowns, r) compatible with the supports.
+
+    Each connected part of the shell has six; held vertices take away those that would move them, so a part held along
+    one straight line keeps one, the turn about that line.
+    """
+    positions = shell.rest_positions
+    labels = shell.mesh.components
+    columns = []
+    for part in range(int(labels.max()) + 1):
+        vertices = np.flatnonzero(labels == part)
+        centred = positions[vertices] - positions[vertices].mean(axis=0)
+        centred /= np.linalg.norm(centred, axis=1).max()
+        motions = np.zeros((vertices.size, 3, 6))
+        for axis in range(3):
+            motions[:, axis, axis] = 1.0
+            motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], centred)
+        held = shell.clamped[vertices]
+        if held.any():
+            _, values, right = np.linalg.svd(motions[held].reshape(-1, 6))
+            rank = int(np.count_nonzero(values > 1e-6 * values[0]))
+            if rank == 6:
+                continue
+            motions = motions @ right[rank:].T
+        whole = np.zeros((positions.shape[0], 3, motions.shape[2]))
+        whole[vertices] = motions
+        columns.append(whole.reshape(positions.size, -1)[shell.free_unknowns])
+    if not columns:
+        return np.empty((shell.free_unknowns.size, 0))
+    root_mass = np.sqrt(np.repeat(shell.mass[shell.free], 3))[:, None]
+    orthonormal, _ = np.linalg.qr(root_mass * np.hstack(columns))
+    return np.asarray(orthonormal / root_mass)
+
+
+class RigidFreeSolver:
+    """Solves ``K x = b`` on the complement of the rigid motions.
+
+    As many unknowns as there are rigid motions are held, statically determinate, so that the rest of K is positive
+    definite and no shift has to be chosen; the rigid part is projected out of ``b`` and ``x``.
+
+    Parameters
+    ----------
+    stiffness : csc_array, shape (N, N)
+        Stiffness of the free unknowns.
+    rigid : ndarray, shape (N, r)
+        Mass-orthonormal rigid motions.
+    mass : ndarray, shape (N,)
+        Lumped mass of each unknown.
+    """
+
+    def __init__(self, stiffness: sps.csc_array, rigid: Array, mass: Array, backend: str | None = None) -> None:
+        self._rigid = rigid
+        self._mass = mass
+        self._kept = np.arange(stiffness.shape[0])
+        if rigid.shape[1]:
+            _, _, order = scipy.linalg.qr(rigid.T, pivoting=True, mode="economic")
+            self._kept = np.sort(order[rigid.shape[1] :])
+            stiffness = sps.csc_array(stiffness[self._kept][:, self._kept])
+        self.factor: Factor = factorise(stiffness, definite=True, backend=backend)
+
+    def solve(self, right_side: Array) -> Array:
+        """Solution without rigid part, for (N,) right sides; their rigid part is left out."""
+        if not self._rigid.shape[1]:
+            return self.factor.solve(right_side)
+        balanced = right_side - self._mass * (self._rigid @ (self._rigid.T @ right_side))
+        solution = np.zeros_like(balanced)
+        solution[self._kept] = self.factor.solve(balanced[self._kept])
+        return np.asarray(solution - self._rigid @ (self._rigid.T @ (self._mass * solution)))

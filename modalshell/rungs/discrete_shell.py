@@ -1,0 +1,183 @@
+"""DS, discrete shells: the full nonlinear shell (paper section 3; Grinspun et al. 2003), the truth of the ladder."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import scipy.sparse.linalg as spla
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.errors import OptionError
+from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState, Stopwatch, total_load
+from modalshell.rungs.newton import ACCEPTED, NewtonResult, Potential, minimise, mixed_newton, solve
+from modalshell.rungs.newton import is_stable as is_minimum
+from modalshell.shell import GAUSS_NEWTON, Shell
+
+Array = NDArray[np.float64]
+
+_SMALLEST_LOAD_STEP = 1.0 / 256.0
+
+
+class DiscreteShell(Model):
+    """DS: the discrete-shell energies as they stand, every vertex an unknown.
+
+    Parameters
+    ----------
+    shell : Shell
+        The shell.
+    integrator : {"implicit", "explicit"}
+        Implicit Euler (first order, stable at any step, loses energy) or explicit Euler with the new velocity moving
+        the positions (first order, the paper's choice for DS, stable below :meth:`stable_step` only).
+    allow_unstable_step : bool
+        Whether explicit Euler may go on above its stability estimate.
+    """
+
+    name = "DS"
+
+    def __init__(
+        self,
+        shell: Shell,
+        *,
+        integrator: Literal["implicit", "explicit"] = "implicit",
+        allow_unstable_step: bool = False,
+    ) -> None:
+        if integrator not in ("implicit", "explicit"):
+            raise OptionError(f"integrator must be 'implicit' or 'explicit' (got {integrator!r})")
+        self.shell = shell
+        self.integrator = integrator
+        self.allow_unstable_step = allow_unstable_step
+        self._largest_eigenvalue: float | None = None
+
+    def equilibrium(
+        self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
+    ) -> Equilibrium:
+        """Static equilibrium by Newton; ``residual`` is the out-of-balance force over the load, accepted at 1e-7.
+
+        From ``start`` (a cheaper model's answer, say) the whole load is tried at once. Without it, or where that fails,
+        the load is applied in steps that grow and shrink with the solver's success; where a step ends at no minimum
+        (the shell snaps) the potential is minimised from the last stable state instead.
+        """
+        watch = Stopwatch()
+        shell = self.shell
+        load = total_load(shell, gravity, force)
+        problem = Potential(shell, load, shell.rest_positions)
+        iterations = 0
+        if start is not None:
+            first = self._held(shell.checked_positions(start))
+            scale = problem.scale or float(np.linalg.norm(problem.residual(first))) or 1.0
+            result = mixed_newton(problem, first, scale)
+            if result.converged and is_minimum(problem, result.positions):
+                return self._answer(result, watch, 0)
+            iterations = result.iterations
+            if problem.scale == 0.0:
+                return self._answer(minimise(problem, first, scale), watch, iterations)
+        return self._answer(self._follow(load, problem.scale or 1.0), watch, iterations)
+
+    def _held(self, positions: Array) -> Array:
+        held = positions.copy()
+        held[self.shell.clamped] = self.shell.rest_positions[self.shell.clamped]
+        return held
+
+    @staticmethod
+    def _answer(result: NewtonResult, watch: Stopwatch, before: int) -> Equilibrium:
+        status = "converged" if result.converged else f"not converged: residual {result.residual:.1e} of {ACCEPTED:.0e}"
+        iterations = before + result.iterations
+        return Equilibrium(result.positions, result.converged, iterations, result.residual, watch(), status)
+
+    def _follow(self, load: Array, scale: float) -> NewtonResult:
+        """Load continuation from rest, each step extrapolated from the two before."""
+        shell = self.shell
+        x, before, factor, factor_before, step = shell.rest_positions, shell.rest_positions, 0.0, 0.0, 1.0
+        iterations = 0
+        while True:
+            target = min(1.0, factor + step)
+            problem = Potential(shell, target * load, shell.rest_positions)
+            guess = x
+            if factor > factor_before:
+                guess = x + (x - before) * (target - factor) / (factor - factor_before)
+            result = mixed_newton(problem, guess, scale, limit=16 if step > _SMALLEST_LOAD_STEP else 40)
+            iterations += result.iterations
+            if not (result.converged and is_minimum(problem, result.positions)):
+                step *= 0.25
+                if step >= _SMALLEST_LOAD_STEP:
+                    continue
+                # The branch ends here: go downhill to wherever the shell comes to rest under this load.
+                result = minimise(problem, x, scale)
+                iterations += result.iterations
+                if not result.converged:
+                    return NewtonResult(result.positions, result.residual, iterations, False)
+            before, factor_before = x, factor
+            x, factor, step = result.positions, target, max(2.0 * step, 4.0 * _SMALLEST_LOAD_STEP)
+            if factor >= 1.0:
+                return NewtonResult(x, result.residual, iterations, True)
+
+    def largest_eigenvalue(self) -> float:
+        """Largest squared angular frequency of the rest shape [1/s^2]."""
+        if self._largest_eigenvalue is None:
+            shell = self.shell
+            _, _, data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)
+            scaled = shell.pattern.free_matrix(data)
+            root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+            scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
+            start = np.random.default_rng(0).standard_normal(root.size)
+            value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
+            self._largest_eigenvalue = float(value[0]) * (1.0 + 1e-4)
+        return self._largest_eigenvalue
+
+    def stable_step(self, damping: Damping | None = None) -> float:
+        """Largest stable step of explicit Euler at the rest shape [s].
+
+        For one mode, ``v+ = v - h (omega^2 x + c v)``, ``x+ = x + h v+`` is stable while
+        ``h^2 omega^2 + 2 h c < 4``; with ``c = xi + zeta omega^2`` the stiffest mode decides.
+        """
+        squared = self.largest_eigenvalue()
+        c = 0.0 if damping is None else damping.mass_factor + damping.stiffness_factor * squared
+        return float((np.sqrt(c**2 + 4.0 * squared) - c) / squared)
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Refuse an explicit step above the stability estimate."""
+        if self.integrator == "explicit" and not self.allow_unstable_step:
+            stable = self.stable_step(damping)
+            if dt > stable:
+                raise OptionError(
+                    f"explicit Euler needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): shorten the "
+                    "step, use integrator='implicit', or pass allow_unstable_step=True"
+                )
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest."""
+        x = self.shell.rest_positions.copy() if positions is None else self.shell.checked_positions(positions)
+        return MotionState(self._held(x), np.zeros_like(x))
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m]: the coordinates themselves."""
+        return state.coordinates
+
+    def step(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
+        """One Euler step; for the implicit one, whether its Newton solve converged."""
+        return (self._implicit if self.integrator == "implicit" else self._explicit)(state, dt, load, damping)
+
+    def _explicit(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
+        shell = self.shell
+        force = load - shell.energy_gradient(state.coordinates)[1]
+        if damping.stiffness_factor:
+            force += damping.stiffness_factor * shell.damping_force(state.coordinates, state.rates)
+        rates = state.rates * (1.0 - dt * damping.mass_factor) + dt * force / shell.mass[:, None]
+        rates[shell.clamped] = 0.0
+        return MotionState(state.coordinates + dt * rates, rates), True
+
+    def _implicit(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
+        """Minimise ``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning."""
+        shell = self.shell
+        x = state.coordinates
+        quadratic = np.zeros(shell.pattern.indices.size)
+        if damping.stiffness_factor:
+            _, _, quadratic = shell.energy_gradient_hessian(x, GAUSS_NEWTON)
+            quadratic *= damping.stiffness_factor / dt
+        quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
+        push = load + shell.mass[:, None] * state.rates / dt
+        problem = Potential(shell, push, x, quadratic)
+        scale = problem.scale or float(np.linalg.norm(problem.residual(x))) or 1.0
+        result = solve(problem, self._held(x + dt * state.rates), scale)
+        return MotionState(result.positions, (result.positions - x) / dt), result.converged

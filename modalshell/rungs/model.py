@@ -1,0 +1,136 @@
+"""The interface that every rung of the ladder answers: equilibrium under a load, and stepping in time."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.errors import LoadError
+from modalshell.shell import Shell
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A static answer, with what the solver has to say about it.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (n, 3)
+        Vertex positions [m]; the best iterate where the solver did not converge.
+    converged : bool
+        Whether ``residual`` met the model's tolerance, at a point that the model can hold.
+    iterations : int
+        Solver iterations over the whole load path.
+    residual : float
+        Out-of-balance force relative to the load (model-specific norm, see each model).
+    seconds : float
+        Wall time.
+    status : str
+        Named outcome: "converged" or why not.
+    coordinates : ndarray or None
+        Modal coordinates (m,) of reduced models.
+    """
+
+    positions: Array
+    converged: bool
+    iterations: int
+    residual: float
+    seconds: float
+    status: str
+    coordinates: Array | None = None
+
+
+@dataclass
+class MotionState:
+    """State of a model in motion: coordinates and their rates, in the model's own unknowns."""
+
+    coordinates: Array
+    rates: Array
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Rayleigh damping ``C = mass_factor M + stiffness_factor K`` (xi [1/s] and zeta [s] of MATH.md 2)."""
+
+    mass_factor: float = 0.0
+    stiffness_factor: float = 0.0
+
+
+class Model(ABC):
+    """One rung of the ladder on one shell."""
+
+    name: str
+    shell: Shell
+
+    @abstractmethod
+    def equilibrium(
+        self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
+    ) -> Equilibrium:
+        """Static answer to a dead load.
+
+        Parameters
+        ----------
+        gravity : array_like, shape (3,), optional
+            Acceleration [m/s^2] that acts on every vertex's mass.
+        force : array_like, shape (n, 3), optional
+            Further force on every vertex [N].
+        start : array_like, shape (n, 3), optional
+            Positions [m] from which to look for the answer.
+
+        Returns
+        -------
+        Equilibrium
+            Never raises for want of convergence: ``converged`` and ``status`` say so.
+
+        Raises
+        ------
+        LoadError
+            For loads or positions of the wrong shape or not finite.
+        """
+
+    @abstractmethod
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest at ``positions`` (n, 3); at the rest shape without them."""
+
+    @abstractmethod
+    def step(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under ``load`` (n, 3) [N]; also returns whether the step's own solver converged."""
+
+    @abstractmethod
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+
+    def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)
+        """Raise OptionError if this model cannot step by ``dt``."""
+
+
+def total_load(shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None) -> Array:
+    """Load (n, 3) [N] on every vertex, or LoadError if it is of the wrong shape or not finite."""
+    load = np.zeros_like(shell.rest_positions)
+    if gravity is not None:
+        load += shell.gravity_force(gravity)
+    if force is not None:
+        given = np.asarray(force, dtype=np.float64)
+        if given.shape != load.shape:
+            raise LoadError(f"force must have shape {load.shape}, one vector a vertex (got {given.shape})")
+        if not np.isfinite(given).all():
+            bad = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
+            raise LoadError(f"force must be finite (got {given[bad]} at vertex {bad})")
+        load += given
+    return load
+
+
+class Stopwatch:
+    """Wall time since it was made [s]."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+
+    def __call__(self) -> float:
+        return time.perf_counter() - self._start

@@ -1,0 +1,208 @@
+"""Newton's method for discrete shells: mixed steps for stiff sheets, line search and projection where they fail.
+
+A nearly inextensible sheet defeats plain Newton: a step along the tangent stretches the membrane by its square, so a
+line search lets only tiny steps through. The mixed step (Magisano, Leonetti and Garcea, Comput. Methods Appl. Mech.
+Eng. 313, 2017) treats the element stresses as unknowns of their own: after elimination the equations are Newton's, but
+the geometric part of the Hessian takes each stress from the last linearised step instead of the (huge) stress of the
+over-stretched iterate. Full steps then converge in a few iterations whatever the membrane stiffness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.sparse as sps
+from numpy.typing import NDArray
+
+from modalshell.errors import SolverError
+from modalshell.modes import Factor, factorise
+from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, Shell
+
+Array = NDArray[np.float64]
+
+_GOAL = 1e-10
+ACCEPTED = 1e-7
+"""Out-of-balance force, as a share of the load, at which an answer counts as converged (MATH.md 9)."""
+
+
+@dataclass(frozen=True)
+class Potential:
+    """``E(x) + u.Q u / 2 - b.u`` with ``u = x - origin``, on the free vertices.
+
+    Parameters
+    ----------
+    shell : Shell
+        Gives the elastic energy E.
+    load : ndarray, shape (n, 3)
+        b [N].
+    origin : ndarray, shape (n, 3)
+        Where the quadratic part is centred [m].
+    quadratic : ndarray, optional
+        Entries of Q on the shell's pattern (inertia and damping of an implicit step); statics has none.
+    """
+
+    shell: Shell
+    load: Array
+    origin: Array
+    quadratic: Array | None = None
+    _matrix: sps.csr_array | None = field(init=False, repr=False, default=None)
+
+    def __post_init__(self) -> None:
+        if self.quadratic is not None:
+            object.__setattr__(self, "_matrix", self.shell.pattern.matrix(self.quadratic))
+
+    @property
+    def scale(self) -> float:
+        """Norm of the load on free vertices [N]."""
+        return float(np.linalg.norm(self.load[self.shell.free]))
+
+    def _outer(self, x: Array) -> tuple[float, Array]:
+        u = x - self.origin
+        pull = -self.load if self._matrix is None else (self._matrix @ u.ravel()).reshape(-1, 3) - self.load
+        return 0.5 * float(np.vdot(u, pull - self.load)), pull
+
+    def value(self, x: Array) -> float:
+        """Potential [J]."""
+        return self.shell.raw_energy(x) + self._outer(x)[0]
+
+    def residual(self, x: Array) -> Array:
+        """Gradient on the free unknowns (N,) [N]."""
+        return np.asarray((self.shell.energy_gradient(x)[1] + self._outer(x)[1]).ravel()[self.shell.free_unknowns])
+
+    def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
+        """Gradient (N,) and Hessian (N, N) on the free unknowns."""
+        _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
+        if self.quadratic is not None:
+            data += self.quadratic
+        total = gradient + self._outer(x)[1]
+        return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
+
+
+@dataclass
+class NewtonResult:
+    """Where Newton ended.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (n, 3)
+        Last (or best) iterate.
+    residual : float
+        Norm of the gradient over the norm of the load.
+    iterations : int
+        Factorisations used.
+    converged : bool
+        Whether the residual met :data:`ACCEPTED` at a finite point.
+    """
+
+    positions: Array
+    residual: float
+    iterations: int
+    converged: bool
+
+
+def _moved(shell: Shell, x: Array, direction: Array, fraction: float = 1.0) -> Array:
+    moved = x.copy()
+    moved.reshape(-1)[shell.free_unknowns] += fraction * direction
+    return moved
+
+
+def _full(shell: Shell, direction: Array) -> Array:
+    return _moved(shell, np.zeros_like(shell.rest_positions), direction)
+
+
+def mixed_newton(problem: Potential, start: Array, scale: float, limit: int = 40) -> NewtonResult:
+    """Full mixed Newton steps from ``start``; gives up when the residual stops falling."""
+    shell = problem.shell
+    size = float(np.ptp(shell.rest_positions, axis=0).max())
+    x = start
+    stresses: list[Array] | None = None
+    best = NewtonResult(start, np.inf, 0, False)
+    stalled = 0
+    for iteration in range(limit + 1):
+        gradient, hessian = problem.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
+        residual = float(np.linalg.norm(gradient)) / scale
+        if not np.isfinite(residual):
+            break
+        if residual < best.residual:
+            stalled = stalled + 1 if residual > 0.5 * best.residual else 0
+            best = NewtonResult(x, residual, iteration, residual <= ACCEPTED)
+        else:
+            stalled += 1
+        if residual <= _GOAL or iteration == limit or (best.converged and stalled >= 1) or stalled >= 8:
+            break
+        try:
+            step = factorise(hessian, definite=False).solve(-gradient)
+        except SolverError:
+            break
+        longest = float(np.abs(step).max())
+        if not np.isfinite(longest):
+            break
+        step *= min(1.0, 0.5 * size / max(longest, 1e-300))
+        stresses = shell.predicted_stresses(x, _full(shell, step))
+        x = _moved(shell, x, step)
+        best.iterations = iteration + 1
+    return best
+
+
+def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -> NewtonResult:
+    """Newton with line search on the potential, its Hessian projected element by element where it is indefinite."""
+    x = start
+    value = problem.value(x)
+    residual = np.inf
+    for iteration in range(limit + 1):
+        gradient, hessian = problem.linearise(x, EXACT)
+        residual = float(np.linalg.norm(gradient)) / scale
+        if residual <= _GOAL or iteration == limit or not np.isfinite(residual):
+            break
+        factor = _factor_or_none(hessian)
+        if factor is None:
+            factor = _factor_or_none(problem.linearise(x, PROJECTED)[1])
+            if factor is None:
+                break
+        step = factor.solve(-gradient)
+        slope = float(step @ gradient)
+        fraction = 1.0
+        while fraction > 1e-10:
+            trial = _moved(problem.shell, x, step, fraction)
+            trial_value = problem.value(trial)
+            if np.isfinite(trial_value) and trial_value <= value + 1e-4 * fraction * slope:
+                break
+            fraction *= 0.5
+        else:
+            # Below the potential's rounding only the residual can tell: take a last full step if it helps.
+            trial = _moved(problem.shell, x, step)
+            lower = float(np.linalg.norm(problem.residual(trial))) / scale
+            if lower < residual:
+                return NewtonResult(trial, lower, iteration + 1, lower <= ACCEPTED)
+            break
+        x, value = trial, trial_value
+    return NewtonResult(x, residual, iteration, bool(residual <= ACCEPTED))
+
+
+def _factor_or_none(hessian: sps.csc_array) -> Factor | None:
+    """Factor of a positive definite Hessian, else None."""
+    try:
+        factor = factorise(hessian, definite=False)
+    except SolverError:
+        return None
+    negative = factor.negative_pivots()
+    return factor if negative == 0 else None
+
+
+def is_stable(problem: Potential, x: Array) -> bool:
+    """Whether x is a minimum: the exact Hessian there is positive definite."""
+    return _factor_or_none(problem.linearise(x, EXACT)[1]) is not None
+
+
+def solve(problem: Potential, start: Array, scale: float) -> NewtonResult:
+    """Mixed Newton, and minimisation from its start where it fails or ends at a point that is no minimum."""
+    result = mixed_newton(problem, start, scale)
+    if result.converged and is_stable(problem, result.positions):
+        return result
+    fallback = minimise(problem, start, scale)
+    fallback.iterations += result.iterations
+    if fallback.converged or not result.converged:
+        return fallback
+    result.iterations = fallback.iterations
+    return result

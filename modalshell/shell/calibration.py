@@ -1,0 +1,265 @@
+r"""Effective bending and membrane stiffness of a mesh of hinges and edge springs (MATH.md 9).
+
+A smooth curvature :math:`\kappa` (a symmetric tensor in the tangent plane) folds each hinge by
+:math:`\theta = r : \kappa`, where r follows from the hinge's own triangles, unfolded. The mesh then stores
+:math:`k_f\,\kappa : C : \kappa` per area with :math:`C = \sum_e (l_0/h_0)\, r_e r_e^T / A`, which takes the place of a
+plate's :math:`D \kappa^2 / 2`. Vertices then shift along the normal until they are in balance, which softens meshes whose
+vertices differ in valence (union-jack: from 3 to 2.5), so the constants are measured with that relaxation: on patches
+of the mesh, or for a flat strip by bending the strip itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.errors import MaterialError
+from modalshell.mesh import TriangleMesh
+
+Array = NDArray[np.float64]
+
+ELONGATED = 3.0
+"""Ratio of length to width from which a sheet counts as a strip with a long axis."""
+
+_FLAT = 1e-6
+_RINGS = 9
+_PATCHES = 24
+
+
+@dataclass(frozen=True)
+class BendingConstants:
+    """What ``k_f`` is multiplied by in the bending energy per area at unit curvature.
+
+    Attributes
+    ----------
+    wide : float
+        c of MATH.md 9: no curvature across (a plate held across).
+    narrow : float
+        b of MATH.md 9: curvature across and twist free (a narrow strip).
+    elongation : float
+        Length over width of the mesh.
+    """
+
+    wide: float
+    narrow: float
+    elongation: float
+
+
+def adjacent_areas(mesh: TriangleMesh) -> Array:
+    """Sum of the areas of the triangles at each edge (E,) [m^2]; a boundary edge has one triangle."""
+    total = np.zeros(len(mesh.edges))
+    np.add.at(total, mesh.face_edges, mesh.face_areas[:, None])
+    return total
+
+
+def _hinge_geometry(mesh: TriangleMesh) -> tuple[Array, Array, Array, Array, Array]:
+    """Feet of the two opposite vertices along the edge (in edge lengths), their heights [m], and the unit edges."""
+    x = mesh.vertices[mesh.hinges]
+    edge = x[:, 1] - x[:, 0]
+    length = np.linalg.norm(edge, axis=1)
+    tangent = edge / length[:, None]
+    feet = [np.einsum("hi,hi->h", x[:, k] - x[:, 0], tangent) / length for k in (2, 3)]
+    heights = [np.linalg.norm(np.cross(tangent, x[:, k] - x[:, 0]), axis=1) for k in (2, 3)]
+    return feet[0], feet[1], heights[0], heights[1], tangent
+
+
+def hinge_rows(mesh: TriangleMesh) -> tuple[Array, Array, Array]:
+    """Fold angle of each hinge at unit curvatures.
+
+    Returns
+    -------
+    rows : ndarray, shape (H, 3)
+        ``theta = rows . (kappa_tt, kappa_nn, kappa_tn)``, t along the edge, n across it in the tangent plane; lengths
+        taken in the unfolded pair of triangles [m].
+    tangents, normals : ndarray, shape (H, 3)
+        Unit vectors t and the mean surface normals.
+    """
+    foot_1, foot_2, height_1, height_2, tangents = _hinge_geometry(mesh)
+    length = mesh.edge_lengths[mesh.hinge_edges]
+    along = length**2 * (foot_1 * (foot_1 - 1.0) / height_1 + foot_2 * (foot_2 - 1.0) / height_2)
+    rows = -0.5 * np.stack([along, height_1 + height_2, 2.0 * length * (foot_1 - foot_2)], axis=1)
+    normals = mesh.face_normals[mesh.edge_faces[mesh.hinge_edges]].sum(axis=1)
+    return rows, tangents, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+def hinge_operator(mesh: TriangleMesh) -> sps.csr_array:
+    """Fold angles (H,) from small displacements (n,) along the normal, as a sparse (H, n) matrix [rad/m]."""
+    foot_1, foot_2, height_1, height_2, _ = _hinge_geometry(mesh)
+    values = np.stack(
+        [
+            (1.0 - foot_1) / height_1 + (1.0 - foot_2) / height_2,
+            foot_1 / height_1 + foot_2 / height_2,
+            -1.0 / height_1,
+            -1.0 / height_2,
+        ],
+        axis=1,
+    )
+    rows = np.repeat(np.arange(len(mesh.hinges)), 4)
+    shape = (len(mesh.hinges), len(mesh.vertices))
+    return sps.csr_array(sps.coo_array((values.ravel(), (rows, mesh.hinges.ravel())), shape=shape))
+
+
+def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) -> BendingConstants:
+    """Bending constants of a mesh for bending along ``direction``, or for its long axis, or on the mean (see Material)."""
+    if len(mesh.hinges) == 0:
+        raise MaterialError("a mesh without interior edges has no hinges and cannot bend (got 0 hinges); refine it")
+    axis, elongation, flat = _long_axis(mesh)
+    if direction is not None:
+        given = np.asarray(direction, dtype=np.float64)
+        if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
+            raise MaterialError(f"direction must be a finite, non-zero vector of three numbers (got {direction!r})")
+        axis = given / np.linalg.norm(given)
+    elif elongation < ELONGATED:
+        axis = np.array([1.0, 0.0, 0.0]) if flat else np.zeros(3)
+
+    tensor = _relaxed_tensor(mesh, axis)
+    if axis.any():
+        wide, narrow = tensor[0, 0], 1.0 / np.linalg.inv(tensor)[0, 0]
+    else:
+        # Mean over directions: a uniaxial curvature and a spherical one determine an isotropic plate.
+        wide = 3.0 / 8.0 * (tensor[0, 0] + tensor[1, 1]) + tensor[0, 1] / 4.0 + tensor[2, 2] / 8.0
+        sphere = tensor[0, 0] + tensor[1, 1] + 2.0 * tensor[0, 1]
+        poisson = sphere / (2.0 * wide) - 1.0
+        narrow = wide * (1.0 - poisson**2)
+    if flat and direction is None and elongation >= ELONGATED:
+        narrow = _bent_strip(mesh, axis) or narrow
+    return BendingConstants(float(wide), float(narrow), elongation)
+
+
+def _hinge_weights(mesh: TriangleMesh) -> Array:
+    """``l0 / h0`` of every hinge (MATH.md 1)."""
+    areas = mesh.face_areas[mesh.edge_faces[mesh.hinge_edges]].sum(axis=1)
+    return np.asarray(3.0 * mesh.edge_lengths[mesh.hinge_edges] ** 2 / areas)
+
+
+def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
+    """Mean C (3, 3) in (along, across, twist) over patches; per-patch axes are arbitrary where ``axis`` is zero."""
+    rows, tangents, normals = hinge_rows(mesh)
+    operator = hinge_operator(mesh)
+    weights = _hinge_weights(mesh)
+    graph = sps.coo_array((np.ones(len(mesh.edges)), mesh.edges.T), shape=(len(mesh.vertices),) * 2).tocsr()
+    graph = sps.csr_array(graph + graph.T)
+    depth = _rings(graph, mesh.boundary_vertices)
+    deepest = np.flatnonzero(depth >= min(_RINGS, depth.max()))
+    centres = deepest[np.linspace(0, deepest.size - 1, min(_PATCHES, deepest.size)).round().astype(int)]
+    hinge_faces = mesh.edge_faces[mesh.hinge_edges]
+    total, area = np.zeros((3, 3)), 0.0
+    for centre in np.unique(centres):
+        ring = _rings(graph, np.array([centre]))
+        inside = (ring[mesh.faces] <= _RINGS).all(axis=1)
+        hinges = np.flatnonzero(inside[hinge_faces].all(axis=1))
+        movable = np.flatnonzero((ring <= _RINGS - 2) & (depth >= 2))
+        measured = (ring[mesh.faces] <= _RINGS // 3).all(axis=1) & inside
+        share = 0.5 * measured[hinge_faces[hinges]].sum(axis=1)
+        if not share.any():
+            continue
+        local = axis if axis.any() else tangents[hinges[0]]
+        angles = _turn(rows[hinges], tangents[hinges], normals[hinges], local)
+        if movable.size:
+            root = np.sqrt(weights[hinges])[:, None]
+            fluctuation = operator[hinges][:, movable].toarray()
+            angles = angles - fluctuation @ np.linalg.lstsq(root * fluctuation, root * angles, rcond=None)[0]
+        total += np.einsum("h,hi,hj->ij", share * weights[hinges], angles, angles)
+        area += float(mesh.face_areas[measured].sum())
+    if area == 0.0:
+        angles = _turn(rows, tangents, normals, axis if axis.any() else tangents[0])
+        return np.asarray(np.einsum("h,hi,hj->ij", weights, angles, angles) / mesh.area)
+    return total / area
+
+
+def _rings(graph: sps.csr_array, sources: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of edges from each vertex to the nearest source; the number of vertices where there is none."""
+    count = graph.shape[0]
+    distance = np.full(count, count, dtype=np.int64)
+    front = sources
+    step = 0
+    while front.size:
+        distance[front] = step
+        step += 1
+        neighbours = np.unique(graph[front].indices)
+        front = neighbours[distance[neighbours] == count]
+    return distance
+
+
+def _bent_strip(mesh: TriangleMesh, axis: Array) -> float | None:
+    """Narrow constant of a flat strip, measured by bending it with a couple at each end; None if it is too short.
+
+    Its moment M and the curvature of its middle part give ``b = M / (2 kappa width)``: free sides and all.
+    """
+    along = (mesh.vertices - mesh.vertices.mean(axis=0)) @ axis
+    across = (mesh.vertices - mesh.vertices.mean(axis=0)) @ np.cross(mesh.face_normals[0], axis)
+    length = np.ptp(along)
+    along = along - along.min()
+    load = np.zeros(len(along))
+    moment = 0.0
+    for zone, sign in ((along < 0.15 * length, 1.0), (along > 0.85 * length, -1.0)):
+        arm = along[zone] - along[zone].mean()
+        if np.unique(arm.round(9)).size < 2:
+            return None
+        load[zone] = sign * arm / (arm @ arm)
+        moment = 1.0
+    middle = (along > 0.3 * length) & (along < 0.7 * length)
+    if np.count_nonzero(middle) < 8:
+        return None
+    operator = hinge_operator(mesh)
+    stiffness = sps.csc_array(2.0 * operator.T @ sps.diags_array(_hinge_weights(mesh)) @ operator)
+    # Three vertices that span the plane take the rigid part away.
+    pins = [int(np.argmin(along + across)), int(np.argmax(along + across)), int(np.argmax(across - along))]
+    kept = np.setdiff1d(np.arange(len(along)), pins)
+    shape = np.zeros(len(along))
+    shape[kept] = spla.spsolve(stiffness[kept][:, kept], load[kept])
+    x, y = along[middle] - 0.5 * length, across[middle]
+    terms = np.stack([np.ones_like(x), x, y, 0.5 * x * x, x * y, 0.5 * y * y], axis=1)
+    curvature = abs(np.linalg.lstsq(terms, shape[middle], rcond=None)[0][3])
+    width = mesh.area / length
+    return float(moment / (2.0 * curvature * width)) if curvature > 0 else None
+
+
+def lowest_stable_stretch(mesh: TriangleMesh, shear: Array) -> Array:
+    """Lowest area stiffness (T,) [N/m] at which each triangle resists every strain, for edge stiffnesses (E,) [N].
+
+    A triangle's strain energy per area is ``sum_i a_i e_i^2 + k_s (g . e)^2`` in its edge strains e, so it is positive
+    as long as ``1 + k_s sum_i g_i^2 / a_i > 0``. An edge's stiffness is shared between its triangles by their areas.
+    """
+    areas = mesh.face_areas
+    lengths = mesh.edge_lengths[mesh.face_edges]
+    share = areas[:, None] / adjacent_areas(mesh)[mesh.face_edges]
+    spring = shear[mesh.face_edges] * lengths * share / areas[:, None]
+    squared = lengths**2
+    # dA/dl of Heron's formula: tr(strain) = sum_i g_i e_i with g_i = l_i^2 (sum of the others - l_i^2) / (8 A^2).
+    gradient = squared * (squared.sum(axis=1, keepdims=True) - 2.0 * squared) / (8.0 * areas[:, None] ** 2)
+    compliance = np.where(spring > 0, gradient**2 / np.where(spring > 0, spring, 1.0), np.where(gradient == 0, 0, np.inf))
+    with np.errstate(divide="ignore"):
+        return np.asarray(-0.999 / compliance.sum(axis=1))
+
+
+def _long_axis(mesh: TriangleMesh) -> tuple[Array, float, bool]:
+    """Unit vector of the longest extent, length over width, and whether the mesh is flat."""
+    centred = mesh.vertices - mesh.vertices.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    extents = np.ptp(centred @ axes.T, axis=0)
+    order = np.argsort(extents)[::-1]
+    extents = extents[order]
+    return axes[order[0]], float(extents[0] / extents[1]), bool(extents[2] <= _FLAT * extents[0])
+
+
+def _turn(rows: Array, tangents: Array, normals: Array, axis: Array) -> Array:
+    """Rows for curvatures (along, across, twist) of ``axis`` laid into each hinge's tangent plane."""
+    inside = axis - normals * (normals @ axis)[:, None]
+    inside /= np.maximum(np.linalg.norm(inside, axis=1, keepdims=True), 1e-12)
+    cosine = np.einsum("hi,hi->h", inside, tangents)
+    sine = np.einsum("hi,hi->h", np.cross(normals, inside), tangents)
+    # t = cosine d + sine c, n = -sine d + cosine c with c the cross axis.
+    tt, nn, tn = rows.T
+    return np.stack(
+        [
+            cosine**2 * tt + sine**2 * nn - cosine * sine * tn,
+            sine**2 * tt + cosine**2 * nn + cosine * sine * tn,
+            2.0 * cosine * sine * (tt - nn) + (cosine**2 - sine**2) * tn,
+        ],
+        axis=1,
+    )

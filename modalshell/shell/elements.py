@@ -1,0 +1,74 @@
+"""The three element sets of a discrete shell: stencils, rest measures and weights over the generated kernels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.kernels.generated import flexure, shear, stretch
+from modalshell.mesh import TriangleMesh
+from modalshell.shell.material import Material
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ElementSet:
+    """All elements of one energy, ``sum_e weight_e (g_e - rest_e)^2``.
+
+    Attributes
+    ----------
+    kernel : module
+        Generated kernel of the energy.
+    stencils : ndarray of int64, shape (elements, vertices)
+        Vertices of each element, in the kernel's order.
+    rest : ndarray, shape (elements,)
+        Measures at rest: areas [m^2], lengths [m] or fold angles [rad].
+    weight : ndarray, shape (elements,)
+        Stiffness over rest size.
+    """
+
+    kernel: ModuleType
+    stencils: Index
+    rest: Array
+    weight: Array
+
+
+def hinge_shape(mesh: TriangleMesh) -> Array:
+    """``l0 / h0`` of every hinge, with h0 a third of the mean of the two heights over the edge (MATH.md 1)."""
+    lengths = mesh.edge_lengths[mesh.hinge_edges]
+    faces = mesh.edge_faces[mesh.hinge_edges]
+    mean_height = mesh.face_areas[faces].sum(axis=1) / lengths
+    return lengths / (mean_height / 3.0)
+
+
+def clamp_line_hinges(mesh: TriangleMesh, clamped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Hinges (H,) between one triangle that is wholly held and one that is not.
+
+    Such a hinge stands for the free half of its cell only (MATH.md 9, "Clamp bias").
+    """
+    held = clamped[mesh.faces].all(axis=1)
+    faces = mesh.edge_faces[mesh.hinge_edges]
+    return np.asarray(held[faces[:, 0]] != held[faces[:, 1]])
+
+
+def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.bool_]) -> list[ElementSet]:
+    """Stretch over triangles, shear over edges, flexure over hinges, each with its rest state from the mesh."""
+    stretch_stiffness, shear_stiffness, flexure_stiffness = material.per_element(mesh)
+    if material.correct_clamp:
+        flexure_stiffness = flexure_stiffness * np.where(clamp_line_hinges(mesh, clamped), 2.0, 1.0)
+    sets = []
+    for kernel, stencils, stiffness, size in (
+        (stretch, mesh.faces, stretch_stiffness, 1.0 / mesh.face_areas),
+        (shear, mesh.edges, shear_stiffness, 1.0 / mesh.edge_lengths),
+        (flexure, mesh.hinges, flexure_stiffness, hinge_shape(mesh)),
+    ):
+        stencils = np.ascontiguousarray(stencils, dtype=np.int64)
+        rest = np.empty(stencils.shape[0])
+        kernel.measures(np.asarray(mesh.vertices), stencils, rest)
+        sets.append(ElementSet(kernel, stencils, rest, np.ascontiguousarray(stiffness * size)))
+    return sets

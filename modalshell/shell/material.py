@@ -1,0 +1,168 @@
+"""Material of a shell: the stiffnesses of the discrete-shell energies and the mass per area."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.errors import MaterialError, ModalShellWarning
+from modalshell.mesh import TriangleMesh
+from modalshell.shell import calibration
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Material:
+    """Stiffnesses of the discrete-shell energies (paper eq. 1-3; MATH.md 1) and area density.
+
+    Each may be one number or one value an element of the mesh that the shell is built on.
+
+    Parameters
+    ----------
+    stretch : float or array_like, shape (T,)
+        k_s of ``k_s (A - A0)^2 / A0`` [N/m], over triangles. May be negative, as isotropic sheets with a Poisson's ratio
+        below 1/3 need; a shell checks that no triangle becomes unstable by it.
+    shear : float or array_like, shape (E,)
+        k_h of ``k_h (l - l0)^2 / l0`` [N], over edges.
+    flexure : float or array_like, shape (H,)
+        k_f of ``k_f (theta - theta0)^2 l0 / h0`` [N m], over interior edges.
+    density : float or array_like, shape (T,)
+        Mass per area [kg/m^2].
+    correct_clamp : bool, optional
+        Double the weight of hinges on the clamp line, which stand for half a cell only (MATH.md 9). Off for plain
+        stiffnesses, which are then the paper's energies as they stand; on in :meth:`from_physical`.
+
+    Raises
+    ------
+    MaterialError
+        For values that are not finite or out of range.
+    """
+
+    stretch: float | Array
+    shear: float | Array
+    flexure: float | Array
+    density: float | Array
+    correct_clamp: bool = False
+
+    def __post_init__(self) -> None:
+        for name, unit in (("stretch", "N/m"), ("shear", "N"), ("flexure", "N m"), ("density", "kg/m^2")):
+            raw = getattr(self, name)
+            try:
+                value = np.array(raw, dtype=np.float64)
+            except (TypeError, ValueError) as error:
+                raise MaterialError(f"{name} must be a number in {unit} or one per element (got {raw!r})") from error
+            if value.ndim > 1 or not np.isfinite(value).all():
+                raise MaterialError(f"{name} must be finite, one number or one per element in {unit} (got {raw!r})")
+            if name == "density" and (value <= 0).any():
+                raise MaterialError(f"density must be positive (got {value.min():g} kg/m^2)")
+            if name in ("shear", "flexure") and (value < 0).any():
+                raise MaterialError(f"{name} must not be negative (got {value.min():g} {unit})")
+            value.flags.writeable = False
+            object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
+
+    @classmethod
+    def from_physical(
+        cls,
+        *,
+        young: float,
+        poisson: float,
+        thickness: float,
+        density: float,
+        mesh: TriangleMesh,
+        direction: ArrayLike | None = None,
+        narrow: bool | None = None,
+    ) -> Material:
+        """Stiffnesses that give ``mesh`` the membrane and bending stiffness of an isotropic sheet (MATH.md 9).
+
+        A mesh of hinges bends as the triangulation has it, not as a plate does: the constants are computed from the
+        hinges of this very mesh, so every mesh family is calibrated alike. What no constant mends: the bending
+        Poisson effect stays the family's own (-1/3 where isotropic), and so does its twist.
+
+        Parameters
+        ----------
+        young : float
+            Young's modulus [Pa].
+        poisson : float
+            Poisson's ratio, in (-1, 0.5].
+        thickness : float
+            Sheet thickness [m].
+        density : float
+            Mass per volume [kg/m^3].
+        mesh : TriangleMesh
+            The mesh the shell will be built on.
+        direction : array_like, shape (3,), optional
+            Direction of bending for which the constant is exact. Without it: the long axis of the mesh, the x axis for
+            flat meshes that have none; curved meshes without a long axis are calibrated on the mean over directions.
+        narrow : bool, optional
+            Whether the sheet bends as a strip, free to curve across (``EI/w``), or as a plate (``D``). Without it: a
+            strip where the mesh is at least three times as long as wide.
+
+        Returns
+        -------
+        Material
+            With per-edge shear stiffness and ``correct_clamp`` on.
+
+        Raises
+        ------
+        MaterialError
+            For values out of range.
+        """
+        for name, value in (("young", young), ("thickness", thickness), ("density", density)):
+            if not (np.isscalar(value) and np.isfinite(value) and value > 0):
+                raise MaterialError(f"{name} must be a positive number (got {value!r})")
+        if not (np.isscalar(poisson) and -1.0 < poisson <= 0.5):
+            raise MaterialError(f"poisson must lie in (-1, 0.5] (got {poisson!r})")
+        membrane = young * thickness
+        shear = 2.0 * membrane / (3.0 * (1.0 + poisson)) * calibration.adjacent_areas(mesh) / mesh.edge_lengths
+        stretch = membrane * (3.0 * poisson - 1.0) / (4.0 * (1.0 - poisson**2))
+        bound = calibration.lowest_stable_stretch(mesh, shear)
+        stretch_values: float | Array = stretch
+        unstable = np.flatnonzero(stretch < bound)
+        if unstable.size:
+            stretch_values = np.maximum(stretch, bound)
+            warnings.warn(
+                f"{unstable.size} of {len(mesh.faces)} triangles are too obtuse for Poisson's ratio {poisson:g} "
+                f"(first: triangle {unstable[0]}): their area term is limited, which makes them stiffer across. "
+                "Remesh to near-equilateral triangles to mend it",
+                ModalShellWarning,
+                stacklevel=2,
+            )
+        rigidity = young * thickness**3 / 12.0
+        constants = calibration.bending_constants(mesh, direction)
+        if narrow is None:
+            narrow = constants.elongation >= calibration.ELONGATED
+        if narrow:
+            flexure = rigidity / (2.0 * constants.narrow)
+        else:
+            flexure = rigidity / (1.0 - poisson**2) / (2.0 * constants.wide)
+        return cls(stretch_values, shear, flexure, density * thickness, correct_clamp=True)
+
+    def per_element(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
+        """Stiffnesses of triangles (T,), edges (E,) and hinges (H,) of ``mesh``; MaterialError where they do not fit."""
+        counts = {"stretch": len(mesh.faces), "shear": len(mesh.edges), "flexure": len(mesh.hinges)}
+        values = {name: _spread(name, getattr(self, name), count) for name, count in counts.items()}
+        if (values["stretch"] < 0).any():
+            bound = calibration.lowest_stable_stretch(mesh, values["shear"])
+            unstable = np.flatnonzero(values["stretch"] < bound)
+            if unstable.size:
+                first = unstable[0]
+                raise MaterialError(
+                    f"stretch {values['stretch'][first]:g} N/m makes triangle {first} unstable, and {unstable.size} in all: "
+                    f"with this shear it must be at least {bound[first]:g} N/m"
+                )
+        return values["stretch"], values["shear"], values["flexure"]
+
+    def area_density(self, mesh: TriangleMesh) -> Array:
+        """Mass per area of every triangle (T,) [kg/m^2]."""
+        return _spread("density", self.density, len(mesh.faces))
+
+
+def _spread(name: str, value: float | Array, count: int) -> Array:
+    array = np.asarray(value, dtype=np.float64)
+    if array.ndim == 1 and array.size != count:
+        raise MaterialError(f"{name} has {array.size} values, but the mesh has {count} such elements")
+    return np.ascontiguousarray(np.broadcast_to(array, (count,)))

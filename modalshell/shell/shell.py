@@ -1,0 +1,147 @@
+"""The discrete shell: a mesh, a material and supports; its energy, force, stiffness and mass."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sps
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.errors import LoadError
+from modalshell.mesh import TriangleMesh
+from modalshell.shell.elements import ElementSet, element_sets
+from modalshell.shell.material import Material
+from modalshell.shell.pattern import build_pattern
+from modalshell.shell.supports import held_vertices
+
+Array = NDArray[np.float64]
+
+GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
+"""How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""
+
+
+class Shell:
+    """A discrete shell (paper section 3; MATH.md 1).
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The rest shape; its fold angles, areas and lengths are the rest values of the energies.
+    material : Material
+        Stiffnesses and density.
+    clamped : array_like of bool, shape (n,), or of int, optional
+        Vertices that are held. To clamp an edge hold two rows of vertices: with one row the triangles next to it can
+        hinge freely about the clamped edge.
+
+    Attributes
+    ----------
+    rest_positions : ndarray, shape (n, 3)
+        Vertex positions at rest [m].
+    mass : ndarray, shape (n,)
+        Lumped vertex masses [kg]: a third of each triangle's mass to each corner.
+    clamped : ndarray of bool, shape (n,)
+        Held vertices.
+    free : ndarray of int
+        Vertices that are not held.
+    free_unknowns : ndarray of int
+        Their unknowns in the flattened (3n,) vectors.
+
+    Raises
+    ------
+    MaterialError
+        If the material's arrays do not fit the mesh.
+    SupportError
+        If ``clamped`` has the wrong shape, names no such vertex, or holds every vertex.
+    """
+
+    def __init__(self, mesh: TriangleMesh, material: Material, clamped: ArrayLike | None = None) -> None:
+        self.mesh = mesh
+        self.material = material
+        self.rest_positions: Array = np.asarray(mesh.vertices)
+        self.clamped = held_vertices(clamped, len(mesh.vertices))
+        self.free = np.flatnonzero(~self.clamped)
+        self.free_unknowns = (3 * self.free[:, None] + np.arange(3)).ravel()
+        self.elements: list[ElementSet] = element_sets(mesh, material, self.clamped)
+        self.pattern, self._slots = build_pattern(
+            len(mesh.vertices), [elements.stencils for elements in self.elements], self.free
+        )
+        face_mass = material.area_density(mesh) * mesh.face_areas
+        self.mass: Array = np.bincount(mesh.faces.ravel(), np.repeat(face_mass / 3.0, 3), minlength=len(mesh.vertices))
+
+    def __repr__(self) -> str:
+        return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
+
+    def energy(self, positions: ArrayLike) -> float:
+        """Elastic energy [J] at ``positions`` (n, 3) [m]."""
+        return self.raw_energy(self.checked_positions(positions))
+
+    def force(self, positions: ArrayLike) -> Array:
+        """Elastic force (n, 3) [N], minus the energy's gradient, at ``positions`` (n, 3) [m]."""
+        return -self.energy_gradient(self.checked_positions(positions))[1]
+
+    def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
+        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them."""
+        x = self.rest_positions if positions is None else self.checked_positions(positions)
+        return self.pattern.matrix(self.energy_gradient_hessian(x, EXACT)[2])
+
+    def gravity_force(self, gravity: ArrayLike) -> Array:
+        """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
+        vector = np.asarray(gravity, dtype=np.float64)
+        if vector.shape != (3,) or not np.isfinite(vector).all():
+            raise LoadError(f"gravity must be three finite numbers in m/s^2 (got {gravity!r})")
+        return self.mass[:, None] * vector
+
+    def checked_positions(self, positions: ArrayLike) -> Array:
+        """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
+        x = np.ascontiguousarray(positions, dtype=np.float64)
+        if x.shape != self.rest_positions.shape:
+            raise LoadError(f"positions must have shape {self.rest_positions.shape} (got {x.shape})")
+        if not np.isfinite(x).all():
+            bad = int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])
+            raise LoadError(f"positions must be finite (got {x[bad]} at vertex {bad})")
+        return x
+
+    # Below: for solvers, on arrays that they own; no checks.
+
+    def raw_energy(self, x: Array) -> float:
+        """Energy [J] without input checks; not finite at collapsed elements."""
+        return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in self.elements))
+
+    def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (n, 3) [N] in one pass."""
+        gradient = np.zeros_like(x)
+        total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in self.elements)
+        return float(total), gradient
+
+    def energy_gradient_hessian(
+        self, x: Array, geometric: int, stresses: list[Array] | None = None
+    ) -> tuple[float, Array, Array]:
+        """Energy, gradient (n, 3) and Hessian values for :attr:`pattern`, in one pass.
+
+        ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
+        """
+        gradient = np.zeros_like(x)
+        data = np.zeros(self.pattern.indices.size)
+        total = 0.0
+        none = np.empty(0)
+        for index, e in enumerate(self.elements):
+            stress = none if stresses is None else stresses[index]
+            total += e.kernel.add_stiffness(
+                x, e.stencils, e.rest, e.weight, stress, geometric, self._slots[index], self.pattern.strides, data, gradient
+            )
+        return float(total), gradient, data
+
+    def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
+        """Stress of every element after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
+        stresses = []
+        for e in self.elements:
+            stress = np.empty(e.rest.size)
+            e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
+            stresses.append(stress)
+        return stresses
+
+    def damping_force(self, x: Array, velocity: Array) -> Array:
+        """``-K_1(x) velocity`` (n, 3), K_1 the positive semi-definite first term of the Hessian (MATH.md 1)."""
+        force = np.zeros_like(x)
+        for e in self.elements:
+            e.kernel.add_damping(x, velocity, e.stencils, e.weight, force)
+        return force
