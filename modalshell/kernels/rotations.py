@@ -97,3 +97,47 @@ def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no
             jacobians[i, 0, axis] = rotated[1] * column[2] - rotated[2] * column[1]
             jacobians[i, 1, axis] = rotated[2] * column[0] - rotated[0] * column[2]
             jacobians[i, 2, axis] = rotated[0] * column[1] - rotated[1] * column[0]
+
+
+@njit(**_options)
+def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-untyped-def]
+    """Rotation vectors (n, 3) that fit small ``displacements`` (n, 3) about ``positions`` best, into ``out``.
+
+    The modal rotation of MATH.md 3 at any configuration: ``A w = sum_k P_k x d_k`` with ``A = sum |P|^2 I - P P^T``
+    in each triangle, then the mean over the triangles at each vertex.
+    """
+    count = np.zeros(positions.shape[0])
+    out[:] = 0.0
+    for face in range(faces.shape[0]):
+        xx = yy = zz = xy = xz = yz = bx = by = bz = 0.0
+        for k in range(3):
+            v = faces[face, k]
+            arm = np.empty(3)
+            for axis in range(3):
+                mean = positions[faces[face, 0], axis] + positions[faces[face, 1], axis] + positions[faces[face, 2], axis]
+                arm[axis] = positions[v, axis] - mean / 3.0
+            d = displacements[v]
+            xx += arm[1] * arm[1] + arm[2] * arm[2]
+            yy += arm[0] * arm[0] + arm[2] * arm[2]
+            zz += arm[0] * arm[0] + arm[1] * arm[1]
+            xy -= arm[0] * arm[1]
+            xz -= arm[0] * arm[2]
+            yz -= arm[1] * arm[2]
+            bx += arm[1] * d[2] - arm[2] * d[1]
+            by += arm[2] * d[0] - arm[0] * d[2]
+            bz += arm[0] * d[1] - arm[1] * d[0]
+        cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+        cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+        determinant = xx * cxx + xy * cxy + xz * cxz
+        wx = (cxx * bx + cxy * by + cxz * bz) / determinant
+        wy = (cxy * bx + cyy * by + cyz * bz) / determinant
+        wz = (cxz * bx + cyz * by + czz * bz) / determinant
+        for k in range(3):
+            v = faces[face, k]
+            count[v] += 1.0
+            out[v, 0] += wx
+            out[v, 1] += wy
+            out[v, 2] += wz
+    for v in range(out.shape[0]):
+        for axis in range(3):
+            out[v, axis] /= count[v]

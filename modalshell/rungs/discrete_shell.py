@@ -8,15 +8,19 @@ import numpy as np
 import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.errors import OptionError
+from modalshell.errors import OptionError, SolverError
+from modalshell.modes import factorise
 from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState, Stopwatch, total_load
-from modalshell.rungs.newton import ACCEPTED, NewtonResult, Potential, minimise, mixed_newton, solve
+from modalshell.rungs.newton import ACCEPTED, NewtonResult, Potential, minimise, mixed_newton, solve, warped_step
 from modalshell.rungs.newton import is_stable as is_minimum
-from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 
 Array = NDArray[np.float64]
 
-_SMALLEST_LOAD_STEP = 1.0 / 256.0
+_STEP_TURN = 0.8
+"""Turn of a vertex [rad] that one load step may predict."""
+_LOOSE = 1e-3
+_SMALLEST_TRUST = 1.0 / 300.0
 
 
 class DiscreteShell(Model):
@@ -86,30 +90,40 @@ class DiscreteShell(Model):
         return Equilibrium(result.positions, result.converged, iterations, result.residual, watch(), status)
 
     def _follow(self, load: Array, scale: float) -> NewtonResult:
-        """Load continuation from rest, each step extrapolated from the two before."""
+        """Load continuation from rest along tangents, each step as long as :data:`_STEP_TURN` allows."""
         shell = self.shell
-        x, before, factor, factor_before, step = shell.rest_positions, shell.rest_positions, 0.0, 0.0, 1.0
-        iterations = 0
+        x, factor, trust, iterations = shell.rest_positions, 0.0, 1.0, 0
         while True:
-            target = min(1.0, factor + step)
+            before = Potential(shell, factor * load, shell.rest_positions)
+            step, target, guess, stresses = 0.0, factor, x, None
+            try:
+                factor_here = factorise(before.linearise(x, EXACT)[1], definite=False)
+                tangent = factor_here.solve(load.ravel()[shell.free_unknowns])
+                iterations += 1
+                guess, moved = warped_step(shell, x, (1.0 - factor) * tangent, trust * _STEP_TURN)
+                longest = np.abs(moved).max() / max(np.abs(tangent).max(), 1e-300)
+                target = min(1.0, factor + longest) if longest < 0.999 * (1.0 - factor) else 1.0
+                stresses = shell.predicted_stresses(x, moved)
+            except SolverError:
+                trust = 0.0
+            step = target - factor
+            last = target == 1.0
             problem = Potential(shell, target * load, shell.rest_positions)
-            guess = x
-            if factor > factor_before:
-                guess = x + (x - before) * (target - factor) / (factor - factor_before)
-            result = mixed_newton(problem, guess, scale, limit=16 if step > _SMALLEST_LOAD_STEP else 40)
-            iterations += result.iterations
-            if not (result.converged and is_minimum(problem, result.positions)):
-                step *= 0.25
-                if step >= _SMALLEST_LOAD_STEP:
-                    continue
-                # The branch ends here: go downhill to wherever the shell comes to rest under this load.
-                result = minimise(problem, x, scale)
+            if trust >= _SMALLEST_TRUST:
+                goal = {} if last else {"goal": _LOOSE}
+                result = mixed_newton(problem, guess, scale, limit=25, stresses=stresses, **goal)
                 iterations += result.iterations
-                if not result.converged:
-                    return NewtonResult(result.positions, result.residual, iterations, False)
-            before, factor_before = x, factor
-            x, factor, step = result.positions, target, max(2.0 * step, 4.0 * _SMALLEST_LOAD_STEP)
-            if factor >= 1.0:
+            if trust < _SMALLEST_TRUST or not (result.converged and is_minimum(problem, result.positions)):
+                trust *= 0.25
+                if trust >= _SMALLEST_TRUST:
+                    continue
+                # The branch ends here: go downhill to wherever the shell comes to rest under the whole load.
+                problem = Potential(shell, load, shell.rest_positions)
+                result = minimise(problem, x, scale)
+                result.iterations += iterations
+                return result
+            x, factor, trust = result.positions, target, min(1.0, 2.0 * trust)
+            if last:
                 return NewtonResult(x, result.residual, iterations, True)
 
     def largest_eigenvalue(self) -> float:

@@ -4,7 +4,9 @@ A nearly inextensible sheet defeats plain Newton: a step along the tangent stret
 line search lets only tiny steps through. The mixed step (Magisano, Leonetti and Garcea, Comput. Methods Appl. Mech.
 Eng. 313, 2017) treats the element stresses as unknowns of their own: after elimination the equations are Newton's, but
 the geometric part of the Hessian takes each stress from the last linearised step instead of the (huge) stress of the
-over-stretched iterate. Full steps then converge in a few iterations whatever the membrane stiffness.
+over-stretched iterate. Steps are moreover warped: every vertex is carried along the turn of its own triangles, as in
+modal warping, so that a long step bends the sheet instead of stretching it. Full steps then converge in a few
+iterations whatever the membrane stiffness.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.errors import SolverError
+from modalshell.kernels import rotations
 from modalshell.modes import Factor, factorise
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, Shell
 
@@ -24,6 +27,9 @@ Array = NDArray[np.float64]
 _GOAL = 1e-10
 ACCEPTED = 1e-7
 """Out-of-balance force, as a share of the load, at which an answer counts as converged (MATH.md 9)."""
+
+_LARGEST_TURN = 1.0
+_EPSILON = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
@@ -79,6 +85,14 @@ class Potential:
         return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
 
 
+def rounding_residual(hessian: sps.csc_array, x: Array, scale: float) -> float:
+    """Residual that the rounding of the positions alone leaves: each force by eps times its stiffness times |x|.
+
+    A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced any better.
+    """
+    return _EPSILON * float(np.abs(x).max()) * float(np.linalg.norm(hessian.diagonal())) / scale
+
+
 @dataclass
 class NewtonResult:
     """Where Newton ended.
@@ -92,7 +106,7 @@ class NewtonResult:
     iterations : int
         Factorisations used.
     converged : bool
-        Whether the residual met :data:`ACCEPTED` at a finite point.
+        Whether the residual met :data:`ACCEPTED`, or :func:`rounding_residual` where that is larger.
     """
 
     positions: Array
@@ -107,16 +121,43 @@ def _moved(shell: Shell, x: Array, direction: Array, fraction: float = 1.0) -> A
     return moved
 
 
-def _full(shell: Shell, direction: Array) -> Array:
-    return _moved(shell, np.zeros_like(shell.rest_positions), direction)
+def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array]:
+    """Move along ``direction`` (N,), warped, as far as no vertex turns by more than ``largest_turn`` [rad].
+
+    Returns
+    -------
+    positions : ndarray, shape (n, 3)
+        The new positions.
+    step : ndarray, shape (n, 3)
+        The straight step that was warped.
+    """
+    step = _moved(shell, np.zeros_like(x), direction)
+    turns = np.empty_like(x)
+    rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
+    angle = rotations.largest_angle(turns)
+    if angle > largest_turn:
+        step *= largest_turn / angle
+        turns *= largest_turn / angle
+    displacement = np.empty_like(x)
+    rotations.warp(turns, step, 1.0, displacement)
+    return x + displacement, step
 
 
-def mixed_newton(problem: Potential, start: Array, scale: float, limit: int = 40) -> NewtonResult:
-    """Full mixed Newton steps from ``start``; gives up when the residual stops falling."""
+def mixed_newton(
+    problem: Potential,
+    start: Array,
+    scale: float,
+    *,
+    limit: int = 40,
+    goal: float = _GOAL,
+    stresses: list[Array] | None = None,
+) -> NewtonResult:
+    """Full mixed Newton steps from ``start``; gives up when the residual stops falling.
+
+    ``stresses`` are those predicted with ``start``; without them the first step leaves the geometric part out.
+    """
     shell = problem.shell
-    size = float(np.ptp(shell.rest_positions, axis=0).max())
     x = start
-    stresses: list[Array] | None = None
     best = NewtonResult(start, np.inf, 0, False)
     stalled = 0
     for iteration in range(limit + 1):
@@ -126,21 +167,21 @@ def mixed_newton(problem: Potential, start: Array, scale: float, limit: int = 40
             break
         if residual < best.residual:
             stalled = stalled + 1 if residual > 0.5 * best.residual else 0
-            best = NewtonResult(x, residual, iteration, residual <= ACCEPTED)
+            accepted = max(ACCEPTED, goal, rounding_residual(hessian, x, scale))
+            best = NewtonResult(x, residual, iteration, residual <= accepted)
         else:
             stalled += 1
-        if residual <= _GOAL or iteration == limit or (best.converged and stalled >= 1) or stalled >= 8:
+        if residual <= goal or iteration == limit or (best.converged and stalled >= 1) or stalled >= 8:
             break
         try:
-            step = factorise(hessian, definite=False).solve(-gradient)
+            direction = factorise(hessian, definite=False).solve(-gradient)
         except SolverError:
             break
-        longest = float(np.abs(step).max())
-        if not np.isfinite(longest):
+        if not np.isfinite(direction).all():
             break
-        step *= min(1.0, 0.5 * size / max(longest, 1e-300))
-        stresses = shell.predicted_stresses(x, _full(shell, step))
-        x = _moved(shell, x, step)
+        moved, step = warped_step(shell, x, direction, _LARGEST_TURN)
+        stresses = shell.predicted_stresses(x, step)
+        x = moved
         best.iterations = iteration + 1
     return best
 
@@ -149,10 +190,11 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
     """Newton with line search on the potential, its Hessian projected element by element where it is indefinite."""
     x = start
     value = problem.value(x)
-    residual = np.inf
+    residual, accepted = np.inf, ACCEPTED
     for iteration in range(limit + 1):
         gradient, hessian = problem.linearise(x, EXACT)
         residual = float(np.linalg.norm(gradient)) / scale
+        accepted = max(ACCEPTED, rounding_residual(hessian, x, scale))
         if residual <= _GOAL or iteration == limit or not np.isfinite(residual):
             break
         factor = _factor_or_none(hessian)
@@ -174,10 +216,10 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
             trial = _moved(problem.shell, x, step)
             lower = float(np.linalg.norm(problem.residual(trial))) / scale
             if lower < residual:
-                return NewtonResult(trial, lower, iteration + 1, lower <= ACCEPTED)
+                return NewtonResult(trial, lower, iteration + 1, lower <= accepted)
             break
         x, value = trial, trial_value
-    return NewtonResult(x, residual, iteration, bool(residual <= ACCEPTED))
+    return NewtonResult(x, residual, iteration, bool(residual <= accepted))
 
 
 def _factor_or_none(hessian: sps.csc_array) -> Factor | None:
