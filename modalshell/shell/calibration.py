@@ -5,7 +5,7 @@ A smooth curvature :math:`\kappa` (a symmetric tensor in the tangent plane) fold
 :math:`k_f\,\kappa : C : \kappa` per area with :math:`C = \sum_e (l_0/h_0)\, r_e r_e^T / A`, which takes the place of a
 plate's :math:`D \kappa^2 / 2`. Vertices then shift along the normal until they are in balance, which softens meshes whose
 vertices differ in valence (union-jack: from 3 to 2.5), so the constants are measured with that relaxation: on patches
-of the mesh, or for a flat strip by bending the strip itself.
+of the mesh, or for a flat strip on the strip itself.
 """
 
 from __future__ import annotations
@@ -40,13 +40,19 @@ class BendingConstants:
         c of MATH.md 9: no curvature across (a plate held across).
     narrow : float
         b of MATH.md 9: curvature across and twist free (a narrow strip).
-    elongation : float
-        Length over width of the mesh.
+    length, width : float
+        The two largest extents of the mesh along its principal axes [m].
     """
 
     wide: float
     narrow: float
-    elongation: float
+    length: float
+    width: float
+
+    @property
+    def elongated(self) -> bool:
+        """Whether the mesh is long enough for its width to count as a strip."""
+        return self.length >= ELONGATED * self.width
 
 
 def adjacent_areas(mesh: TriangleMesh) -> Array:
@@ -54,6 +60,22 @@ def adjacent_areas(mesh: TriangleMesh) -> Array:
     total = np.zeros(len(mesh.edges))
     np.add.at(total, mesh.face_edges, mesh.face_areas[:, None])
     return total
+
+
+def hinge_weights(mesh: TriangleMesh) -> Array:
+    """``l0 / h0`` of every hinge (H,), with h0 a third of the mean of the two heights over the edge (MATH.md 1)."""
+    areas = mesh.face_areas[mesh.edge_faces[mesh.hinge_edges]].sum(axis=1)
+    return np.asarray(3.0 * mesh.edge_lengths[mesh.hinge_edges] ** 2 / areas)
+
+
+def clamp_line_hinges(mesh: TriangleMesh, clamped: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Hinges (H,) between one triangle that is wholly held and one that is not.
+
+    Such a hinge stands for the free half of its cell only (MATH.md 9, "Clamp bias").
+    """
+    held = clamped[mesh.faces].all(axis=1)
+    faces = mesh.edge_faces[mesh.hinge_edges]
+    return np.asarray(held[faces[:, 0]] != held[faces[:, 1]])
 
 
 def _hinge_geometry(mesh: TriangleMesh) -> tuple[Array, Array, Array, Array, Array]:
@@ -107,13 +129,14 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
     """Bending constants of a mesh for bending along ``direction``, or for its long axis, or on the mean (see Material)."""
     if len(mesh.hinges) == 0:
         raise MaterialError("a mesh without interior edges has no hinges and cannot bend (got 0 hinges); refine it")
-    axis, elongation, flat = _long_axis(mesh)
+    axis, length, width, flat = _long_axis(mesh)
+    elongated = length >= ELONGATED * width
     if direction is not None:
         given = np.asarray(direction, dtype=np.float64)
         if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
             raise MaterialError(f"direction must be a finite, non-zero vector of three numbers (got {direction!r})")
         axis = given / np.linalg.norm(given)
-    elif elongation < ELONGATED:
+    elif not elongated:
         axis = np.array([1.0, 0.0, 0.0]) if flat else np.zeros(3)
 
     tensor = _relaxed_tensor(mesh, axis)
@@ -125,22 +148,17 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
         sphere = tensor[0, 0] + tensor[1, 1] + 2.0 * tensor[0, 1]
         poisson = sphere / (2.0 * wide) - 1.0
         narrow = wide * (1.0 - poisson**2)
-    if flat and direction is None and elongation >= ELONGATED:
-        narrow = _bent_strip(mesh, axis) or narrow
-    return BendingConstants(float(wide), float(narrow), elongation)
-
-
-def _hinge_weights(mesh: TriangleMesh) -> Array:
-    """``l0 / h0`` of every hinge (MATH.md 1)."""
-    areas = mesh.face_areas[mesh.edge_faces[mesh.hinge_edges]].sum(axis=1)
-    return np.asarray(3.0 * mesh.edge_lengths[mesh.hinge_edges] ** 2 / areas)
+    if flat and direction is None and elongated:
+        measured = _cantilever(mesh, axis)
+        narrow = measured if np.isfinite(measured) else narrow
+    return BendingConstants(float(wide), float(narrow), length, width)
 
 
 def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
     """Mean C (3, 3) in (along, across, twist) over patches; per-patch axes are arbitrary where ``axis`` is zero."""
     rows, tangents, normals = hinge_rows(mesh)
     operator = hinge_operator(mesh)
-    weights = _hinge_weights(mesh)
+    weights = hinge_weights(mesh)
     graph = sps.coo_array((np.ones(len(mesh.edges)), mesh.edges.T), shape=(len(mesh.vertices),) * 2).tocsr()
     graph = sps.csr_array(graph + graph.T)
     depth = _rings(graph, mesh.boundary_vertices)
@@ -185,38 +203,31 @@ def _rings(graph: sps.csr_array, sources: NDArray[np.int64]) -> NDArray[np.int64
     return distance
 
 
-def _bent_strip(mesh: TriangleMesh, axis: Array) -> float | None:
-    """Narrow constant of a flat strip, measured by bending it with a couple at each end; None if it is too short.
+def _cantilever(mesh: TriangleMesh, axis: Array) -> float:
+    """Narrow constant of a flat strip, measured on the strip itself: its drop under its own weight, clamped at an end.
 
-    Its moment M and the curvature of its middle part give ``b = M / (2 kappa width)``: free sides and all.
+    A beam of bending stiffness EI drops by ``q L^4 / (8 EI)``; with ``EI = 2 b k_f width`` this gives b, with the free
+    sides and the clamp, near which the strip cannot curve across. The mean over clamping either end.
     """
-    along = (mesh.vertices - mesh.vertices.mean(axis=0)) @ axis
-    across = (mesh.vertices - mesh.vertices.mean(axis=0)) @ np.cross(mesh.face_normals[0], axis)
-    length = np.ptp(along)
-    along = along - along.min()
-    load = np.zeros(len(along))
-    moment = 0.0
-    for zone, sign in ((along < 0.15 * length, 1.0), (along > 0.85 * length, -1.0)):
-        arm = along[zone] - along[zone].mean()
-        if np.unique(arm.round(9)).size < 2:
-            return None
-        load[zone] = sign * arm / (arm @ arm)
-        moment = 1.0
-    middle = (along > 0.3 * length) & (along < 0.7 * length)
-    if np.count_nonzero(middle) < 8:
-        return None
     operator = hinge_operator(mesh)
-    stiffness = sps.csc_array(2.0 * operator.T @ sps.diags_array(_hinge_weights(mesh)) @ operator)
-    # Three vertices that span the plane take the rigid part away.
-    pins = [int(np.argmin(along + across)), int(np.argmax(along + across)), int(np.argmax(across - along))]
-    kept = np.setdiff1d(np.arange(len(along)), pins)
-    shape = np.zeros(len(along))
-    shape[kept] = spla.spsolve(stiffness[kept][:, kept], load[kept])
-    x, y = along[middle] - 0.5 * length, across[middle]
-    terms = np.stack([np.ones_like(x), x, y, 0.5 * x * x, x * y, 0.5 * y * y], axis=1)
-    curvature = abs(np.linalg.lstsq(terms, shape[middle], rcond=None)[0][3])
-    width = mesh.area / length
-    return float(moment / (2.0 * curvature * width)) if curvature > 0 else None
+    vertex_area = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), minlength=len(mesh.vertices))
+    constants = []
+    for direction in (axis, -axis):
+        along = mesh.vertices @ direction
+        along = along - along.min()
+        length = along.max()
+        first = along[mesh.faces].min(axis=1) < 1e-6 * length
+        clamp = along[mesh.faces][first].max()
+        held = along <= clamp * (1.0 + 1e-9)
+        free = np.flatnonzero(~held)
+        if free.size == 0:
+            continue
+        weights = hinge_weights(mesh) * np.where(clamp_line_hinges(mesh, held), 2.0, 1.0)
+        stiffness = sps.csc_array(2.0 * operator.T @ sps.diags_array(weights) @ operator)
+        drop = spla.spsolve(stiffness[free][:, free], vertex_area[free])
+        tip = drop[along[free] > (1.0 - 1e-6) * length].mean()
+        constants.append((length - clamp) ** 4 / (16.0 * tip))
+    return float(np.mean(constants)) if constants else np.nan
 
 
 def lowest_stable_stretch(mesh: TriangleMesh, shear: Array) -> Array:
@@ -237,14 +248,14 @@ def lowest_stable_stretch(mesh: TriangleMesh, shear: Array) -> Array:
         return np.asarray(-0.999 / compliance.sum(axis=1))
 
 
-def _long_axis(mesh: TriangleMesh) -> tuple[Array, float, bool]:
-    """Unit vector of the longest extent, length over width, and whether the mesh is flat."""
+def _long_axis(mesh: TriangleMesh) -> tuple[Array, float, float, bool]:
+    """Unit vector of the longest extent, that extent, the next one [m], and whether the mesh is flat."""
     centred = mesh.vertices - mesh.vertices.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)
     extents = np.ptp(centred @ axes.T, axis=0)
     order = np.argsort(extents)[::-1]
     extents = extents[order]
-    return axes[order[0]], float(extents[0] / extents[1]), bool(extents[2] <= _FLAT * extents[0])
+    return axes[order[0]], float(extents[0]), float(extents[1]), bool(extents[2] <= _FLAT * extents[0])
 
 
 def _turn(rows: Array, tangents: Array, normals: Array, axis: Array) -> Array:

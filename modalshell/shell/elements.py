@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
+from modalshell.shell import calibration
 from modalshell.shell.material import Material
 
 Array = NDArray[np.float64]
@@ -38,34 +39,16 @@ class ElementSet:
     weight: Array
 
 
-def hinge_shape(mesh: TriangleMesh) -> Array:
-    """``l0 / h0`` of every hinge, with h0 a third of the mean of the two heights over the edge (MATH.md 1)."""
-    lengths = mesh.edge_lengths[mesh.hinge_edges]
-    faces = mesh.edge_faces[mesh.hinge_edges]
-    mean_height = mesh.face_areas[faces].sum(axis=1) / lengths
-    return lengths / (mean_height / 3.0)
-
-
-def clamp_line_hinges(mesh: TriangleMesh, clamped: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Hinges (H,) between one triangle that is wholly held and one that is not.
-
-    Such a hinge stands for the free half of its cell only (MATH.md 9, "Clamp bias").
-    """
-    held = clamped[mesh.faces].all(axis=1)
-    faces = mesh.edge_faces[mesh.hinge_edges]
-    return np.asarray(held[faces[:, 0]] != held[faces[:, 1]])
-
-
 def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.bool_]) -> list[ElementSet]:
     """Stretch over triangles, shear over edges, flexure over hinges, each with its rest state from the mesh."""
     stretch_stiffness, shear_stiffness, flexure_stiffness = material.per_element(mesh)
     if material.correct_clamp:
-        flexure_stiffness = flexure_stiffness * np.where(clamp_line_hinges(mesh, clamped), 2.0, 1.0)
+        flexure_stiffness = flexure_stiffness * np.where(calibration.clamp_line_hinges(mesh, clamped), 2.0, 1.0)
     sets = []
     for kernel, stencils, stiffness, size in (
         (stretch, mesh.faces, stretch_stiffness, 1.0 / mesh.face_areas),
         (shear, mesh.edges, shear_stiffness, 1.0 / mesh.edge_lengths),
-        (flexure, mesh.hinges, flexure_stiffness, hinge_shape(mesh)),
+        (flexure, mesh.hinges, flexure_stiffness, calibration.hinge_weights(mesh)),
     ):
         stencils = np.ascontiguousarray(stencils, dtype=np.int64)
         rest = np.empty(stencils.shape[0])

@@ -134,9 +134,13 @@ class Material:
         rigidity = young * thickness**3 / 12.0
         constants = calibration.bending_constants(mesh, direction)
         if narrow is None:
-            narrow = constants.elongation >= calibration.ELONGATED
+            narrow = constants.elongated
         if narrow:
-            flexure = rigidity / (2.0 * constants.narrow)
+            # As a wide, thin strip bends further its membrane takes the curvature across away (Searle), and the hinges'
+            # own Poisson effect with it: their constant rises from b towards c. The share of that is split between
+            # small and large deflection: 2.5 % at most.
+            searle = constants.width**2 / (thickness * constants.length)
+            flexure = rigidity / (2.0 * constants.narrow * (1.0 + 0.025 * searle / (searle + 5.0)))
         else:
             flexure = rigidity / (1.0 - poisson**2) / (2.0 * constants.wide)
         return cls(stretch_values, shear, flexure, density * thickness, correct_clamp=True)

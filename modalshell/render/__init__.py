@@ -1,0 +1,11 @@
+"""Pictures and films of shells, drawn by PyVista where OpenGL works and by matplotlib everywhere else.
+
+Importing this package imports neither library: both are loaded when something is drawn.
+"""
+
+from modalshell.render.backend import choose_backend
+from modalshell.render.film import write_film
+from modalshell.render.scene import ShadedSurface, View
+from modalshell.render.views import draw_views
+
+__all__ = ["ShadedSurface", "View", "choose_backend", "draw_views", "write_film"]

@@ -1,0 +1,108 @@
+"""Which library draws: found out once, in a child process, because VTK without OpenGL crashes instead of raising."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Sequence
+from typing import Literal, cast
+
+from modalshell.errors import ModalShellWarning, OptionError
+
+Backend = Literal["pyvista", "matplotlib"]
+
+RENDERER_VARIABLE = "MODALSHELL_RENDERER"
+WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
+APT_LINE = "apt-get install libegl1 libgl1-mesa-dri"
+PROBE_SECONDS = 60.0
+
+_PROBE = """
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+except (ImportError, OSError, ValueError):
+    pass
+import pyvista
+plotter = pyvista.Plotter(off_screen=True, window_size=(64, 64))
+plotter.add_mesh(pyvista.Sphere())
+image = plotter.screenshot(None, return_img=True)
+plotter.close()
+print("modalshell-probe", "ok" if image.max() > image.min() and image.std() > 1.0 else "blank")
+"""
+PROBE_COMMAND: tuple[str, ...] = (sys.executable, "-c", _PROBE)
+_lock = threading.Lock()
+
+
+def choose_backend(
+    *, probe_command: Sequence[str] | None = None, timeout: float = PROBE_SECONDS
+) -> Backend:
+    """
+    Name the library that draws on this machine.
+
+    The answer is kept in the environment variable ``MODALSHELL_RENDERER``, so that neither this process nor its
+    children probe again; a user who sets it to ``pyvista`` or ``matplotlib`` skips the probe. Where only one kind of
+    off-screen window works, ``VTK_DEFAULT_OPENGL_WINDOW`` is set to it.
+
+    Parameters
+    ----------
+    probe_command : sequence of str, optional
+        Command that prints ``modalshell-probe ok`` where PyVista renders; by default a child Python that draws a
+        sphere.
+    timeout : float
+        Longest wait for one probe [s].
+
+    Returns
+    -------
+    str
+        ``"pyvista"`` or ``"matplotlib"``.
+    """
+    with _lock:
+        named = os.environ.get(RENDERER_VARIABLE, "")
+        if named:
+            if named not in ("pyvista", "matplotlib"):
+                raise OptionError(
+                    f"{RENDERER_VARIABLE} must be 'pyvista' or 'matplotlib' (got {named!r}); unset it to let "
+                    "modalshell find out which of them draws here"
+                )
+            return cast(Backend, named)
+        command = PROBE_COMMAND if probe_command is None else tuple(probe_command)
+        for window in _window_candidates():
+            if _renders(command, window, timeout):
+                if window is not None:
+                    os.environ[WINDOW_VARIABLE] = window
+                os.environ[RENDERER_VARIABLE] = "pyvista"
+                return "pyvista"
+        # Set before the warning, which a caller may have turned into an error: the next call must not probe again.
+        os.environ[RENDERER_VARIABLE] = "matplotlib"
+    warnings.warn(
+        "PyVista renders nothing on this machine (no OpenGL), so shapes are drawn by matplotlib: slower and plainer. "
+        f"On Debian or Ubuntu this mends it: {APT_LINE}",
+        ModalShellWarning,
+        stacklevel=2,
+    )
+    return "matplotlib"
+
+
+def _window_candidates() -> list[str | None]:
+    """List the off-screen windows to try in order; None leaves the environment as the user set it."""
+    if not sys.platform.startswith("linux"):
+        return [None]
+    offered = ["vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"]
+    return [None, *(name for name in offered if name != os.environ.get(WINDOW_VARIABLE))]
+
+
+def _renders(command: Sequence[str], window: str | None, timeout: float) -> bool:
+    """Tell whether the probe draws a picture; a crash, a failed import, a blank picture and a hang all say no."""
+    environment = dict(os.environ)
+    if window is not None:
+        environment[WINDOW_VARIABLE] = window
+    try:
+        child = subprocess.run(
+            list(command), env=environment, stdin=subprocess.DEVNULL, capture_output=True, timeout=timeout, check=False
+        )
+    except (subprocess.TimeoutExpired, OSError):
+        return False
+    return child.returncode == 0 and b"modalshell-probe ok" in child.stdout

@@ -1,0 +1,127 @@
+"""Cameras that frame given points exactly, the same for both back ends."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+VIEW_ANGLE = math.radians(22.0)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """
+    A camera that looks along minus its third axis.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (3, 3)
+        Rows: unit vectors to the right, up and from target to camera.
+    center : ndarray, shape (3,)
+        Target point in these axes [m].
+    distance : float
+        From target to camera [m].
+    slope : float
+        Tangent of half the vertical view angle.
+    aspect : float
+        Width over height of the picture.
+    parallel : bool
+        Parallel projection, with half the picture's height `distance * slope`.
+    """
+
+    axes: NDArray[np.float64]
+    center: NDArray[np.float64]
+    distance: float
+    slope: float
+    aspect: float
+    parallel: bool
+
+    @property
+    def target(self) -> NDArray[np.float64]:
+        """Point looked at [m], shape (3,)."""
+        return np.asarray(self.center @ self.axes, dtype=np.float64)
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Position of the camera [m], shape (3,)."""
+        return np.asarray(self.target + self.distance * self.axes[2], dtype=np.float64)
+
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map points (n, 3) [m] to picture coordinates in [-1, 1] and the height towards the camera [m], (n, 3)."""
+        local = points @ self.axes.T - self.center
+        reach = self.slope * (self.distance if self.parallel else np.maximum(self.distance - local[:, 2], 1e-9))
+        return np.column_stack([local[:, 0] / (reach * self.aspect), local[:, 1] / reach, local[:, 2]])
+
+    def facing(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the directions from points (n, 3) to the camera, shape (n, 3), not normalised."""
+        if self.parallel:
+            return np.broadcast_to(self.axes[2], points.shape)
+        return np.asarray(self.position - points, dtype=np.float64)
+
+
+def camera_axes(direction: ArrayLike) -> NDArray[np.float64]:
+    """Build the rows right, up, backward from the direction target to camera, with z (or else y) up."""
+    backward = np.asarray(direction, dtype=np.float64)
+    backward = backward / np.linalg.norm(backward)
+    upright = np.array([0.0, 0.0, 1.0]) if abs(backward[2]) < 0.999 else np.array([0.0, 1.0, 0.0])
+    right = np.cross(upright, backward)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(backward, right), backward])
+
+
+def frame_points(
+    points: NDArray[np.float64],
+    direction: ArrayLike,
+    aspect: float,
+    *,
+    zoom: float = 1.0,
+    margin: float = 0.06,
+    parallel: bool = False,
+) -> Camera:
+    """
+    Place a camera so that the points just fill the picture but for a margin.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        What must be seen [m].
+    direction : array_like, shape (3,)
+        From target to camera.
+    aspect : float
+        Width over height of the picture.
+    zoom : float
+        Magnification over this framing.
+    margin : float
+        Free part of the picture at each side.
+    parallel : bool
+        Parallel instead of perspective projection.
+
+    Returns
+    -------
+    Camera
+        The camera.
+    """
+    axes = camera_axes(direction)
+    local = points @ axes.T
+    low, high = local.min(axis=0), local.max(axis=0)
+    center = 0.5 * (low + high)
+    span = max(float(np.max(high - low)), 1e-9 * max(1.0, float(np.abs(local).max())), 1e-12)
+    slope = math.tan(0.5 * VIEW_ANGLE)
+    free = 1.0 - 2.0 * margin
+    if parallel:
+        half = 0.5 * (high - low) / free
+        half_height = max(half[0] / aspect, half[1], 1e-3 * span)
+        # Far enough for the whole scene to lie in front of the camera.
+        distance = 4.0 * span + half_height
+        return Camera(axes, center, distance, half_height / distance / zoom, aspect, True)
+    # Smallest distance at which every point lies in the cone; the best offset across has a closed form.
+    needed = [float(high[2]) + 0.05 * span]
+    for axis, tangent in ((0, free * slope * aspect), (1, free * slope)):
+        plus = float(np.max(local[:, 2] + local[:, axis] / tangent))
+        minus = float(np.max(local[:, 2] - local[:, axis] / tangent))
+        center[axis] = 0.5 * tangent * (plus - minus)
+        needed.append(0.5 * (plus + minus))
+    return Camera(axes, center, max(needed) - float(center[2]), slope / zoom, aspect, False)

@@ -1,0 +1,57 @@
+"""What a back end can do, and how the right one is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.render.backend import choose_backend
+from modalshell.render.camera import Camera
+from modalshell.render.scene import ShadedSurface
+from modalshell.render.surfaces import ScalarColors
+
+# Pictures are drawn this many times larger in each direction and averaged: even edges with any OpenGL.
+SUPERSAMPLING = 2
+
+
+class Painter(Protocol):
+    """Draws surfaces into images of one size; a context manager that frees its window."""
+
+    def start(self, surfaces: Sequence[ShadedSurface], camera: Camera, scalar_colors: ScalarColors | None) -> None:
+        """Replace everything shown."""
+
+    def move(self, index: int, vertices: NDArray[np.float64]) -> None:
+        """Move the vertices (n, 3) of one surface, keeping its triangles."""
+
+    def image(self) -> NDArray[np.uint8]:
+        """Draw, and return pixels of shape (height, width, 3)."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+def open_painter(size: tuple[int, int]) -> Painter:
+    """Open the back end that draws here, for images of `size` (width, height) in pixels."""
+    if choose_backend() == "pyvista":
+        from modalshell.render.pyvista_painter import PyvistaPainter
+
+        return PyvistaPainter(size)
+    from modalshell.render.fallback import MatplotlibPainter
+
+    return MatplotlibPainter(size)
+
+
+def shrink(pixels: NDArray[np.uint8], factor: int = SUPERSAMPLING) -> NDArray[np.uint8]:
+    """Average blocks of `factor` x `factor` pixels, (h, w, 3) to (h / factor, w / factor, 3)."""
+    total = np.zeros((pixels.shape[0] // factor, pixels.shape[1] // factor, 3), dtype=np.uint16)
+    for row in range(factor):
+        for column in range(factor):
+            total += pixels[row::factor, column::factor, :3]
+    return ((total + factor * factor // 2) // (factor * factor)).astype(np.uint8)

@@ -1,0 +1,128 @@
+"""Drawing with PyVista, off-screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.render.camera import Camera
+from modalshell.render.painter import SUPERSAMPLING, shrink
+from modalshell.render.scene import ShadedSurface
+from modalshell.render.surfaces import EdgeTable, ScalarColors, line_color, vertex_colors, vertex_normals
+
+
+class PyvistaPainter:
+    """
+    One off-screen plotter, reused for every view and frame.
+
+    Parameters
+    ----------
+    size : tuple of int
+        Width and height of the images [pixels].
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        import pyvista
+
+        self._pyvista: Any = pyvista
+        window = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
+        # A theme of its own, so that a user's global theme changes no figure.
+        theme = pyvista.themes.DocumentTheme()
+        self._plotter: Any = pyvista.Plotter(off_screen=True, window_size=window, lighting="light kit", theme=theme)
+        self._plotter.set_background("white")
+        self._shown: list[_Shown] = []
+        self._camera: Camera | None = None
+
+    def start(self, surfaces: Sequence[ShadedSurface], camera: Camera, scalar_colors: ScalarColors | None) -> None:
+        """Replace everything shown."""
+        plotter = self._plotter
+        plotter.clear_actors()
+        self._camera = camera
+        self._shown = [_Shown(self._pyvista, plotter, surface, camera, scalar_colors) for surface in surfaces]
+        if any(surface.opacity < 1.0 for surface in surfaces):
+            plotter.enable_depth_peeling(number_of_peels=8)
+        else:
+            plotter.disable_depth_peeling()
+        plotter.camera_position = [camera.position, camera.target, camera.axes[1]]
+        view = plotter.camera
+        if camera.parallel:
+            view.enable_parallel_projection()
+            view.parallel_scale = camera.distance * camera.slope
+        else:
+            view.disable_parallel_projection()
+            view.view_angle = math.degrees(2.0 * math.atan(camera.slope))
+
+    def move(self, index: int, vertices: NDArray[np.float64]) -> None:
+        """Move the vertices (n, 3) of one surface, keeping its triangles."""
+        assert self._camera is not None
+        self._shown[index].move(vertices, self._camera)
+
+    def image(self) -> NDArray[np.uint8]:
+        """Draw, and return pixels of shape (height, width, 3)."""
+        self._plotter.renderer.ResetCameraClippingRange()
+        self._plotter.render()
+        return shrink(np.asarray(self._plotter.screenshot(None, return_img=True)))
+
+    def __enter__(self) -> Self:
+        """Open."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the plotter, which frees its OpenGL window."""
+        self._plotter.close()
+        self._plotter.deep_clean()
+
+
+class _Shown:
+    """A surface inside the plotter: its faces, and its outline as lines over the same points."""
+
+    def __init__(
+        self, pyvista: Any, plotter: Any, surface: ShadedSurface, camera: Camera, scalar_colors: ScalarColors | None
+    ) -> None:
+        self._surface = surface
+        vertices, self._faces = np.array(surface.vertices), np.asarray(surface.faces)
+        self._table = EdgeTable.of(self._faces)
+        self._mesh = self._lines = None
+        if surface.style == "surface":
+            self._mesh = pyvista.PolyData.from_regular_faces(vertices, self._faces)
+            self._mesh.point_data["colors"] = np.round(255.0 * vertex_colors(surface, scalar_colors)).astype(np.uint8)
+            actor = plotter.add_mesh(
+                self._mesh, scalars="colors", rgb=True, opacity=surface.opacity, show_edges=surface.edges,
+                edge_color=tuple(line_color(surface)), line_width=0.6 * SUPERSAMPLING, smooth_shading=False,
+                ambient=0.22, diffuse=0.82, specular=0.12, specular_power=25.0, reset_camera=False, copy_mesh=False,
+            )  # fmt: skip
+            if surface.smooth:
+                actor.prop.interpolation = "Phong"
+            # Faces step back a little so that lines on them are never half hidden.
+            actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
+            actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 1.0)
+        self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(vertices, camera))
+        plotter.add_mesh(
+            self._lines, color=tuple(line_color(surface)), opacity=min(1.0, 0.35 + surface.opacity) if self._mesh
+            else surface.opacity, line_width=(0.6 if surface.style == "wireframe" else 1.1) * SUPERSAMPLING,
+            lighting=False, reset_camera=False, copy_mesh=False,
+        )  # fmt: skip
+        self.move(vertices, camera)
+
+    def move(self, vertices: NDArray[np.float64], camera: Camera) -> None:
+        """Update the points in place, and what depends on them."""
+        if self._mesh is not None:
+            self._mesh.points = vertices
+            if self._surface.smooth:
+                self._mesh.point_data.active_normals = vertex_normals(vertices, self._faces)
+        if self._lines is not None:
+            self._lines.points = vertices
+            self._lines.lines = self._line_cells(vertices, camera)
+
+    def _line_cells(self, vertices: NDArray[np.float64], camera: Camera) -> NDArray[np.int64]:
+        edges = self._table.edges
+        if self._surface.style != "wireframe":
+            edges = edges[self._table.outline(vertices, self._faces, camera)]
+        return np.column_stack([np.full(len(edges), 2), edges]).ravel()

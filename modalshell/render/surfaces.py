@@ -1,0 +1,101 @@
+"""Normals, contour lines and colours of a surface: shared by both back ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.render.camera import Camera
+from modalshell.render.scene import ShadedSurface, rgb
+
+
+@dataclass(frozen=True)
+class ScalarColors:
+    """One colour map and range for all scalars of a picture."""
+
+    colormap: str
+    low: float
+    high: float
+
+    def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Map values (n,) to colours (n, 3) in [0, 1]."""
+        import matplotlib
+
+        span = self.high - self.low
+        unit = (values - self.low) / span if span > 0.0 else np.full(len(values), 0.5)
+        return np.asarray(matplotlib.colormaps[self.colormap](np.clip(unit, 0.0, 1.0)))[:, :3]
+
+
+@dataclass(frozen=True)
+class EdgeTable:
+    """
+    Undirected edges of a triangle set.
+
+    Attributes
+    ----------
+    edges : ndarray of int, shape (E, 2)
+        Vertex indices.
+    left, right : ndarray of int, shape (E,)
+        Two of the faces beside each edge, the same face twice at the border.
+    """
+
+    edges: NDArray[np.int64]
+    left: NDArray[np.int64]
+    right: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, faces: NDArray[np.int64]) -> EdgeTable:
+        """Build the table of `faces` (T, 3)."""
+        pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        owners = np.tile(np.arange(len(faces)), 3)
+        order = np.lexsort((owners, pairs[:, 1], pairs[:, 0]))
+        pairs, owners = pairs[order], owners[order]
+        starts = np.flatnonzero(np.r_[True, (pairs[1:] != pairs[:-1]).any(axis=1)])
+        ends = np.r_[starts[1:], len(pairs)] - 1
+        return cls(pairs[starts], owners[starts], owners[ends])
+
+    def outline(self, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera) -> NDArray[np.int64]:
+        """Number the border edges and the edges between a face towards the camera and one away from it."""
+        normals = face_normals(vertices, faces)
+        toward = np.einsum("ij,ij->i", normals, camera.facing(vertices[faces].mean(axis=1))) > 0.0
+        # Where neighbours are wound apart their normals disagree without any contour.
+        aligned = np.einsum("ij,ij->i", normals[self.left], normals[self.right]) > -0.5
+        contour = (toward[self.left] != toward[self.right]) & aligned
+        return np.flatnonzero((self.left == self.right) | contour)
+
+
+def face_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return unit normals of the faces, shape (T, 3); zero for a face without area."""
+    corners = vertices[faces]
+    return _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
+def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return unit vertex normals, averaged over faces by area, shape (n, 3)."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(normals[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
+    )
+    return _unit(total)
+
+
+def vertex_colors(surface: ShadedSurface, scalar_colors: ScalarColors | None) -> NDArray[np.float64]:
+    """Return the colours of the vertices before shading, shape (n, 3) in [0, 1]."""
+    if surface.scalars is not None and scalar_colors is not None:
+        return scalar_colors(np.asarray(surface.scalars))
+    return np.tile(rgb(surface.color), (len(np.asarray(surface.vertices)), 1))
+
+
+def line_color(surface: ShadedSurface) -> NDArray[np.float64]:
+    """Return the colour of a surface's outline (3,): its own, darker; grey over scalars."""
+    if surface.style != "surface":
+        return rgb(surface.color)
+    return np.full(3, 0.25) if surface.scalars is not None else 0.45 * rgb(surface.color)
+
+
+def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0))

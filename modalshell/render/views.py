@@ -1,0 +1,149 @@
+"""The one picture that everything draws: a page of views."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import OptionError
+from modalshell.render.camera import camera_axes, frame_points
+from modalshell.render.compose import Entry, Page
+from modalshell.render.painter import open_painter
+from modalshell.render.scene import View, checked_path, checked_size, rgb
+from modalshell.render.surfaces import ScalarColors
+
+
+def draw_views(
+    views: Sequence[View],
+    path: str | Path,
+    *,
+    columns: int | None = None,
+    size: tuple[int, int] = (1600, 900),
+    link_cameras: bool = True,
+    legend: bool = True,
+    title: str | None = None,
+    parallel: bool = False,
+    colormap: str = "viridis",
+    scalar_range: tuple[float, float] | None = None,
+    scalar_label: str | None = None,
+) -> Path:
+    """
+    Draw views side by side into a PNG file.
+
+    Parameters
+    ----------
+    views : sequence of View
+        The cells, row by row.
+    path : str or Path
+        File to write, ending in ``.png``; its folder is made where it is missing.
+    columns : int, optional
+        Cells in a row; by default as many as show the shapes largest.
+    size : tuple of int
+        Width and height of the picture [pixels].
+    link_cameras : bool
+        Frame every view on the shapes of all views, so that sizes compare; otherwise each view on its own.
+    legend : bool
+        Name the colours of labelled surfaces, once each, below the cells.
+    title : str, optional
+        Text above all cells.
+    parallel : bool
+        Parallel instead of perspective projection.
+    colormap : str
+        Matplotlib colour map for scalars.
+    scalar_range : tuple of float, optional
+        Values at the ends of the colour map; by default the extremes over all views.
+    scalar_label : str, optional
+        Title of the colour bar; by default the label of the first surface with scalars.
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
+    cells = list(views)
+    if not cells or not all(isinstance(view, View) for view in cells):
+        raise OptionError("views must be a sequence of at least one View")
+    if columns is not None and not 1 <= columns <= 64:
+        raise OptionError(f"columns must lie from 1 to 64 (got {columns})")
+    size = checked_size(size)
+    target = checked_path(path, ".png")
+    scalar_colors, named = _scalar_colors(cells, colormap, scalar_range)
+    clouds = [np.concatenate([np.asarray(surface.vertices) for surface in view.surfaces]) for view in cells]
+    if link_cameras:
+        clouds = [np.concatenate(clouds)] * len(cells)
+
+    def layout(count: int) -> Page:
+        return Page(
+            size, [(view.title, view.subtitle) for view in cells], min(count, len(cells)), title,
+            _legend_entries(cells) if legend else (), scalar_colors, scalar_label or named,
+        )  # fmt: skip
+
+    page = layout(columns or _best_columns(cells[0], clouds[0], len(cells), size))
+    if page.cell[0] < 48 or page.cell[1] < 48:
+        raise OptionError(f"size {size} leaves cells of {page.cell} pixels for {len(cells)} views; make it larger")
+    images = []
+    with open_painter(page.cell) as painter:
+        for view, cloud in zip(cells, clouds, strict=True):
+            aspect = page.cell[0] / page.cell[1]
+            camera = frame_points(cloud, view.camera, aspect, zoom=view.zoom, parallel=parallel)
+            painter.start(view.surfaces, camera, scalar_colors)
+            images.append(painter.image())
+    _save(page.paint(images), target)
+    return target
+
+
+def _best_columns(view: View, cloud: NDArray[np.float64], count: int, size: tuple[int, int]) -> int:
+    """Return the number of columns that shows the first view's shapes largest."""
+    spread = np.ptp(cloud @ camera_axes(view.camera).T, axis=0)
+    width, height = max(spread[0], 1e-12), max(spread[1], 1e-12)
+
+    def scale(columns: int) -> float:
+        rows = -(-count // columns)
+        return float(min(size[0] / columns / width, 0.85 * size[1] / rows / height))
+
+    return max(range(count, 0, -1), key=scale)
+
+
+def _legend_entries(views: Sequence[View]) -> list[Entry]:
+    """List each pair of label and colour once, in order of appearance."""
+    entries: dict[tuple[str, tuple[float, ...]], Entry] = {}
+    for view in views:
+        for surface in view.surfaces:
+            if surface.label and surface.scalars is None:
+                color = rgb(surface.color)
+                entries.setdefault((surface.label, tuple(color.tolist())), (surface.label, color, surface.opacity))
+    return list(entries.values())
+
+
+def _scalar_colors(
+    views: Sequence[View], colormap: str, limits: tuple[float, float] | None
+) -> tuple[ScalarColors | None, str | None]:
+    """Return the colours common to all scalars and the first label among them; None without scalars."""
+    import matplotlib
+
+    if colormap not in matplotlib.colormaps:
+        raise OptionError(f"colormap must be the name of a matplotlib colour map (got {colormap!r})")
+    valued = [surface for view in views for surface in view.surfaces if surface.scalars is not None]
+    if not valued:
+        return None, None
+    values = np.concatenate([np.asarray(surface.scalars) for surface in valued])
+    low, high = (float(values.min()), float(values.max())) if limits is None else limits
+    if not (np.isfinite(low) and np.isfinite(high) and low <= high):
+        raise OptionError(f"scalar_range must be two finite numbers in order (got {limits!r})")
+    return ScalarColors(colormap, low, high), next((surface.label for surface in valued if surface.label), None)
+
+
+def _save(page: NDArray[np.uint8], target: Path) -> None:
+    """Write a PNG under a temporary name first, so that a killed run leaves no half picture."""
+    from matplotlib.image import imsave
+
+    partial = target.with_name(f".{target.stem}.{os.getpid()}.partial.png")
+    try:
+        imsave(partial, page)
+        os.replace(partial, target)
+    finally:
+        partial.unlink(missing_ok=True)
