@@ -54,7 +54,7 @@ class Page:
         width, height = self.size
         # 72 dots per inch make one point one pixel.
         self._figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72, facecolor="white")
-        self._canvas = FigureCanvasAgg(self._figure)
+        self._canvas: Any = FigureCanvasAgg(self._figure)
         rows = -(-len(self.captions) // self.columns)
         self.font = float(np.clip(min(height / 40.0, width / 60.0, 2.0 * height / (20.0 * rows)), 9.0, 40.0))
         line = 1.35 * self.font
@@ -124,7 +124,7 @@ class Page:
         bottom, top = (self._bottom + 0.14 * height) / height, 1.0 - (self._top + 0.14 * height) / height
         axes = self._figure.add_axes((left, bottom, 0.9 * self.font / width, top - bottom))
         colors = ScalarMappable(Normalize(bar.low - pad, bar.high + pad), bar.colormap)
-        colorbar = self._figure.colorbar(colors, cax=axes)
+        colorbar: Any = self._figure.colorbar(colors, cax=axes)
         colorbar.ax.tick_params(labelsize=0.8 * self.font)
         colorbar.ax.yaxis.get_offset_text().set_fontsize(0.8 * self.font)
         colorbar.locator = _few_ticks()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from modalshell.render.surfaces import (
     vertex_normals,
 )
 
-# Directions to the lights in camera axes (right, up, towards the viewer) and their strengths: VTK's light kit, simplified.
+# VTK's light kit, simplified: directions to the lights in camera axes (right, up, towards viewer) and strengths.
 _LIGHTS = ((np.array([0.11, 0.76, 0.63]), 0.50), (np.array([0.0, 0.0, 1.0]), 0.28), (np.array([-0.6, -0.6, 0.5]), 0.14))
 _AMBIENT = 0.26
 
@@ -86,7 +86,7 @@ class MatplotlibPainter:
             transform=IdentityTransform(),
         )
         figure.add_artist(collection)
-        canvas = FigureCanvasAgg(figure)
+        canvas: Any = FigureCanvasAgg(figure)
         canvas.draw()
         return shrink(np.asarray(canvas.buffer_rgba()))
 
@@ -94,7 +94,8 @@ class MatplotlibPainter:
         self, index: int
     ) -> list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]]:
         """Return polygons in pixels, heights, fill and stroke colours, line width: the faces, then the lines."""
-        surface, vertices, table, camera = self._surfaces[index], self._vertices[index], self._tables[index], self._camera
+        surface, vertices, table = self._surfaces[index], self._vertices[index], self._tables[index]
+        camera = self._camera
         assert camera is not None
         faces = np.asarray(surface.faces)
         projected = camera.project(vertices)
@@ -143,4 +144,4 @@ class MatplotlibPainter:
 
 
 def _with_alpha(color: NDArray[np.float64], alpha: float, count: int) -> NDArray[np.float64]:
-    return np.tile(np.append(color, alpha), (count, 1))
+    return np.asarray(np.tile(np.append(color, alpha), (count, 1)), dtype=np.float64)

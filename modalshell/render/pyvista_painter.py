@@ -27,9 +27,11 @@ class PyvistaPainter:
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
-        import pyvista
+        import importlib
 
-        self._pyvista: Any = pyvista
+        # Loaded as Any: PyVista's own annotations differ between its releases.
+        pyvista: Any = importlib.import_module("pyvista")
+        self._pyvista = pyvista
         window = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
         # A theme of its own, so that a user's global theme changes no figure.
         theme = pyvista.themes.DocumentTheme()

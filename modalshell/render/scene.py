@@ -67,8 +67,9 @@ class ShadedSurface:
             raise OptionError(f"style must be one of {get_args(Style)} (got {self.style!r})")
         if self.scalars is not None:
             values = np.asarray(self.scalars, dtype=np.float64)
-            if values.shape != (len(self.vertices),):
-                raise OptionError(f"scalars must have shape ({len(self.vertices)},), one per vertex (got {values.shape})")
+            expected = (len(self.vertices),)
+            if values.shape != expected:
+                raise OptionError(f"scalars must have shape {expected}, one value per vertex (got {values.shape})")
             if not np.isfinite(values).all():
                 raise OptionError(f"scalars must be finite (vertex {int(np.argmin(np.isfinite(values)))} is not)")
             self.scalars = values
@@ -170,4 +171,4 @@ def rgb(color: Color) -> NDArray[np.float64]:
     try:
         return np.array(to_rgb(color), dtype=np.float64)
     except ValueError as error:
-        raise OptionError(f"color must be a matplotlib colour such as 'tab:blue' or '#8fb3d9' (got {color!r})") from error
+        raise OptionError(f"color must be a matplotlib colour, 'tab:blue' or '#8fb3d9' say (got {color!r})") from error

@@ -57,7 +57,7 @@ class EdgeTable:
         return cls(pairs[starts], owners[starts], owners[ends])
 
     def outline(self, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera) -> NDArray[np.int64]:
-        """Number the border edges and the edges between a face towards the camera and one away from it."""
+        """Return the numbers of edges at the border, or between a face towards the camera and one away from it."""
         normals = face_normals(vertices, faces)
         toward = np.einsum("ij,ij->i", normals, camera.facing(vertices[faces].mean(axis=1))) > 0.0
         # Where neighbours are wound apart their normals disagree without any contour.

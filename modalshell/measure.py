@@ -1,0 +1,64 @@
+"""Measures of one answer against another."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.errors import LoadError, OptionError
+from modalshell.mesh import TriangleMesh
+from modalshell.shell import Shell
+
+Array = NDArray[np.float64]
+
+
+def displacement_error(
+    positions: ArrayLike, reference: ArrayLike, shape: TriangleMesh | Shell, *, weighted: bool = True
+) -> float:
+    """Relative displacement error ``|a - b| / |b - rest|``.
+
+    Parameters
+    ----------
+    positions, reference : array_like, shape (n, 3)
+        The answer a and the reference b [m].
+    shape : TriangleMesh or Shell
+        Gives the rest positions, and the weights: a shell's vertex masses, or a mesh's vertex areas.
+    weighted : bool
+        Whether to weight vertices (the norm of the mass matrix), or to count every vertex alike.
+
+    Raises
+    ------
+    LoadError
+        For positions of the wrong shape or not finite.
+    OptionError
+        If the reference does not move, so that no relative error exists.
+    """
+    mesh = shape.mesh if isinstance(shape, Shell) else shape
+    a, b = _checked(positions, mesh), _checked(reference, mesh)
+    if not weighted:
+        weights = np.ones(len(mesh.vertices))
+    elif isinstance(shape, Shell):
+        weights = shape.mass
+    else:
+        weights = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), minlength=len(mesh.vertices))
+    moved = float(np.sum(weights[:, None] * (b - mesh.vertices) ** 2))
+    if moved == 0.0:
+        raise OptionError("the reference does not move, so no relative error exists (got reference = rest positions)")
+    return float(np.sqrt(np.sum(weights[:, None] * (a - b) ** 2) / moved))
+
+
+def area_change(positions: ArrayLike, mesh: TriangleMesh) -> float:
+    """Relative change of the surface area, ``A(positions) / A(rest) - 1``."""
+    corners = _checked(positions, mesh)[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return float(0.5 * np.linalg.norm(normals, axis=1).sum() / mesh.area - 1.0)
+
+
+def _checked(positions: ArrayLike, mesh: TriangleMesh) -> Array:
+    x = np.asarray(positions, dtype=np.float64)
+    if x.shape != mesh.vertices.shape:
+        raise LoadError(f"positions must have shape {mesh.vertices.shape} (got {x.shape})")
+    if not np.isfinite(x).all():
+        bad = int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])
+        raise LoadError(f"positions must be finite (got {x[bad]} at vertex {bad})")
+    return x

@@ -1,0 +1,124 @@
+"""Motion of any rung under a dead load: time stepping, with a named outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.errors import OptionError
+from modalshell.rungs import Damping, Model
+from modalshell.rungs.model import Stopwatch, total_load
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated motion.
+
+    Attributes
+    ----------
+    times : ndarray, shape (F,)
+        Times of the stored frames [s], the start at 0 included.
+    positions : ndarray, shape (F, n, 3)
+        Vertex positions [m]; every one finite.
+    status : str
+        "completed", or what went wrong and when; then the frames up to there are kept.
+    unconverged_steps : int
+        Steps whose own solver did not converge.
+    seconds : float
+        Wall time.
+    """
+
+    times: Array
+    positions: Array
+    status: str
+    unconverged_steps: int
+    seconds: float
+
+
+def simulate(
+    model: Model,
+    *,
+    duration: float,
+    dt: float = 1.0 / 30.0,
+    gravity: ArrayLike | None = None,
+    force: ArrayLike | None = None,
+    damping: tuple[float, float] = (0.0, 0.0),
+    start: ArrayLike | None = None,
+    store_every: int = 1,
+    on_step: Callable[[int, int], None] | None = None,
+) -> Trajectory:
+    """Step a model from rest under a dead load.
+
+    Parameters
+    ----------
+    model : Model
+        Any rung.
+    duration : float
+        Simulated time [s]; rounded up to whole steps.
+    dt : float
+        Step [s].
+    gravity : array_like, shape (3,), optional
+        Acceleration on every vertex [m/s^2].
+    force : array_like, shape (n, 3), optional
+        Further force on every vertex [N].
+    damping : (float, float)
+        Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness.
+    start : array_like, shape (n, 3), optional
+        Positions at the start [m], at rest; the rest shape without them.
+    store_every : int
+        Store every so many steps (explicit steps are short).
+    on_step : callable, optional
+        Called after each step with the steps done and their total.
+
+    Returns
+    -------
+    Trajectory
+        The stored frames. A motion that leaves the finite numbers stops with the status "diverged at ...".
+
+    Raises
+    ------
+    OptionError
+        For a duration, step, damping or store_every out of range, or an explicit step above its stability estimate.
+    LoadError
+        For loads or positions of the wrong shape or not finite.
+    """
+    if not (np.isscalar(dt) and np.isfinite(dt) and dt > 0):
+        raise OptionError(f"dt must be a positive number of seconds (got {dt!r})")
+    if not (np.isscalar(duration) and np.isfinite(duration) and duration >= dt):
+        raise OptionError(f"duration must be at least one step of {dt:g} s (got {duration!r})")
+    if not isinstance(store_every, int | np.integer) or store_every < 1:
+        raise OptionError(f"store_every must be a positive integer (got {store_every!r})")
+    factors = np.asarray(damping, dtype=np.float64)
+    if factors.shape != (2,) or not np.isfinite(factors).all() or (factors < 0).any():
+        raise OptionError(f"damping must be two factors xi, zeta >= 0 (got {damping!r})")
+    rayleigh = Damping(float(factors[0]), float(factors[1]))
+    load = total_load(model.shell, gravity, force)
+    model.check_step(dt, rayleigh)
+    state = model.start_motion(None if start is None else model.shell.checked_positions(start))
+
+    watch = Stopwatch()
+    total = int(np.ceil(duration / dt - 1e-9))
+    times, frames = [0.0], [model.positions(state).copy()]
+    status, unconverged = "completed", 0
+    for count in range(1, total + 1):
+        with np.errstate(over="ignore", invalid="ignore"):
+            state, converged = model.step(state, dt, load, rayleigh)
+            unconverged += not converged
+            # A sum is finite only if every entry is (or it overflows, which is no better).
+            finite = np.isfinite(state.coordinates.sum() + state.rates.sum())
+        if not finite:
+            status = f"diverged at {count * dt:.6g} s: positions left the finite numbers"
+            break
+        if count % store_every == 0 or count == total:
+            times.append(count * dt)
+            frames.append(model.positions(state).copy())
+        if on_step is not None:
+            on_step(count, total)
+    if status == "completed" and unconverged:
+        status = f"completed, but {unconverged} of {total} steps did not converge"
+    return Trajectory(np.array(times), np.array(frames), status, unconverged, watch())

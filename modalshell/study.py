@@ -1,0 +1,96 @@
+"""Studies: results with a record of the run that made them, saved as JSON and NPZ; and where the studies are."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import importlib.util
+import json
+import os
+import platform
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import FileFormatError
+from modalshell.files import write_npz, write_text
+
+_PACKAGES = ("modalshell", "numpy", "scipy", "numba")
+
+
+def run_record(parameters: dict[str, Any], seed: int = 0) -> dict[str, Any]:
+    """What must be known to make a result again: versions, seed, parameters, machine."""
+    return {
+        "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "versions": {name: importlib.metadata.version(name) for name in _PACKAGES} | {"python": sys.version.split()[0]},
+        "seed": seed,
+        "parameters": parameters,
+        "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
+    }
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What a study found.
+
+    Attributes
+    ----------
+    name : str
+        Name of the study.
+    findings : dict
+        Tables and numbers, ready for JSON.
+    arrays : dict of ndarray
+        Positions, faces and other arrays that figures draw.
+    record : dict
+        See :func:`run_record`.
+    """
+
+    name: str
+    findings: dict[str, Any]
+    arrays: dict[str, NDArray[Any]] = field(repr=False)
+    record: dict[str, Any] = field(repr=False)
+
+    def save(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write ``NAME.json`` and ``NAME.npz`` into ``folder``; return the paths."""
+        document = {"study": self.name, "record": self.record, "findings": self.findings}
+        text = json.dumps(document, indent=1, default=_plain, allow_nan=False)
+        stem = Path(folder) / self.name
+        return [write_npz(stem.with_suffix(".npz"), **self.arrays), write_text(stem.with_suffix(".json"), text + "\n")]
+
+    @classmethod
+    def load(cls, folder: str | os.PathLike[str], name: str) -> StudyResult:
+        """Read a saved result; FileFormatError if it is missing or damaged."""
+        stem = Path(folder) / name
+        try:
+            document = json.loads(stem.with_suffix(".json").read_text(encoding="utf-8"))
+            with np.load(stem.with_suffix(".npz"), allow_pickle=False) as stored:
+                arrays = {key: stored[key] for key in stored.files}
+            return cls(name, document["findings"], arrays, document["record"])
+        except Exception as error:  # OS, JSON, zip and key errors all mean the same to the user
+            raise FileFormatError(f"no readable result of study {name!r} in {Path(folder)}: {error}") from error
+
+
+def _plain(value: Any) -> Any:
+    """NumPy numbers and arrays as JSON has them."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"no JSON form for {type(value).__name__}")
+
+
+def load_script(folder: str, name: str) -> ModuleType:
+    """Import ``folder/name.py`` (``studies`` or ``paper_figures``), from a checkout or from an installed copy."""
+    package = Path(__file__).resolve().parent
+    for root in (package.parent, package / "bundled"):
+        path = root / folder / f"{name}.py"
+        if path.is_file():
+            spec = importlib.util.spec_from_file_location(f"modalshell_{folder}_{name}", path)
+            if spec is not None and spec.loader is not None:
+                module = importlib.util.module_from_spec(spec)
+                spec.loader.exec_module(module)
+                return module
+    raise FileFormatError(f"{folder}/{name}.py is neither beside the package nor inside it; reinstall modalshell")
