@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import datetime
-import importlib.metadata
+import importlib
 import importlib.util
 import json
 import os
 import platform
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -27,7 +26,8 @@ def run_record(parameters: dict[str, Any], seed: int = 0) -> dict[str, Any]:
     """What must be known to make a result again: versions, seed, parameters, machine."""
     return {
         "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "versions": {name: importlib.metadata.version(name) for name in _PACKAGES} | {"python": sys.version.split()[0]},
+        "versions": {name: importlib.import_module(name).__version__ for name in _PACKAGES}
+        | {"python": platform.python_version()},
         "seed": seed,
         "parameters": parameters,
         "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},

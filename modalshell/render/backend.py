@@ -90,8 +90,11 @@ def _window_candidates() -> list[str | None]:
     """List the off-screen windows to try in order; None leaves the environment as the user set it."""
     if not sys.platform.startswith("linux"):
         return [None]
-    offered = ["vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"]
-    return [None, *(name for name in offered if name != os.environ.get(WINDOW_VARIABLE))]
+    named = os.environ.get(WINDOW_VARIABLE)
+    if not named and not os.environ.get("DISPLAY"):
+        # VTK would find EGL by itself here, but with a line about the missing X server for every window.
+        return ["vtkEGLRenderWindow", None, "vtkOSOpenGLRenderWindow"]
+    return [None, *(name for name in ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow") if name != named)]
 
 
 def _renders(command: Sequence[str], window: str | None, timeout: float) -> bool:

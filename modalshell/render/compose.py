@@ -94,7 +94,7 @@ class Page:
         for (left, top), (head, sub) in zip(self.corners, self._texts, strict=True):
             middle, foot = left + self._cell_width / 2, height - top + 0.2 * line
             if head:
-                self._text(middle, foot + self._sub + self._head, head, self.font, weight="bold")
+                self._text(middle, foot + self._sub, head, self.font, weight="bold", va="bottom")
             if sub:
                 self._text(middle, foot + self._sub, sub, 0.85 * self.font, color="0.3")
         for row, entries in enumerate(self._legend_rows):

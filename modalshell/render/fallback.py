@@ -1,16 +1,25 @@
-"""Drawing with matplotlib alone: projected triangles painted from far to near, shaded by hand."""
+"""Drawing without OpenGL: projected triangles, shaded and rasterised by NumPy, with matplotlib for the text."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
-from modalshell.render.painter import SUPERSAMPLING, shrink
+from modalshell.render.painter import (
+    LIGHTS,
+    LINE_WIDTH,
+    MESH_LINE_WIDTH,
+    SUPERSAMPLING,
+    line_opacity,
+    reflectance,
+    shrink,
+)
+from modalshell.render.raster import Layer, Triangles, blend
 from modalshell.render.scene import ShadedSurface
 from modalshell.render.surfaces import (
     EdgeTable,
@@ -21,14 +30,13 @@ from modalshell.render.surfaces import (
     vertex_normals,
 )
 
-# VTK's light kit, simplified: directions to the lights in camera axes (right, up, towards viewer) and strengths.
-_LIGHTS = ((np.array([0.11, 0.76, 0.63]), 0.50), (np.array([0.0, 0.0, 1.0]), 0.28), (np.array([-0.6, -0.6, 0.5]), 0.14))
-_AMBIENT = 0.26
-
 
 class MatplotlibPainter:
     """
-    The painter's algorithm over one polygon collection; triangles that pierce each other are drawn by their centres.
+    The painter of machines without OpenGL.
+
+    Of a transparent surface only the sheet nearest to the camera is drawn; several surfaces blend in their true order
+    at every pixel.
 
     Parameters
     ----------
@@ -48,7 +56,7 @@ class MatplotlibPainter:
         """Replace everything shown."""
         self._surfaces = list(surfaces)
         self._vertices = [np.asarray(surface.vertices) for surface in surfaces]
-        self._tables = [EdgeTable.of(np.asarray(surface.faces)) for surface in surfaces]
+        self._tables = [EdgeTable.of(np.asarray(surface.vertices), np.asarray(surface.faces)) for surface in surfaces]
         self._camera, self._scalar_colors = camera, scalar_colors
 
     def move(self, index: int, vertices: NDArray[np.float64]) -> None:
@@ -57,80 +65,64 @@ class MatplotlibPainter:
 
     def image(self) -> NDArray[np.uint8]:
         """Draw, and return pixels of shape (height, width, 3)."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.collections import PolyCollection
-        from matplotlib.figure import Figure
-        from matplotlib.transforms import IdentityTransform
+        assert self._camera is not None
+        # All opaque surfaces share one layer; each transparent one has its own.
+        layers = [Layer.empty(self._size)]
+        for index, surface in enumerate(self._surfaces):
+            opaque = surface.opacity == 1.0
+            if not opaque:
+                layers.append(Layer.empty(self._size))
+            for triangles in self._pieces(index, self._camera):
+                layers[0 if opaque else -1].draw(triangles, self._size)
+        return shrink(blend(layers, self._size))
 
-        width, height = self._size
-        figure = Figure(figsize=(width / 72.0, height / 72.0), dpi=72, facecolor="white")
-        polygons: list[NDArray[np.float64]] = []
-        heights, fills, strokes, widths = [], [], [], []
-        for index in range(len(self._surfaces)):
-            for corners, height_to_camera, fill, stroke, line_width in self._pieces(index):
-                polygons.extend(corners)
-                heights.append(height_to_camera)
-                fills.append(fill)
-                strokes.append(stroke)
-                widths.append(np.full(len(corners), line_width))
-        order = np.argsort(np.concatenate(heights), kind="stable")
-        line_widths = np.concatenate(widths)[order]
-        collection = PolyCollection(
-            [polygons[k] for k in order],
-            facecolors=np.concatenate(fills)[order].tolist(),
-            edgecolors=np.concatenate(strokes)[order].tolist(),
-            linewidths=line_widths.tolist(),
-            # Antialiased fills would leave pale seams between neighbours; only lines get it.
-            antialiaseds=(line_widths > 0.0).tolist(),
-            closed=False,
-            transform=IdentityTransform(),
-        )
-        figure.add_artist(collection)
-        canvas: Any = FigureCanvasAgg(figure)
-        canvas.draw()
-        return shrink(np.asarray(canvas.buffer_rgba()))
-
-    def _pieces(
-        self, index: int
-    ) -> list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], float]]:
-        """Return polygons in pixels, heights, fill and stroke colours, line width: the faces, then the lines."""
+    def _pieces(self, index: int, camera: Camera) -> list[Triangles]:
+        """Return the faces, then the lines, as triangles in the picture."""
         surface, vertices, table = self._surfaces[index], self._vertices[index], self._tables[index]
-        camera = self._camera
-        assert camera is not None
         faces = np.asarray(surface.faces)
+        pixels, nearness = self._place(vertices, camera, 0.0)
+        pieces = []
+        if surface.style == "surface":
+            shades = self._shade(surface, vertices, faces, camera)
+            pieces.append(Triangles(pixels[faces], nearness[faces], shades, surface.opacity))
+        # Lines float a little above the faces so that they are never half hidden.
+        pixels, nearness = self._place(vertices, camera, 0.004 * float(np.ptp(vertices, axis=0).max()))
+        color = line_color(surface)
+        if surface.style == "wireframe" or (surface.edges and surface.style == "surface"):
+            opacity = surface.opacity
+            pieces.append(_lines(pixels, nearness, table.edges, color, MESH_LINE_WIDTH * SUPERSAMPLING, opacity))
+        if surface.style != "wireframe":
+            edges = table.edges[table.outline(vertices, faces, camera)]
+            pieces.append(_lines(pixels, nearness, edges, color, LINE_WIDTH * SUPERSAMPLING, line_opacity(surface)))
+        return pieces
+
+    def _place(
+        self, vertices: NDArray[np.float64], camera: Camera, lift: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return columns and rows (n, 2) and nearness (n,) of vertices, the latter after a lift towards the camera [m]."""
         projected = camera.project(vertices)
-        pixels = 0.5 * (projected[:, :2] + 1.0) * np.array(self._size)
-        depth = projected[faces, 2].mean(axis=1)
-        stroke = line_color(surface)
-        if surface.style == "wireframe":
-            chosen, line_width = np.arange(len(table.edges)), 0.6 * SUPERSAMPLING
-        else:
-            chosen, line_width = table.outline(vertices, faces, camera), 1.1 * SUPERSAMPLING
-        edges = table.edges[chosen]
-        # A line lies just above the nearer of its two faces.
-        over = np.maximum(depth[table.left[chosen]], depth[table.right[chosen]])
-        over = np.nextafter(np.maximum(over, projected[edges, 2].mean(axis=1)), np.inf)
-        alpha = min(1.0, 0.35 + surface.opacity) if surface.style == "surface" else surface.opacity
-        pieces = [(pixels[edges], over, np.zeros((len(edges), 4)), _with_alpha(stroke, alpha, len(edges)), line_width)]
-        if surface.style != "surface":
-            return pieces
-        shades = self._shade(surface, vertices, faces, camera)
-        fill = np.column_stack([shades, np.full(len(faces), surface.opacity)])
-        sides = _with_alpha(stroke, surface.opacity, len(faces)) if surface.edges else np.zeros((len(faces), 4))
-        return [(pixels[faces], depth, fill, sides, 0.6 * SUPERSAMPLING if surface.edges else 0.0), *pieces]
+        pixels = 0.5 * (projected[:, :2] * (1.0, -1.0) + 1.0) * np.array(self._size)
+        height = projected[:, 2] + lift
+        # In perspective not the height but one over the distance is linear over the picture.
+        return pixels, height if camera.parallel else 1.0 / np.maximum(camera.distance - height, 1e-9)
 
     def _shade(
         self, surface: ShadedSurface, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera
     ) -> NDArray[np.float64]:
-        """Return the shaded colours of the faces, shape (T, 3), the same from both sides."""
-        normals = face_normals(vertices, faces)
+        """Return the shaded colours at the corners of the faces, shape (T, 3, 3), the same from both sides."""
+        flat = face_normals(vertices, faces)
+        normals = np.repeat(flat[:, None], 3, axis=1)
         if surface.smooth:
-            normals = vertex_normals(vertices, faces)[faces].mean(axis=1)
-        toward = np.einsum("ij,ij->i", normals, camera.facing(vertices[faces].mean(axis=1)))
-        local = np.where(toward[:, None] < 0.0, -normals, normals) @ camera.axes.T
-        light = _AMBIENT + sum(power * np.maximum(local @ direction, 0.0) for direction, power in _LIGHTS)
-        colors = vertex_colors(surface, self._scalar_colors)[faces].mean(axis=1)
-        return np.clip(colors * np.asarray(light)[:, None], 0.0, 1.0)
+            normals = vertex_normals(vertices, faces)[faces]
+        away = np.einsum("ij,ij->i", flat, camera.facing(vertices[faces].mean(axis=1))) < 0.0
+        local = np.where(away[:, None, None], -normals, normals) @ camera.axes.T
+        ambient, diffuse = reflectance(surface)
+        light = np.full(local.shape[:2], ambient)
+        for direction, power in LIGHTS:
+            unit = np.array(direction) / np.linalg.norm(direction)
+            light += diffuse * power * np.maximum(local @ unit, 0.0)
+        colors = vertex_colors(surface, self._scalar_colors)[faces]
+        return np.asarray(np.clip(colors * light[..., None], 0.0, 1.0))
 
     def __enter__(self) -> Self:
         """Open."""
@@ -143,5 +135,22 @@ class MatplotlibPainter:
         self._surfaces, self._vertices, self._tables = [], [], []
 
 
-def _with_alpha(color: NDArray[np.float64], alpha: float, count: int) -> NDArray[np.float64]:
-    return np.asarray(np.tile(np.append(color, alpha), (count, 1)), dtype=np.float64)
+def _lines(
+    pixels: NDArray[np.float64],
+    nearness: NDArray[np.float64],
+    edges: NDArray[np.int64],
+    color: NDArray[np.float64],
+    width: float,
+    opacity: float,
+) -> Triangles:
+    """Return edges (E, 2) as pairs of triangles `width` pixels wide."""
+    ends, near = pixels[edges], nearness[edges]
+    along = ends[:, 1] - ends[:, 0]
+    along *= 0.5 * width / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    aside = np.column_stack([-along[:, 1], along[:, 0]])
+    # Half a width longer at each end, which closes the gaps where lines meet at an angle.
+    a, b = ends[:, 0] - along, ends[:, 1] + along
+    lower, upper = [a - aside, b - aside, b + aside], [a - aside, b + aside, a + aside]
+    corners = np.concatenate([np.stack(lower, axis=1), np.stack(upper, axis=1)])
+    heights = np.concatenate([near[:, [0, 1, 1]], near[:, [0, 1, 0]]])
+    return Triangles(corners, heights, np.broadcast_to(color, (len(corners), 3, 3)), opacity)

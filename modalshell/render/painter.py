@@ -16,6 +16,12 @@ from modalshell.render.surfaces import ScalarColors
 
 # Pictures are drawn this many times larger in each direction and averaged: even edges with any OpenGL.
 SUPERSAMPLING = 2
+# Directions to the lights in camera axes (right, up, towards the viewer) and their strengths: a white key light from
+# above, a head light and a fill from below, soft enough that no face goes black and no colour is tinted.
+LIGHTS = (((0.15, 0.77, 0.62), 0.43), ((0.0, 0.0, 1.0), 0.26), ((-0.6, -0.6, 0.5), 0.12))
+# Widths of outlines and of the sides of triangles [pixels].
+LINE_WIDTH = 1.1
+MESH_LINE_WIDTH = 0.6
 
 
 class Painter(Protocol):
@@ -46,6 +52,16 @@ def open_painter(size: tuple[int, int]) -> Painter:
     from modalshell.render.fallback import MatplotlibPainter
 
     return MatplotlibPainter(size)
+
+
+def reflectance(surface: ShadedSurface) -> tuple[float, float]:
+    """Return the ambient and diffuse parts of the light; colours that mean values are shaded less."""
+    return (0.65, 0.45) if surface.scalars is not None else (0.38, 1.0)
+
+
+def line_opacity(surface: ShadedSurface) -> float:
+    """Return the opacity of a surface's outline, which stays readable around a transparent surface."""
+    return min(1.0, 0.35 + surface.opacity) if surface.style == "surface" else surface.opacity
 
 
 def shrink(pixels: NDArray[np.uint8], factor: int = SUPERSAMPLING) -> NDArray[np.uint8]:

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
-from modalshell.render.painter import SUPERSAMPLING, shrink
+from modalshell.render.painter import (
+    LIGHTS,
+    LINE_WIDTH,
+    MESH_LINE_WIDTH,
+    SUPERSAMPLING,
+    line_opacity,
+    reflectance,
+    shrink,
+)
 from modalshell.render.scene import ShadedSurface
 from modalshell.render.surfaces import EdgeTable, ScalarColors, line_color, vertex_colors, vertex_normals
 
@@ -35,8 +43,13 @@ class PyvistaPainter:
         window = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
         # A theme of its own, so that a user's global theme changes no figure.
         theme = pyvista.themes.DocumentTheme()
-        self._plotter: Any = pyvista.Plotter(off_screen=True, window_size=window, lighting="light kit", theme=theme)
+        self._plotter: Any = pyvista.Plotter(off_screen=True, window_size=window, lighting="none", theme=theme)
         self._plotter.set_background("white")
+        # With multisampling on, depth peeling gives a blank picture under Mesa's EGL; supersampling needs none.
+        self._plotter.disable_anti_aliasing()
+        for direction, power in LIGHTS:
+            light = pyvista.Light(position=direction, intensity=power, light_type="camera light")
+            self._plotter.add_light(light)
         self._shown: list[_Shown] = []
         self._camera: Camera | None = None
 
@@ -90,27 +103,43 @@ class _Shown:
     ) -> None:
         self._surface = surface
         vertices, self._faces = np.array(surface.vertices), np.asarray(surface.faces)
-        self._table = EdgeTable.of(self._faces)
+        self._table = EdgeTable.of(vertices, self._faces)
         self._mesh = self._lines = None
         if surface.style == "surface":
             self._mesh = pyvista.PolyData.from_regular_faces(vertices, self._faces)
             self._mesh.point_data["colors"] = np.round(255.0 * vertex_colors(surface, scalar_colors)).astype(np.uint8)
+            ambient, diffuse = reflectance(surface)
             actor = plotter.add_mesh(
-                self._mesh, scalars="colors", rgb=True, opacity=surface.opacity, show_edges=surface.edges,
-                edge_color=tuple(line_color(surface)), line_width=0.6 * SUPERSAMPLING, smooth_shading=False,
-                ambient=0.22, diffuse=0.82, specular=0.12, specular_power=25.0, reset_camera=False, copy_mesh=False,
-            )  # fmt: skip
+                self._mesh,
+                scalars="colors",
+                rgb=True,
+                opacity=surface.opacity,
+                show_edges=surface.edges,
+                edge_color=tuple(line_color(surface)),
+                line_width=MESH_LINE_WIDTH * SUPERSAMPLING,
+                ambient=ambient,
+                diffuse=diffuse,
+                specular=0.0,
+                smooth_shading=False,
+                reset_camera=False,
+                copy_mesh=False,
+            )
             if surface.smooth:
                 actor.prop.interpolation = "Phong"
             # Faces step back a little so that lines on them are never half hidden.
             actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
             actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 1.0)
         self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(vertices, camera))
+        width = MESH_LINE_WIDTH if surface.style == "wireframe" else LINE_WIDTH
         plotter.add_mesh(
-            self._lines, color=tuple(line_color(surface)), opacity=min(1.0, 0.35 + surface.opacity) if self._mesh
-            else surface.opacity, line_width=(0.6 if surface.style == "wireframe" else 1.1) * SUPERSAMPLING,
-            lighting=False, reset_camera=False, copy_mesh=False,
-        )  # fmt: skip
+            self._lines,
+            color=tuple(line_color(surface)),
+            opacity=line_opacity(surface),
+            line_width=width * SUPERSAMPLING,
+            lighting=False,
+            reset_camera=False,
+            copy_mesh=False,
+        )
         self.move(vertices, camera)
 
     def move(self, vertices: NDArray[np.float64], camera: Camera) -> None:

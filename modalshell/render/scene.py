@@ -17,7 +17,7 @@ Style = Literal["surface", "wireframe", "outline"]
 Color = str | tuple[float, float, float]
 
 # From target to camera: a three-quarter view with the x axis across the picture and z up.
-DEFAULT_CAMERA = (0.6, -1.0, 0.55)
+DEFAULT_CAMERA = (0.6, -1.0, 0.9)
 
 
 @dataclass
@@ -44,7 +44,7 @@ class ShadedSurface:
     smooth : bool
         Shade with averaged vertex normals; leave off for folded shells, whose ridges it would blur.
     style : str
-        ``"surface"``, ``"wireframe"`` (triangle sides only) or ``"outline"`` (border and contour only).
+        ``"surface"``, ``"wireframe"`` (triangle sides only) or ``"outline"`` (border, creases and contour only).
     """
 
     vertices: ArrayLike

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,10 @@ from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
 from modalshell.render.scene import ShadedSurface, rgb
+
+
+# Neighbouring faces whose normals differ by more than this at the start meet in a line that is drawn.
+CREASE_ANGLE = math.radians(25.0)
 
 
 @dataclass(frozen=True)
@@ -39,47 +44,54 @@ class EdgeTable:
         Vertex indices.
     left, right : ndarray of int, shape (E,)
         Two of the faces beside each edge, the same face twice at the border.
+    drawn : ndarray of bool, shape (E,)
+        Border edges and creases, which belong to the outline from every side.
     """
 
     edges: NDArray[np.int64]
     left: NDArray[np.int64]
     right: NDArray[np.int64]
+    drawn: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, faces: NDArray[np.int64]) -> EdgeTable:
-        """Build the table of `faces` (T, 3)."""
+    def of(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> EdgeTable:
+        """Build the table of `faces` (T, 3), with the creases of `vertices` (n, 3) kept for later positions."""
         pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
         owners = np.tile(np.arange(len(faces)), 3)
         order = np.lexsort((owners, pairs[:, 1], pairs[:, 0]))
         pairs, owners = pairs[order], owners[order]
         starts = np.flatnonzero(np.r_[True, (pairs[1:] != pairs[:-1]).any(axis=1)])
         ends = np.r_[starts[1:], len(pairs)] - 1
-        return cls(pairs[starts], owners[starts], owners[ends])
+        left, right = owners[starts], owners[ends]
+        normals = face_normals(vertices, faces)
+        agreement = np.abs(np.einsum("ij,ij->i", normals[left], normals[right]))
+        return cls(pairs[starts], left, right, (left == right) | (agreement < math.cos(CREASE_ANGLE)))
 
     def outline(self, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera) -> NDArray[np.int64]:
-        """Return the numbers of edges at the border, or between a face towards the camera and one away from it."""
+        """Return the numbers of edges at the border, at creases, or between a face seen and a face turned away."""
         normals = face_normals(vertices, faces)
         toward = np.einsum("ij,ij->i", normals, camera.facing(vertices[faces].mean(axis=1))) > 0.0
         # Where neighbours are wound apart their normals disagree without any contour.
         aligned = np.einsum("ij,ij->i", normals[self.left], normals[self.right]) > -0.5
         contour = (toward[self.left] != toward[self.right]) & aligned
-        return np.flatnonzero((self.left == self.right) | contour)
+        return np.flatnonzero(self.drawn | contour)
 
 
 def face_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return unit normals of the faces, shape (T, 3); zero for a face without area."""
     corners = vertices[faces]
-    return _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    normals: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return _unit(normals)
 
 
 def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return unit vertex normals, averaged over faces by area, shape (n, 3)."""
     corners = vertices[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     total = np.stack(
         [np.bincount(faces.ravel(), np.repeat(normals[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
     )
-    return _unit(total)
+    return _unit(np.asarray(total, dtype=np.float64))
 
 
 def vertex_colors(surface: ShadedSurface, scalar_colors: ScalarColors | None) -> NDArray[np.float64]:

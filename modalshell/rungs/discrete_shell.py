@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes import factorise
 from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState, Stopwatch, total_load
-from modalshell.rungs.newton import ACCEPTED, NewtonResult, Potential, minimise, mixed_newton, solve, warped_step
+from modalshell.rungs.newton import ACCEPTED, NewtonResult, Potential, descend, mixed_newton, solve, warped_step
 from modalshell.rungs.newton import is_stable as is_minimum
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 
@@ -75,7 +75,7 @@ class DiscreteShell(Model):
                 return self._answer(result, watch, 0)
             iterations = result.iterations
             if problem.scale == 0.0:
-                return self._answer(minimise(problem, first, scale), watch, iterations)
+                return self._answer(descend(problem, first, scale), watch, iterations)
         return self._answer(self._follow(load, problem.scale or 1.0), watch, iterations)
 
     def _held(self, positions: Array) -> Array:
@@ -119,7 +119,7 @@ class DiscreteShell(Model):
                     continue
                 # The branch ends here: go downhill to wherever the shell comes to rest under the whole load.
                 problem = Potential(shell, load, shell.rest_positions)
-                result = minimise(problem, x, scale)
+                result = descend(problem, x, scale)
                 result.iterations += iterations
                 return result
             x, factor, trust = result.positions, target, min(1.0, 2.0 * trust)

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse as sps
+import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from modalshell.errors import SolverError
@@ -29,6 +30,8 @@ ACCEPTED = 1e-7
 """Out-of-balance force, as a share of the load, at which an answer counts as converged (MATH.md 9)."""
 
 _LARGEST_TURN = 1.0
+_STRETCH = 25
+_STRETCHES = 12
 _EPSILON = float(np.finfo(np.float64).eps)
 
 
@@ -131,7 +134,7 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     step : ndarray, shape (n, 3)
         The straight step that was warped.
     """
-    step = _moved(shell, np.zeros_like(x), direction)
+    step = _full(shell, direction)
     turns = np.empty_like(x)
     rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
     angle = rotations.largest_angle(turns)
@@ -141,6 +144,15 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     displacement = np.empty_like(x)
     rotations.warp(turns, step, 1.0, displacement)
     return x + displacement, step
+
+
+def _full(shell: Shell, direction: Array) -> Array:
+    return _moved(shell, np.zeros_like(shell.rest_positions), direction)
+
+
+def _share(step: Array, whole: Array) -> float:
+    """How much of ``whole`` the shortened ``step`` is."""
+    return float(np.abs(step).max() / max(float(np.abs(whole).max()), 1e-300))
 
 
 def mixed_newton(
@@ -202,21 +214,18 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
             factor = _factor_or_none(problem.linearise(x, PROJECTED)[1])
             if factor is None:
                 break
-        step = factor.solve(-gradient)
-        slope = float(step @ gradient)
+        direction = factor.solve(-gradient)
+        slope = float(direction @ gradient)
+        turn = _LARGEST_TURN
         fraction = 1.0
         while fraction > 1e-10:
-            trial = _moved(problem.shell, x, step, fraction)
+            trial, step = warped_step(problem.shell, x, fraction * direction, turn)
+            taken = fraction * _share(step, _full(problem.shell, fraction * direction))
             trial_value = problem.value(trial)
-            if np.isfinite(trial_value) and trial_value <= value + 1e-4 * fraction * slope:
+            if np.isfinite(trial_value) and trial_value <= value + 1e-4 * taken * slope:
                 break
             fraction *= 0.5
         else:
-            # Below the potential's rounding only the residual can tell: take a last full step if it helps.
-            trial = _moved(problem.shell, x, step)
-            lower = float(np.linalg.norm(problem.residual(trial))) / scale
-            if lower < residual:
-                return NewtonResult(trial, lower, iteration + 1, lower <= accepted)
             break
         x, value = trial, trial_value
     return NewtonResult(x, residual, iteration, bool(residual <= accepted))
@@ -237,12 +246,51 @@ def is_stable(problem: Potential, x: Array) -> bool:
     return _factor_or_none(problem.linearise(x, EXACT)[1]) is not None
 
 
+def leave_saddle(problem: Potential, x: Array) -> Array:
+    """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
+    _, hessian = problem.linearise(x, EXACT)
+    start = np.random.default_rng(0).standard_normal(hessian.shape[0])
+    factor = factorise(hessian, definite=False)
+    inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
+    values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
+    direction = vectors[:, int(np.argmin(values))]
+    direction *= float(np.ptp(problem.shell.rest_positions, axis=0).max()) / float(np.abs(direction).max())
+    trials = [_moved(problem.shell, x, direction, sign * size) for size in (3e-2, 1e-2, 1e-3) for sign in (1, -1)]
+    return min([x, *trials], key=lambda trial: (not np.isfinite(value := problem.value(trial)), value))
+
+
+def descend(problem: Potential, start: Array, scale: float) -> NewtonResult:
+    """Go downhill to a minimum: stretches of :func:`minimise`, each followed by a try of the faster mixed steps.
+
+    A mixed answer counts if it is a minimum that lies no higher than where the stretch had come to.
+    """
+    x, iterations = start, 0
+    for _ in range(_STRETCHES):
+        downhill = minimise(problem, x, scale, limit=_STRETCH)
+        iterations += downhill.iterations
+        x = downhill.positions
+        if downhill.residual <= _GOAL or not np.isfinite(downhill.residual):
+            break
+        polished = mixed_newton(problem, x, scale, limit=15)
+        iterations += polished.iterations
+        value = problem.value(x)
+        if polished.converged and problem.value(polished.positions) <= value + 1e-9 * abs(value):
+            if is_stable(problem, polished.positions):
+                downhill = polished
+                break
+            x = leave_saddle(problem, polished.positions)
+        elif downhill.converged or downhill.iterations < _STRETCH:
+            break
+    downhill.iterations = iterations
+    return downhill
+
+
 def solve(problem: Potential, start: Array, scale: float) -> NewtonResult:
-    """Mixed Newton, and minimisation from its start where it fails or ends at a point that is no minimum."""
+    """Mixed Newton, and descent from its start where it fails or ends at a point that is no minimum."""
     result = mixed_newton(problem, start, scale)
     if result.converged and is_stable(problem, result.positions):
         return result
-    fallback = minimise(problem, start, scale)
+    fallback = descend(problem, start, scale)
     fallback.iterations += result.iterations
     if fallback.converged or not result.converged:
         return fallback

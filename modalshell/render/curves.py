@@ -1,0 +1,84 @@
+"""Curves over a load axis, in the style that all figures share (matplotlib)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.errors import OptionError
+from modalshell.files import write_atomically
+
+MODEL_COLORS = {"LMA": "#c8322b", "MWTS": "#2b5fc8", "DS": "#2f9e44"}
+"""The paper's red, blue and green."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """One line of a panel: values ``y`` over ``x`` with a label and a colour."""
+
+    x: ArrayLike
+    y: ArrayLike
+    label: str
+    color: str
+    dashed: bool = False
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Attributes
+    ----------
+    curves : sequence of Curve
+        What is drawn.
+    title, x_label, y_label : str
+        Texts.
+    log : bool
+        Whether the y axis is logarithmic.
+    band : (float, float), optional
+        Stretch of the x axis to shade from its middle to the right end, with ``band_label`` (where models break).
+    """
+
+    curves: Sequence[Curve]
+    title: str
+    x_label: str
+    y_label: str
+    log: bool = False
+    band: tuple[float, float] | None = None
+    band_label: str = ""
+
+
+def draw_curves(panels: Sequence[Panel], path: str | Path) -> Path:
+    """Draw panels side by side into a PNG; OptionError for values that are not finite or that a log axis cannot show."""
+    for panel in panels:
+        for curve in panel.curves:
+            values = np.concatenate([np.ravel(curve.x), np.ravel(curve.y)]).astype(float)
+            if not np.isfinite(values).all():
+                raise OptionError(f"curve {curve.label!r} of {panel.title!r} has values that are not finite")
+            if panel.log and (np.asarray(curve.y) <= 0).any():
+                raise OptionError(f"curve {curve.label!r} of {panel.title!r} has values <= 0 on a logarithmic axis")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4 * len(panels), 4.6), layout="constrained", dpi=150)
+    FigureCanvasAgg(figure)
+    for axes, panel in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
+        for curve in panel.curves:
+            axes.plot(
+                curve.x, curve.y, "--" if curve.dashed else "-", marker="o", ms=4, color=curve.color, label=curve.label
+            )
+        if panel.log:
+            axes.set_yscale("log")
+        if panel.band is not None:
+            right = max(float(np.max(curve.x)) for curve in panel.curves)
+            axes.axvspan(0.5 * sum(panel.band), right, color="0.85", zorder=0, label=panel.band_label)
+        axes.set_title(panel.title, fontsize=11)
+        axes.set_xlabel(panel.x_label)
+        axes.set_ylabel(panel.y_label)
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False, fontsize=9)
+    return write_atomically(path, lambda file: figure.savefig(file, format="png"))

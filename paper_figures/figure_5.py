@@ -1,0 +1,38 @@
+"""Paper Fig. 5: LMA, MWTS and DS overlaid on the V-beam (reads the study ``v_beam_accuracy``, soft membrane)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.render.curves import MODEL_COLORS
+from modalshell.study import StudyResult
+
+SHARES = (0.2, 0.5, 1.0)
+"""Which loads are shown, as shares of the largest."""
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    result = StudyResult.load(results, "v_beam_accuracy")
+    rows = result.findings["soft"]["rows"]
+    faces = result.arrays["soft_faces"]
+    gravities = np.array([row["gravity"] for row in rows])
+    views = []
+    for share in SHARES:
+        row = rows[int(np.argmin(np.abs(gravities - share * gravities.max())))]
+        surfaces = [
+            ShadedSurface(
+                result.arrays[f"soft_{model.lower()}_{row['gravity']:g}"],
+                faces,
+                color=MODEL_COLORS[model],
+                label=model,
+                opacity=0.85 if model == "LMA" else 1.0,
+            )
+            for model in ("LMA", "MWTS", "DS")
+        ]
+        errors = f"error: LMA {100 * row['lma_error']:.0f} %, MWTS {100 * row['mwts_error']:.1f} %"
+        views.append(View(surfaces, title=f"Γ = {row['gamma']:.2g}", subtitle=errors, camera=(0.35, -1.0, 0.25)))
+    return draw_views(views, folder / "figure_5.png", columns=3, size=(1800, 900))

@@ -1,0 +1,131 @@
+"""Paper Fig. 5 and 6: LMA, MWTS and DS on a V-beam under growing gravity.
+
+Two regimes. *Soft membrane*, the paper's: the fold keeps its shape and the beam bends smoothly; MWTS follows DS with an
+error that grows with the load, LMA inflates. *Stiff membrane*: the fold flattens like a tape spring's and the beam snaps;
+no model on rest modes follows DS there. The study finds the load at which that happens and marks it.
+
+Gravity is given as ``Gamma = 8 x (linear drop of the free end) / (free length)``: a beam of bending stiffness EI drops
+by ``Gamma / 8`` of its length in the linear limit, with Gamma = (weight per length) L^3 / EI.
+
+Run it alone with ``modalshell reproduce --only v_beam_accuracy``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy.sparse.linalg as spla
+
+import modalshell as ms
+from modalshell.study import StudyResult, run_record
+
+SHAPE = {"length": 1.0, "width": 0.2, "fold": 150.0}
+REGIMES = {
+    "soft": {"membrane": 20.0, "flexure": 0.05, "density": 0.2, "gravities": [0.5, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20]},
+    "stiff": {"membrane": 2000.0, "flexure": 0.05, "density": 0.2, "gravities": [5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 60, 70]},
+}
+MODES = 8
+SNAP_SHIFT = 0.1
+"""Movement between neighbouring loads, in lengths, above which the load step is halved to look for a jump."""
+BISECTIONS = 8
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Sweep both regimes; ``quick`` takes a coarser mesh and fewer loads."""
+    cells = (20, 4) if quick else (40, 8)
+    stride = 3 if quick else 1
+    findings: dict[str, Any] = {}
+    arrays: dict[str, np.ndarray] = {}
+    total = sum(len(regime["gravities"][::-stride]) for regime in REGIMES.values())
+    done = 0
+    for name, regime in REGIMES.items():
+        mesh = ms.v_beam(**SHAPE, cells=cells, family="alternating")
+        material = ms.Material(regime["membrane"], regime["membrane"], regime["flexure"], regime["density"])
+        clamped = mesh.vertices[:, 0] < 1.5 * SHAPE["length"] / cells[0]
+        shell = ms.Shell(mesh, material, clamped=clamped)
+        basis = ms.solve_modes(shell, MODES)
+        linear, warping, truth = ms.LinearModal(basis), ms.ModalWarping(basis), ms.DiscreteShell(shell)
+        gamma = gamma_per_gravity(shell)
+        tip = int(np.argmin(np.linalg.norm(mesh.vertices - [SHAPE["length"], 0.0, 0.0], axis=1)))
+        rows, last, last_gravity, snap = [], mesh.vertices, 0.0, None
+        for gravity in regime["gravities"][::-stride][::-1]:
+            answers = {
+                "lma": linear.equilibrium(gravity=(0, 0, -gravity)),
+                "mwts": warping.equilibrium(gravity=(0, 0, -gravity)),
+                "ds": truth.equilibrium(gravity=(0, 0, -gravity), start=last),
+            }
+            exact = answers["ds"].positions
+            row: dict[str, Any] = {"gravity": gravity, "gamma": gamma * gravity}
+            for model, answer in answers.items():
+                row |= {
+                    f"{model}_tip_z": answer.positions[tip, 2],
+                    f"{model}_area_change": ms.measure.area_change(answer.positions, mesh),
+                    f"{model}_status": answer.status,
+                }
+                arrays[f"{name}_{model}_{gravity:g}"] = answer.positions
+            for model in ("lma", "mwts"):
+                moved = answers[model].positions
+                row[f"{model}_error"] = ms.measure.displacement_error(moved, exact, shell, weighted=False)
+                row[f"{model}_error_mass"] = ms.measure.displacement_error(moved, exact, shell)
+            row["ds_iterations"] = answers["ds"].iterations
+            row["lowest_tangent_ratio"] = lowest_tangent(shell, exact) / basis.eigenvalues[0]
+            if snap is None and answers["ds"].converged:
+                snap = find_jump(truth, last, last_gravity, exact, gravity)
+                if snap is not None:
+                    snap["gamma"] = [gamma * g for g in snap["gravity"]]
+            row["after_snap"] = snap is not None
+            rows.append(row)
+            last, last_gravity = exact, gravity
+            done += 1
+            if on_step is not None:
+                on_step(done, total)
+        findings[name] = {"rows": rows, "snap": snap, "gamma_per_gravity": gamma, "frequencies_hz": basis.frequencies}
+        arrays |= {f"{name}_faces": mesh.faces, f"{name}_rest": mesh.vertices}
+    parameters = {**SHAPE, "regimes": REGIMES, "modes": MODES, "cells": cells, "family": "alternating"}
+    return StudyResult("v_beam_accuracy", findings, arrays, run_record(parameters))
+
+
+def gamma_per_gravity(shell: ms.Shell) -> float:
+    """Gamma at unit gravity, from the linear drop of the free end with every unknown of the shell (not of the modes)."""
+    free = shell.free_unknowns
+    stiffness = shell.stiffness()[free][:, free].tocsc()
+    shape = np.zeros(shell.rest_positions.size)
+    shape[free] = spla.spsolve(stiffness, shell.gravity_force((0.0, 0.0, -1.0)).ravel()[free])
+    x = shell.rest_positions[:, 0]
+    end = x > x.max() - 1e-9
+    drop = -shape.reshape(-1, 3)[end, 2].mean()
+    return float(8.0 * drop / (x.max() - x[shell.clamped].max()))
+
+
+def lowest_tangent(shell: ms.Shell, positions: np.ndarray) -> float:
+    """Lowest eigenvalue of the tangent stiffness over the mass [1/s^2]; it falls to zero where a branch snaps."""
+    free = shell.free_unknowns
+    root = np.sqrt(np.repeat(shell.mass, 3)[free])
+    tangent = shell.stiffness(positions)[free][:, free].tocsc()
+    scaled = (tangent / root[:, None]).tocsc() / root[None, :]
+    start = np.random.default_rng(0).standard_normal(root.size)
+    return float(spla.eigsh(scaled.tocsc(), k=1, sigma=0.0, which="LA", v0=start, return_eigenvectors=False)[0])
+
+
+def find_jump(
+    model: ms.DiscreteShell, before: np.ndarray, low: float, after: np.ndarray, high: float
+) -> dict[str, Any] | None:
+    """Bracket a jump between two loads by halving: a smooth path moves less with each halving, a jump does not."""
+    length = SHAPE["length"]
+    for _ in range(BISECTIONS):
+        shift = float(np.abs(after - before).max()) / length
+        if shift < SNAP_SHIFT:
+            return None
+        middle = 0.5 * (low + high)
+        answer = model.equilibrium(gravity=(0.0, 0.0, -middle), start=before)
+        if not answer.converged:
+            break
+        to_before = float(np.abs(answer.positions - before).max())
+        to_after = float(np.abs(answer.positions - after).max())
+        if to_before > to_after:
+            after, high = answer.positions, middle
+        else:
+            before, low = answer.positions, middle
+    return {"gravity": [low, high], "shift": float(np.abs(after - before).max()) / length}
