@@ -29,10 +29,10 @@ def draw(results: Path, folder: Path) -> Path:
                 faces,
                 color=MODEL_COLORS[model],
                 label=model,
-                opacity=0.85 if model == "LMA" else 1.0,
+                opacity={"LMA": 0.6, "MWTS": 0.75, "DS": 1.0}[model],
             )
             for model in ("LMA", "MWTS", "DS")
         ]
         errors = f"error: LMA {100 * row['lma_error']:.0f} %, MWTS {100 * row['mwts_error']:.1f} %"
-        views.append(View(surfaces, title=f"Γ = {row['gamma']:.2g}", subtitle=errors, camera=(0.35, -1.0, 0.25)))
-    return draw_views(views, folder / "figure_5.png", columns=3, size=(1800, 900))
+        views.append(View(surfaces, title=f"Γ = {row['gamma']:.2g}", subtitle=errors, camera=(0.12, -1.0, 0.12)))
+    return draw_views(views, folder / "figure_5.png", columns=3, size=(1800, 820))

@@ -20,7 +20,7 @@ FACTORS = (1.0, 10.0, 100.0)
 PARAMETERS = {
     "length": 1.0,
     "width": 0.2,
-    "membrane": 200.0,
+    "membrane": 60.0,
     "flexure": 0.01,
     "density": 0.2,
     "gravity": 10.0,

@@ -120,8 +120,8 @@ def test_header_says_what_a_reader_needs(all_energies, name):
     assert second == module.OPERATIONS
     assert 0 < first < second
     assert f"{name}: {second} operations" in generated.__doc__
-    assert module.VERTICES == energy.vertex_count
-    assert module.UNKNOWNS == len(energy.unknowns)
+    assert energy.vertex_count == module.VERTICES
+    assert len(energy.unknowns) == module.UNKNOWNS
     assert module.PERIODIC is (name == "flexure")
 
 

@@ -36,9 +36,7 @@ PROBE_COMMAND: tuple[str, ...] = (sys.executable, "-c", _PROBE)
 _lock = threading.Lock()
 
 
-def choose_backend(
-    *, probe_command: Sequence[str] | None = None, timeout: float = PROBE_SECONDS
-) -> Backend:
+def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float = PROBE_SECONDS) -> Backend:
     """
     Name the library that draws on this machine.
 
@@ -68,6 +66,9 @@ def choose_backend(
                     "modalshell find out which of them draws here"
                 )
             return cast(Backend, named)
+        if not os.environ.get(WINDOW_VARIABLE, "unset"):
+            # VTK takes an empty value for the name of a window, finds none and crashes.
+            del os.environ[WINDOW_VARIABLE]
         command = PROBE_COMMAND if probe_command is None else tuple(probe_command)
         for window in _window_candidates():
             if _renders(command, window, timeout):

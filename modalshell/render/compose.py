@@ -73,7 +73,7 @@ class Page:
         lines = self._page_title.count("\n") + 1 if self._page_title else 0
         self._top = round(1.25 * line * lines + 0.5 * line * bool(lines))
         self._bottom = round(1.5 * line * len(self._legend_rows) + 0.4 * line * bool(self._legend_rows))
-        caption = round(self._head + self._sub + 0.4 * line * bool(self._head + self._sub))
+        caption = round(self._head + self._sub + 0.6 * line * bool(self._head + self._sub))
         row_height = (height - self._top - self._bottom) // rows
         self.cell = (max(self._cell_width, 8), max(row_height - caption, 8))
         self.corners: list[tuple[int, int]] = []
@@ -94,7 +94,7 @@ class Page:
         for (left, top), (head, sub) in zip(self.corners, self._texts, strict=True):
             middle, foot = left + self._cell_width / 2, height - top + 0.2 * line
             if head:
-                self._text(middle, foot + self._sub, head, self.font, weight="bold", va="bottom")
+                self._text(middle, foot + self._sub + 0.2 * line, head, self.font, weight="bold", va="bottom")
             if sub:
                 self._text(middle, foot + self._sub, sub, 0.85 * self.font, color="0.3")
         for row, entries in enumerate(self._legend_rows):

@@ -99,7 +99,7 @@ class MatplotlibPainter:
     def _place(
         self, vertices: NDArray[np.float64], camera: Camera, lift: float
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return columns and rows (n, 2) and nearness (n,) of vertices, the latter after a lift towards the camera [m]."""
+        """Return columns and rows (n, 2) of vertices and their nearness (n,) after a lift to the camera [m]."""
         projected = camera.project(vertices)
         pixels = 0.5 * (projected[:, :2] * (1.0, -1.0) + 1.0) * np.array(self._size)
         height = projected[:, 2] + lift

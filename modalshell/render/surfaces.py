@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from modalshell.render.camera import Camera
 from modalshell.render.scene import ShadedSurface, rgb
 
-
 # Neighbouring faces whose normals differ by more than this at the start meet in a line that is drawn.
 CREASE_ANGLE = math.radians(25.0)
 

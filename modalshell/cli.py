@@ -1,0 +1,189 @@
+"""The command line: ``modalshell reproduce``, ``modalshell simulate MESH`` and ``modalshell modes MESH``."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from cyclopts import App, CycloptsError, Parameter
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+
+import modalshell as ms
+from modalshell.errors import ModalShellError, OptionError
+from modalshell.files import write_npz
+from modalshell.reproduce import chosen_studies
+from modalshell.reproduce import reproduce as reproduce_study
+from modalshell.rungs import Model
+from modalshell.selection import select_vertices
+
+app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
+_console = Console()
+_errors = Console(stderr=True)
+
+ModelName = Literal["lma", "mwts", "ds"]
+
+
+@contextmanager
+def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar with the time left, as a callback of (done, total)."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
+    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=_errors) as bar:
+        task = bar.add_task(text, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@app.command
+def reproduce(
+    *,
+    only: Annotated[list[str] | None, Parameter(help="Names of the studies to run; all without it.")] = None,
+    out: Annotated[Path, Parameter(help="Folder of the results; pictures go to its folder 'figures'.")] = Path("results"),
+    figures: Annotated[Path | None, Parameter(help="Another folder for the pictures.")] = None,
+    quick: Annotated[bool, Parameter(help="Coarser meshes and fewer loads, to try things out.")] = False,
+) -> None:
+    """Run the studies and draw the paper's figures."""
+    for name in chosen_studies(only):
+        with _progress(name) as on_step:
+            written = reproduce_study(name, out, figures or out / "figures", quick=quick, on_step=on_step)
+        for path in written:
+            print(path)
+
+
+@Parameter(name="*")
+class _ShellOptions:
+    """Options that say how a mesh becomes a shell."""
+
+    def __init__(
+        self,
+        *,
+        clamp: Annotated[str | None, Parameter(help="Vertices to hold, such as 'x < 0.01'; none without it.")] = None,
+        young: Annotated[float, Parameter(help="Young's modulus [Pa].")] = 1e7,
+        poisson: Annotated[float, Parameter(help="Poisson's ratio.")] = 0.3,
+        thickness: Annotated[float | None, Parameter(help="Thickness [m]; 1/200 of the mesh's size without it.")] = None,
+        density: Annotated[float, Parameter(help="Mass per volume [kg/m^3].")] = 1000.0,
+    ) -> None:
+        self.clamp, self.young, self.poisson, self.thickness, self.density = clamp, young, poisson, thickness, density
+
+    def build(self, path: Path) -> ms.Shell:
+        """Load the mesh and make the shell."""
+        mesh = ms.load_mesh(path)
+        thickness = self.thickness
+        if thickness is None:
+            thickness = float(np.ptp(mesh.vertices, axis=0).max()) / 200.0
+        material = ms.Material.from_physical(
+            young=self.young, poisson=self.poisson, thickness=thickness, density=self.density, mesh=mesh
+        )
+        clamped = None
+        if self.clamp is not None:
+            clamped = select_vertices(self.clamp, mesh.vertices)
+            if not clamped.any():
+                low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
+                raise OptionError(f"--clamp {self.clamp!r} holds no vertex; the mesh reaches from {low} to {high}")
+        return ms.Shell(mesh, material, clamped)
+
+
+@app.command
+def simulate(
+    mesh: Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")],
+    *,
+    shell: _ShellOptions | None = None,
+    gravity: Annotated[tuple[float, float, float], Parameter(help="Acceleration [m/s^2].")] = (0.0, 0.0, -9.81),
+    model: Annotated[ModelName, Parameter(help="Linear modes, warped modes, or discrete shells.")] = "mwts",
+    modes: Annotated[int, Parameter(help="Number of modes of lma and mwts.")] = 8,
+    static: Annotated[bool, Parameter(help="Equilibrium instead of motion: a picture instead of a film.")] = False,
+    duration: Annotated[float, Parameter(help="Simulated time [s].")] = 2.0,
+    dt: Annotated[float, Parameter(help="Time step, and time between frames [s].")] = 1.0 / 30.0,
+    damping: Annotated[tuple[float, float], Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s].")] = (0.5, 0.001),
+    out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
+) -> None:
+    """Let a mesh of your own hang, fall or swing; write a film or a picture, and the positions."""
+    from modalshell.render import ShadedSurface, View, draw_views, write_film
+
+    options = shell or _ShellOptions()
+    built = options.build(mesh)
+    print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
+    chosen: Model
+    if model == "ds":
+        chosen = ms.DiscreteShell(built)
+    else:
+        basis = ms.solve_modes(built, modes)
+        print(f"{basis.count} modes, {basis.rigid_modes} rigid, {basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz")
+        chosen = ms.LinearModal(basis) if model == "lma" else ms.ModalWarping(basis)
+    stem = out / f"{mesh.stem}_{model}"
+    if static:
+        answer = chosen.equilibrium(gravity=gravity)
+        print(f"{chosen.name}: {answer.status}, {answer.iterations} iterations, residual {answer.residual:.1e}")
+        arrays = {"positions": answer.positions, "converged": answer.converged, "status": answer.status}
+        rest = ShadedSurface(built.rest_positions, built.mesh.faces, color="#999999", style="outline")
+        view = View([ShadedSurface(answer.positions, built.mesh.faces, smooth=True), rest], title=f"{mesh.stem}, {chosen.name}")
+        picture = draw_views([view], stem.with_suffix(".png"))
+    else:
+        with _progress(f"{chosen.name} steps") as on_step:
+            run = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)
+        print(f"{chosen.name}: {run.status}, {len(run.times)} frames in {run.seconds:.3g} s")
+        arrays = {"times": run.times, "positions": run.positions, "status": run.status}
+        with _progress("film") as on_frame:
+            picture = write_film(
+                stem.with_suffix(".mp4"), run.positions, built.mesh.faces, fps=1.0 / dt, smooth=True, on_frame=on_frame
+            )
+    held = np.flatnonzero(built.clamped)
+    file = write_npz(stem.with_suffix(".npz"), faces=built.mesh.faces, rest=built.rest_positions, clamped=held, **arrays)
+    print(file)
+    print(picture)
+
+
+@app.command
+def modes(
+    mesh: Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")],
+    *,
+    shell: _ShellOptions | None = None,
+    count: Annotated[int, Parameter(help="Number of modes, rigid ones counted in.")] = 8,
+    out: Annotated[Path, Parameter(help="Folder for the picture and the basis.")] = Path("results"),
+) -> None:
+    """Print the natural frequencies of a mesh and draw its mode shapes."""
+    from modalshell.render import ShadedSurface, View, draw_views
+
+    built = (shell or _ShellOptions()).build(mesh)
+    basis = ms.solve_modes(built, count)
+    table = Table("mode", "frequency [Hz]", "kind")
+    size = float(np.ptp(built.rest_positions, axis=0).max())
+    views = []
+    for k, frequency in enumerate(basis.frequencies):
+        rigid = k < basis.rigid_modes
+        table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if rigid else "elastic")
+        shape = basis.modes[:, k].reshape(-1, 3)
+        length = np.linalg.norm(shape, axis=1)
+        moved = built.rest_positions + shape * (0.15 * size / length.max())
+        title = f"mode {k + 1}: " + ("rigid" if rigid else f"{frequency:.4g} Hz")
+        views.append(View([ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)], title=title))
+    _console.print(table)
+    out.mkdir(parents=True, exist_ok=True)
+    basis.save(out / f"{mesh.stem}_basis.npz")
+    print(out / f"{mesh.stem}_basis.npz")
+    print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Entry point: errors of the package are one line on standard error and exit status 2."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in given
+    if debug:
+        given.remove("--debug")
+    warnings.showwarning = lambda message, *_, **__: print(f"modalshell: warning: {message}", file=sys.stderr)
+    try:
+        app(given, exit_on_error=False, print_error=False)
+    except (ModalShellError, CycloptsError, OSError) as error:
+        if debug:
+            raise
+        message = " ".join(str(error).split())
+        print(f"modalshell: {message}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("modalshell: stopped", file=sys.stderr)
+        sys.exit(130)

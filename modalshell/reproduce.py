@@ -1,0 +1,42 @@
+"""Running the studies and drawing the paper's figures from their results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from modalshell.errors import OptionError
+from modalshell.study import load_script
+
+FIGURES: dict[str, tuple[str, ...]] = {
+    "flat_vs_v_beam": ("figure_4",),
+    "v_beam_accuracy": ("figure_5", "figure_6a", "figure_6b"),
+}
+"""Which figure scripts read which study's result."""
+
+
+def chosen_studies(only: Sequence[str] | None) -> list[str]:
+    """Names of the studies to run; OptionError for a name that is none."""
+    if not only:
+        return list(FIGURES)
+    for name in only:
+        if name not in FIGURES:
+            raise OptionError(f"there is no study {name!r}; choose from {', '.join(FIGURES)}")
+    return [name for name in FIGURES if name in only]
+
+
+def reproduce(
+    name: str, results: Path, figures: Path, *, quick: bool = False, on_step: Callable[[int, int], None] | None = None
+) -> list[Path]:
+    """Run one study, save its result into ``results`` and draw its figures into ``figures``.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+    """
+    result = load_script("studies", name).main(quick=quick, on_step=on_step)
+    written: list[Path] = result.save(results)
+    for script in FIGURES[name]:
+        written.append(load_script("paper_figures", script).draw(results, figures))
+    return written

@@ -1,0 +1,24 @@
+"""Scenes that several test files share."""
+
+import numpy as np
+import pytest
+
+from modalshell import Material, Shell, solve_modes, v_beam
+
+
+@pytest.fixture(scope="session")
+def v_shell():
+    """The V-beam of the paper's figures: 150 degrees between the flanges, two rows clamped."""
+    mesh = v_beam(length=1.0, width=0.2, fold=150.0, cells=(40, 8), family="alternating")
+    material = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
+    return Shell(mesh, material, clamped=mesh.vertices[:, 0] < 0.026)
+
+
+@pytest.fixture(scope="session")
+def v_basis(v_shell):
+    return solve_modes(v_shell, 8)
+
+
+@pytest.fixture(scope="session")
+def v_ridge_tip(v_shell):
+    return int(np.argmin(np.linalg.norm(v_shell.rest_positions - (1.0, 0.0, 0.0), axis=1)))
