@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import App, CycloptsError, Parameter
@@ -43,7 +43,7 @@ def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
 def reproduce(
     *,
     only: Annotated[list[str] | None, Parameter(help="Names of the studies to run; all without it.")] = None,
-    out: Annotated[Path, Parameter(help="Folder of the results; pictures go to its folder 'figures'.")] = Path("results"),
+    out: Annotated[Path, Parameter(help="Folder of the results; pictures go to 'figures' in it.")] = Path("results"),
     figures: Annotated[Path | None, Parameter(help="Another folder for the pictures.")] = None,
     quick: Annotated[bool, Parameter(help="Coarser meshes and fewer loads, to try things out.")] = False,
 ) -> None:
@@ -63,9 +63,9 @@ class _ShellOptions:
         self,
         *,
         clamp: Annotated[str | None, Parameter(help="Vertices to hold, such as 'x < 0.01'; none without it.")] = None,
-        young: Annotated[float, Parameter(help="Young's modulus [Pa].")] = 1e7,
+        young: Annotated[float, Parameter(help="Young's modulus [Pa].")] = 1e9,
         poisson: Annotated[float, Parameter(help="Poisson's ratio.")] = 0.3,
-        thickness: Annotated[float | None, Parameter(help="Thickness [m]; 1/200 of the mesh's size without it.")] = None,
+        thickness: Annotated[float | None, Parameter(help="Thickness [m]; else 1/200 of the mesh's size.")] = None,
         density: Annotated[float, Parameter(help="Mass per volume [kg/m^3].")] = 1000.0,
     ) -> None:
         self.clamp, self.young, self.poisson, self.thickness, self.density = clamp, young, poisson, thickness, density
@@ -99,7 +99,10 @@ def simulate(
     static: Annotated[bool, Parameter(help="Equilibrium instead of motion: a picture instead of a film.")] = False,
     duration: Annotated[float, Parameter(help="Simulated time [s].")] = 2.0,
     dt: Annotated[float, Parameter(help="Time step, and time between frames [s].")] = 1.0 / 30.0,
-    damping: Annotated[tuple[float, float], Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s].")] = (0.5, 0.001),
+    damping: Annotated[tuple[float, float], Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s].")] = (
+        0.5,
+        0.001,
+    ),
     out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
 ) -> None:
     """Let a mesh of your own hang, fall or swing; write a film or a picture, and the positions."""
@@ -113,15 +116,17 @@ def simulate(
         chosen = ms.DiscreteShell(built)
     else:
         basis = ms.solve_modes(built, modes)
-        print(f"{basis.count} modes, {basis.rigid_modes} rigid, {basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz")
+        span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
+        print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
         chosen = ms.LinearModal(basis) if model == "lma" else ms.ModalWarping(basis)
     stem = out / f"{mesh.stem}_{model}"
     if static:
         answer = chosen.equilibrium(gravity=gravity)
         print(f"{chosen.name}: {answer.status}, {answer.iterations} iterations, residual {answer.residual:.1e}")
-        arrays = {"positions": answer.positions, "converged": answer.converged, "status": answer.status}
+        arrays: dict[str, Any] = {"positions": answer.positions, "converged": answer.converged, "status": answer.status}
         rest = ShadedSurface(built.rest_positions, built.mesh.faces, color="#999999", style="outline")
-        view = View([ShadedSurface(answer.positions, built.mesh.faces, smooth=True), rest], title=f"{mesh.stem}, {chosen.name}")
+        surface = ShadedSurface(answer.positions, built.mesh.faces, smooth=True)
+        view = View([surface, rest], title=f"{mesh.stem}, {chosen.name}")
         picture = draw_views([view], stem.with_suffix(".png"))
     else:
         with _progress(f"{chosen.name} steps") as on_step:
@@ -132,8 +137,8 @@ def simulate(
             picture = write_film(
                 stem.with_suffix(".mp4"), run.positions, built.mesh.faces, fps=1.0 / dt, smooth=True, on_frame=on_frame
             )
-    held = np.flatnonzero(built.clamped)
-    file = write_npz(stem.with_suffix(".npz"), faces=built.mesh.faces, rest=built.rest_positions, clamped=held, **arrays)
+    arrays |= {"faces": built.mesh.faces, "rest": built.rest_positions, "clamped": np.flatnonzero(built.clamped)}
+    file = write_npz(stem.with_suffix(".npz"), **arrays)
     print(file)
     print(picture)
 
@@ -161,7 +166,8 @@ def modes(
         length = np.linalg.norm(shape, axis=1)
         moved = built.rest_positions + shape * (0.15 * size / length.max())
         title = f"mode {k + 1}: " + ("rigid" if rigid else f"{frequency:.4g} Hz")
-        views.append(View([ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)], title=title))
+        surface = ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)
+        views.append(View([surface], title=title))
     _console.print(table)
     out.mkdir(parents=True, exist_ok=True)
     basis.save(out / f"{mesh.stem}_basis.npz")

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.errors import LoadError, OptionError
+from modalshell.checks import checked_vectors
+from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import Shell
 
@@ -40,7 +41,8 @@ def displacement_error(
     elif isinstance(shape, Shell):
         weights = shape.mass
     else:
-        weights = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), minlength=len(mesh.vertices))
+        weights = np.zeros(len(mesh.vertices))
+        np.add.at(weights, mesh.faces, mesh.face_areas[:, None] / 3.0)
     moved = float(np.sum(weights[:, None] * (b - mesh.vertices) ** 2))
     if moved == 0.0:
         raise OptionError("the reference does not move, so no relative error exists (got reference = rest positions)")
@@ -55,10 +57,4 @@ def area_change(positions: ArrayLike, mesh: TriangleMesh) -> float:
 
 
 def _checked(positions: ArrayLike, mesh: TriangleMesh) -> Array:
-    x = np.asarray(positions, dtype=np.float64)
-    if x.shape != mesh.vertices.shape:
-        raise LoadError(f"positions must have shape {mesh.vertices.shape} (got {x.shape})")
-    if not np.isfinite(x).all():
-        bad = int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])
-        raise LoadError(f"positions must be finite (got {x[bad]} at vertex {bad})")
-    return x
+    return checked_vectors("positions", positions, mesh.vertices.shape)

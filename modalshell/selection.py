@@ -57,7 +57,7 @@ def select_vertices(expression: str, vertices: NDArray[np.float64]) -> NDArray[n
 
 
 def _refuse(node: ast.AST, text: str) -> OptionError:
-    part = ast.get_source_segment(text, node) or type(node).__name__  # type: ignore[arg-type]
+    part = ast.get_source_segment(text, node) or type(node).__name__
     return OptionError(f"cannot use {part!r} in the selection {text!r}; allowed: {_ALLOWED}")
 
 
@@ -82,7 +82,7 @@ def _mask(node: ast.expr, text: str, axes: NDArray[np.float64]) -> Any:
 def _value(node: ast.expr, text: str, axes: NDArray[np.float64]) -> Any:
     if isinstance(node, ast.Name) and node.id in ("x", "y", "z"):
         return axes["xyz".index(node.id)]
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return np.float64(node.value)
     if isinstance(node, ast.BinOp) and type(node.op) in _ARITHMETIC:
         return _ARITHMETIC[type(node.op)](_value(node.left, text, axes), _value(node.right, text, axes))

@@ -15,9 +15,10 @@ def draw(results: Path, folder: Path) -> Path:
     for row in result.findings["rows"]:
         name, factor = row["beam"], row["flexure_factor"]
         positions = result.arrays[f"{name}_x{factor:g}_mwts"]
+        faces = result.arrays[f"{name}_faces"]
         surfaces = [
-            ShadedSurface(positions, result.arrays[f"{name}_faces"], color="#7fa8d6", edges=True),
-            ShadedSurface(result.arrays[f"{name}_rest"], result.arrays[f"{name}_faces"], color="#999999", style="outline"),
+            ShadedSurface(positions, faces, color="#7fa8d6", edges=True),
+            ShadedSurface(result.arrays[f"{name}_rest"], faces, color="#999999", style="outline"),
         ]
         beam = "flat" if name == "flat" else f"V, {row['fold_degrees']:g}°"
         views.append(

@@ -1,12 +1,12 @@
-r"""Rotations from rotation vectors, their running average, and its derivative (MATH.md 4; paper eq. 16-17).
+r"""Rotations from rotation vectors, their running average, and its derivative [choi2007, eq. 16-17; choi2005].
 
 For a rotation vector :math:`w`, with :math:`\phi = |w|`,
 
 .. math:: R(w) = e^{[w]} = I + c_1 [w] + c_2 [w]^2, \qquad
           \tilde R(w) = \int_0^1 e^{r [w]} dr = I + c_2 [w] + c_3 [w]^2,
 
-with :math:`c_1 = \sin\phi/\phi`, :math:`c_2 = (1-\cos\phi)/\phi^2`, :math:`c_3 = (\phi-\sin\phi)/\phi^3`. :math:`\tilde R` is
-the left Jacobian of SO(3): :math:`d\,e^{[w]} = [\tilde R\,dw]\,e^{[w]}`.
+with :math:`c_1 = \sin\phi/\phi`, :math:`c_2 = (1-\cos\phi)/\phi^2`, :math:`c_3 = (\phi-\sin\phi)/\phi^3`.
+:math:`\tilde R` is the left Jacobian of SO(3): :math:`d\,e^{[w]} = [\tilde R\,dw]\,e^{[w]}`.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import math
 import numpy as np
 from numba import njit
 
-_options = {"cache": True, "error_model": "numpy"}
+_kernel = njit(cache=True, error_model="numpy")
 
 
-@njit(**_options)
+@_kernel
 def coefficients(squared):  # type: ignore[no-untyped-def]
     """c1, c2, c3 at phi^2 = ``squared``: half angles and a series where subtraction would cancel."""
     angle = math.sqrt(squared)
@@ -41,7 +41,7 @@ def coefficients(squared):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(**_options)
+@_kernel
 def _apply(w, vector, linear, quadratic, out):  # type: ignore[no-untyped-def]
     """``out = vector + linear w x vector + quadratic w x (w x vector)`` for one vertex."""
     cx = w[1] * vector[2] - w[2] * vector[1]
@@ -52,7 +52,7 @@ def _apply(w, vector, linear, quadratic, out):  # type: ignore[no-untyped-def]
     out[2] = vector[2] + linear * cz + quadratic * (w[0] * cy - w[1] * cx)
 
 
-@njit(**_options)
+@_kernel
 def rotate(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def]
     """``out_i = R(sign w_i) v_i``; all (n, 3). ``sign`` = -1 applies the transpose."""
     for i in range(vectors.shape[0]):
@@ -61,16 +61,16 @@ def rotate(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def
         _apply(w, vectors[i], sign * first, second, out[i])
 
 
-@njit(**_options)
+@_kernel
 def warp(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def]
-    """``out_i = Rt(sign w_i) v_i``; all (n, 3). Rt is the average of the rotations from 0 to w (paper eq. 17)."""
+    """``out_i = Rt(sign w_i) v_i``; all (n, 3). Rt is the average of the rotations from 0 to w [choi2007, eq. 17]."""
     for i in range(vectors.shape[0]):
         w = rotation_vectors[i]
         _, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
         _apply(w, vectors[i], sign * second, third, out[i])
 
 
-@njit(**_options)
+@_kernel
 def largest_angle(rotation_vectors):  # type: ignore[no-untyped-def]
     """Largest |w_i| over all vertices [rad]."""
     largest = 0.0
@@ -80,7 +80,7 @@ def largest_angle(rotation_vectors):  # type: ignore[no-untyped-def]
     return math.sqrt(largest)
 
 
-@njit(**_options)
+@_kernel
 def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no-untyped-def]
     """``jacobians_i = d(R(w_i)^T f_i)/dw_i = [R^T f] Rt(-w)``, written into (n, 3, 3)."""
     rotated = np.empty(3)
@@ -99,12 +99,12 @@ def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no
             jacobians[i, 2, axis] = rotated[0] * column[1] - rotated[1] * column[0]
 
 
-@njit(**_options)
+@_kernel
 def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-untyped-def]
     """Rotation vectors (n, 3) that fit small ``displacements`` (n, 3) about ``positions`` best, into ``out``.
 
-    The modal rotation of MATH.md 3 at any configuration: ``A w = sum_k P_k x d_k`` with ``A = sum |P|^2 I - P P^T``
-    in each triangle, then the mean over the triangles at each vertex.
+    The modal rotation [choi2007, eq. 9-15] at any configuration: ``A w = sum_k P_k x d_k`` in each triangle, with
+    ``A = sum |P|^2 I - P P^T``, then the mean over the triangles at each vertex.
     """
     count = np.zeros(positions.shape[0])
     out[:] = 0.0
@@ -114,8 +114,10 @@ def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-u
             v = faces[face, k]
             arm = np.empty(3)
             for axis in range(3):
-                mean = positions[faces[face, 0], axis] + positions[faces[face, 1], axis] + positions[faces[face, 2], axis]
-                arm[axis] = positions[v, axis] - mean / 3.0
+                total = 0.0
+                for corner in range(3):
+                    total += positions[faces[face, corner], axis]
+                arm[axis] = positions[v, axis] - total / 3.0
             d = displacements[v]
             xx += arm[1] * arm[1] + arm[2] * arm[2]
             yy += arm[0] * arm[0] + arm[2] * arm[2]

@@ -1,6 +1,15 @@
 """Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
 
 from modalshell.modes.basis import Basis, solve_modes
+from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.factorisation import Factor, available_backends, factorise
 
-__all__ = ["Basis", "Factor", "available_backends", "factorise", "solve_modes"]
+__all__ = [
+    "Basis",
+    "Factor",
+    "available_backends",
+    "factorise",
+    "largest_eigenvalue",
+    "lowest_tangent_eigenvalue",
+    "solve_modes",
+]

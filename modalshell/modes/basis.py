@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.errors import FileFormatError, OptionError
+from modalshell.checks import checked_count
+from modalshell.errors import FileFormatError
 from modalshell.mesh import TriangleMesh
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.modal_rotation import rotation_matrix
@@ -33,7 +34,7 @@ class Basis:
     modes : ndarray, shape (3n, m)
         Phi, mass-orthonormal, zero at held vertices [1/sqrt(kg)].
     rotations : ndarray, shape (3n, m)
-        Psi = W Phi, the modal rotation matrix (paper eq. 15).
+        Psi = W Phi, the modal rotation matrix [choi2007, eq. 15].
     rigid_modes : int
         Number of leading modes that are rigid motions left free by the supports: six for a free shell.
     residual : float
@@ -99,8 +100,8 @@ class Basis:
             raise FileFormatError(f"cannot read a basis from {Path(path)}: {error}") from error
         if "modalshell_basis" not in data or int(data["modalshell_basis"]) != _FORMAT:
             raise FileFormatError(f"{Path(path)} is not a basis that this version saved (format {_FORMAT} expected)")
-        names = ("stretch", "shear", "flexure", "density")
-        material = Material(*(data[name] for name in names), correct_clamp=bool(data["correct_clamp"]))
+        stiffnesses = {name: data[name] for name in ("stretch", "shear", "flexure", "density")}
+        material = Material(**stiffnesses, correct_clamp=bool(data["correct_clamp"]))
         shell = Shell(TriangleMesh(data["vertices"], data["faces"]), material, data["clamped"])
         return cls(
             shell,
@@ -137,10 +138,9 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     SolverError
         If the stiffness is singular beyond its rigid motions, or a mode fails the residual check.
     """
-    if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 1:
-        raise OptionError(f"count must be a positive integer (got {count!r})")
-    eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, int(count), backend)
-    modes = np.zeros((shell.rest_positions.size, int(count)))
+    count = checked_count("count", count)
+    eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
+    modes = np.zeros((shell.rest_positions.size, count))
     modes[shell.free_unknowns] = free_modes
     rotations = np.asarray(rotation_matrix(shell.mesh) @ modes)
     return Basis(shell, eigenvalues, modes, rotations, rigid_modes, residual, name)

@@ -1,4 +1,4 @@
-"""Lowest eigenpairs of K phi = lambda M phi by shift-invert Lanczos (paper eq. 6-7; MATH.md 2)."""
+"""Lowest eigenpairs of K phi = lambda M phi by shift-invert Lanczos [choi2007, eq. 6-7]."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import warnings
 
 import numpy as np
 import scipy.linalg
+import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
+from modalshell.modes.factorisation import factorise
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
-from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 
 Array = NDArray[np.float64]
 
@@ -45,9 +47,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     # At rest the exact Hessian is its Gauss-Newton part: positive semi-definite to the last bit.
     _, _, data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)
     stiffness = shell.pattern.free_matrix(data)
-    root = np.sqrt(mass)
-    scaled = stiffness.copy()
-    scaled.data = stiffness.data / (np.repeat(root, np.diff(stiffness.indptr)) * root[stiffness.indices])
+    scaled, root = mass_scaled(shell, data)
     norm = float(spla.norm(scaled, 1))
 
     name = "dense"
@@ -68,7 +68,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     residual = float(residuals.max(initial=0.0))
     if residual > _RESIDUAL_LIMIT:
         raise SolverError(
-            f"mode {int(residuals.argmax())} has a residual of {residual:.1e} |K| |phi| (at most {_RESIDUAL_LIMIT:.0e}): "
+            f"mode {int(residuals.argmax())} has a residual of {residual:.1e} |K| |phi|, above {_RESIDUAL_LIMIT:.0e}: "
             "the stiffness is too ill-conditioned; check for slivers and for stiffnesses many decades apart"
         )
     modes = vectors / root[:, None]
@@ -76,6 +76,35 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     order = np.argsort(values, kind="stable")
     eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), values[order]])
     return eigenvalues, np.hstack([rigid, modes[:, order]]), rigid.shape[1], residual, name
+
+
+def mass_scaled(shell: Shell, data: Array) -> tuple[sps.csc_array, Array]:
+    """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, and ``M^1/2`` (N,)."""
+    scaled = shell.pattern.free_matrix(data)
+    root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+    scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
+    return scaled, root
+
+
+def largest_eigenvalue(shell: Shell) -> float:
+    """Upper estimate (within 1e-4) of the largest squared angular frequency of the rest shape [1/s^2]."""
+    scaled, root = mass_scaled(shell, shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2])
+    start = np.random.default_rng(0).standard_normal(root.size)
+    value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
+    return float(value[0]) * (1.0 + 1e-4)
+
+
+def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
+    """Eigenvalue nearest zero of the tangent stiffness over the mass at ``positions`` (n, 3) [1/s^2].
+
+    On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap.
+    """
+    scaled, root = mass_scaled(shell, shell.energy_gradient_hessian(positions, EXACT)[2])
+    factor = factorise(scaled, definite=False)
+    inverse = spla.LinearOperator(scaled.shape, matvec=factor.solve, dtype=np.float64)
+    start = np.random.default_rng(0).standard_normal(root.size)
+    value = spla.eigsh(scaled, k=1, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False)
+    return float(value[0])
 
 
 def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
@@ -86,7 +115,7 @@ def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
 
 
 def _lanczos(
-    matrix: spla.LinearOperator, solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int
+    matrix: sps.csc_array, solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int
 ) -> tuple[Array, Array]:
     """Shift-invert at zero in the mass-scaled problem, whose mass matrix is the identity."""
     size = root.size

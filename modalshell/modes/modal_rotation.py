@@ -1,4 +1,4 @@
-"""The modal rotation matrix: rotation vectors of vertices, linear in small displacements (paper eq. 9-15; MATH.md 3)."""
+"""The modal rotation matrix: rotation vectors of vertices, linear in small displacements [choi2007, eq. 9-15]."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def triangle_rotations(mesh: TriangleMesh) -> Array:
 
 
 def rotation_matrix(mesh: TriangleMesh) -> sps.csr_array:
-    """Sparse W (3n, 3n): vertex rotation vectors [rad] from displacements [m], averaged over the triangles at a vertex."""
+    """Sparse W (3n, 3n): vertex rotation vectors [rad] from displacements [m], the mean over the triangles at each."""
     count = len(mesh.vertices)
     per_triangle = triangle_rotations(mesh)
     degree = np.bincount(mesh.faces.ravel(), minlength=count)

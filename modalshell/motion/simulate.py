@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import checked_count, checked_number
 from modalshell.errors import OptionError
 from modalshell.rungs import Damping, Model
 from modalshell.rungs.model import Stopwatch, total_load
@@ -87,16 +88,12 @@ def simulate(
     LoadError
         For loads or positions of the wrong shape or not finite.
     """
-    if not (np.isscalar(dt) and np.isfinite(dt) and dt > 0):
-        raise OptionError(f"dt must be a positive number of seconds (got {dt!r})")
-    if not (np.isscalar(duration) and np.isfinite(duration) and duration >= dt):
-        raise OptionError(f"duration must be at least one step of {dt:g} s (got {duration!r})")
-    if not isinstance(store_every, int | np.integer) or store_every < 1:
-        raise OptionError(f"store_every must be a positive integer (got {store_every!r})")
-    factors = np.asarray(damping, dtype=np.float64)
-    if factors.shape != (2,) or not np.isfinite(factors).all() or (factors < 0).any():
-        raise OptionError(f"damping must be two factors xi, zeta >= 0 (got {damping!r})")
-    rayleigh = Damping(float(factors[0]), float(factors[1]))
+    dt = checked_number("dt", dt, above=0.0, unit="s")
+    duration = checked_number("duration", duration, at_least=dt, unit="s")
+    store_every = checked_count("store_every", store_every)
+    if np.shape(damping) != (2,):
+        raise OptionError(f"damping must be two Rayleigh factors xi, zeta (got {damping!r})")
+    rayleigh = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in damping))
     load = total_load(model.shell, gravity, force)
     model.check_step(dt, rayleigh)
     state = model.start_motion(None if start is None else model.shell.checked_positions(start))

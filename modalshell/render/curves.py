@@ -53,7 +53,7 @@ class Panel:
 
 
 def draw_curves(panels: Sequence[Panel], path: str | Path) -> Path:
-    """Draw panels side by side into a PNG; OptionError for values that are not finite or that a log axis cannot show."""
+    """Draw panels side by side into a PNG; OptionError for values not finite, or <= 0 on a logarithmic axis."""
     for panel in panels:
         for curve in panel.curves:
             values = np.concatenate([np.ravel(curve.x), np.ravel(curve.y)]).astype(float)

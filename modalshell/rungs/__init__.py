@@ -5,4 +5,4 @@ from modalshell.rungs.linear import LinearModal
 from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState
 from modalshell.rungs.warping import ModalWarping
 
-__all__ = ["Damping", "DiscreteShell", "Equilibrium", "LinearModal", "Model", "ModalWarping", "MotionState"]
+__all__ = ["Damping", "DiscreteShell", "Equilibrium", "LinearModal", "ModalWarping", "Model", "MotionState"]

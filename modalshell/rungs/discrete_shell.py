@@ -1,15 +1,14 @@
-"""DS, discrete shells: the full nonlinear shell (paper section 3; Grinspun et al. 2003), the truth of the ladder."""
+"""DS, discrete shells: the full nonlinear shell [choi2007, section 3], the truth of the ladder."""
 
 from __future__ import annotations
 
 from typing import Literal
 
 import numpy as np
-import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.errors import OptionError, SolverError
-from modalshell.modes import factorise
+from modalshell.modes import factorise, largest_eigenvalue
 from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState, Stopwatch, total_load
 from modalshell.rungs.newton import ACCEPTED, NewtonResult, Potential, descend, mixed_newton, solve, warped_step
 from modalshell.rungs.newton import is_stable as is_minimum
@@ -95,7 +94,7 @@ class DiscreteShell(Model):
         x, factor, trust, iterations = shell.rest_positions, 0.0, 1.0, 0
         while True:
             before = Potential(shell, factor * load, shell.rest_positions)
-            step, target, guess, stresses = 0.0, factor, x, None
+            target, guess, stresses = factor, x, None
             try:
                 factor_here = factorise(before.linearise(x, EXACT)[1], definite=False)
                 tangent = factor_here.solve(load.ravel()[shell.free_unknowns])
@@ -106,7 +105,6 @@ class DiscreteShell(Model):
                 stresses = shell.predicted_stresses(x, moved)
             except SolverError:
                 trust = 0.0
-            step = target - factor
             last = target == 1.0
             problem = Potential(shell, target * load, shell.rest_positions)
             if trust >= _SMALLEST_TRUST:
@@ -126,26 +124,15 @@ class DiscreteShell(Model):
             if last:
                 return NewtonResult(x, result.residual, iterations, True)
 
-    def largest_eigenvalue(self) -> float:
-        """Largest squared angular frequency of the rest shape [1/s^2]."""
-        if self._largest_eigenvalue is None:
-            shell = self.shell
-            _, _, data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)
-            scaled = shell.pattern.free_matrix(data)
-            root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
-            scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
-            start = np.random.default_rng(0).standard_normal(root.size)
-            value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
-            self._largest_eigenvalue = float(value[0]) * (1.0 + 1e-4)
-        return self._largest_eigenvalue
-
     def stable_step(self, damping: Damping | None = None) -> float:
         """Largest stable step of explicit Euler at the rest shape [s].
 
         For one mode, ``v+ = v - h (omega^2 x + c v)``, ``x+ = x + h v+`` is stable while
         ``h^2 omega^2 + 2 h c < 4``; with ``c = xi + zeta omega^2`` the stiffest mode decides.
         """
-        squared = self.largest_eigenvalue()
+        if self._largest_eigenvalue is None:
+            self._largest_eigenvalue = largest_eigenvalue(self.shell)
+        squared = self._largest_eigenvalue
         c = 0.0 if damping is None else damping.mass_factor + damping.stiffness_factor * squared
         return float((np.sqrt(c**2 + 4.0 * squared) - c) / squared)
 
@@ -155,8 +142,8 @@ class DiscreteShell(Model):
             stable = self.stable_step(damping)
             if dt > stable:
                 raise OptionError(
-                    f"explicit Euler needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): shorten the "
-                    "step, use integrator='implicit', or pass allow_unstable_step=True"
+                    f"explicit Euler needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): shorten "
+                    "the step, use integrator='implicit', or pass allow_unstable_step=True"
                 )
 
     def start_motion(self, positions: Array | None = None) -> MotionState:

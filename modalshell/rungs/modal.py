@@ -56,7 +56,7 @@ class ModalModel(Model):
         return MotionState(q, np.zeros_like(q))
 
     def step(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
-        """Implicit Euler for every mode by itself, with the modal force of the step before (MATH.md 4)."""
+        """Implicit Euler for every mode by itself, with the modal force of the step before."""
         stiffness = self.basis.eigenvalues
         p = self.modal_force(state.coordinates, load)
         damp = damping.mass_factor + damping.stiffness_factor * stiffness

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.errors import LoadError
+from modalshell.checks import checked_vectors
 from modalshell.shell import Shell
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class MotionState:
 
 @dataclass(frozen=True)
 class Damping:
-    """Rayleigh damping ``C = mass_factor M + stiffness_factor K`` (xi [1/s] and zeta [s] of MATH.md 2)."""
+    """Rayleigh damping ``C = mass_factor M + stiffness_factor K`` (xi [1/s] and zeta [s])."""
 
     mass_factor: float = 0.0
     stiffness_factor: float = 0.0
@@ -116,13 +116,7 @@ def total_load(shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None)
     if gravity is not None:
         load += shell.gravity_force(gravity)
     if force is not None:
-        given = np.asarray(force, dtype=np.float64)
-        if given.shape != load.shape:
-            raise LoadError(f"force must have shape {load.shape}, one vector a vertex (got {given.shape})")
-        if not np.isfinite(given).all():
-            bad = int(np.flatnonzero(~np.isfinite(given).all(axis=1))[0])
-            raise LoadError(f"force must be finite (got {given[bad]} at vertex {bad})")
-        load += given
+        load += checked_vectors("force", force, load.shape)
     return load
 
 
@@ -133,4 +127,5 @@ class Stopwatch:
         self._start = time.perf_counter()
 
     def __call__(self) -> float:
+        """Seconds so far."""
         return time.perf_counter() - self._start

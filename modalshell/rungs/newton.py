@@ -1,12 +1,11 @@
 """Newton's method for discrete shells: mixed steps for stiff sheets, line search and projection where they fail.
 
 A nearly inextensible sheet defeats plain Newton: a step along the tangent stretches the membrane by its square, so a
-line search lets only tiny steps through. The mixed step (Magisano, Leonetti and Garcea, Comput. Methods Appl. Mech.
-Eng. 313, 2017) treats the element stresses as unknowns of their own: after elimination the equations are Newton's, but
-the geometric part of the Hessian takes each stress from the last linearised step instead of the (huge) stress of the
-over-stretched iterate. Steps are moreover warped: every vertex is carried along the turn of its own triangles, as in
-modal warping, so that a long step bends the sheet instead of stretching it. Full steps then converge in a few
-iterations whatever the membrane stiffness.
+line search lets only tiny steps through. The mixed step [magisano2017] treats the element stresses as unknowns of
+their own: after elimination the equations are Newton's, but the geometric part of the Hessian takes each stress from
+the last linearised step instead of the (huge) stress of the over-stretched iterate. Steps are moreover warped: every
+vertex is carried along the turn of its own triangles, as in modal warping, so that a long step bends the sheet instead
+of stretching it. Full steps then converge in a few iterations whatever the membrane stiffness.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ Array = NDArray[np.float64]
 
 _GOAL = 1e-10
 ACCEPTED = 1e-7
-"""Out-of-balance force, as a share of the load, at which an answer counts as converged (MATH.md 9)."""
+"""Out-of-balance force, as a share of the load, at which an answer counts as converged."""
 
 _LARGEST_TURN = 1.0
 _STRETCH = 25

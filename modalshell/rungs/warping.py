@@ -1,4 +1,4 @@
-"""MWTS, modal warping for thin shells (the paper; its eq. 9-17): linear modes carried by the vertices' own rotations."""
+"""MWTS, modal warping for thin shells [choi2007, eq. 9-17]: linear modes carried by the vertices' own rotations."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ModalWarping(ModalModel):
         return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
 
     def displacement(self, q: Array) -> Array:
-        """Warped displacements (n, 3) [m] (paper eq. 17)."""
+        """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
         out = np.empty_like(linear)
         rotations.warp(self.rotation_vectors(q), linear, 1.0, out)
@@ -68,7 +68,7 @@ class ModalWarping(ModalModel):
         root = np.sqrt(self.basis.eigenvalues[self._elastic])
         scale = float(np.linalg.norm((self._modes.T @ load.ravel()) / root)) or 1.0
         # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
-        y = np.zeros(root.size)
+        y: Array = np.zeros(root.size)
         if start is not None:
             y = root * self.coordinates_of(np.asarray(start, dtype=np.float64))[self._elastic]
             y, residual, iterations, solved = self._newton(y, load, 1.0, root, scale)
@@ -141,12 +141,12 @@ class ModalWarping(ModalModel):
             step = min(step, 1.0 - factor)
             # dy/dfactor = J^-1 p / sqrt(lambda), and p / sqrt(lambda) = y / factor on the branch.
             tangent = y / factor if factor > 0 else -self._balance(y, load, root)
-            tangent = np.linalg.solve(self._jacobian(y, factor * load, root), tangent)
+            tangent = np.asarray(np.linalg.solve(self._jacobian(y, factor * load, root), tangent))
             trial, _, used, solved = self._newton(y + step * tangent, load, factor + step, root, scale)
             iterations += used
             reach = step * float(np.linalg.norm(tangent))
             if solved and np.linalg.norm(trial - y - step * tangent) <= reach:
-                y, factor, step = trial, factor + step, 2.0 * step
+                y, factor, step = np.asarray(trial), factor + step, 2.0 * step
                 continue
             step *= 0.5
             if step < _SMALLEST_LOAD_STEP:

@@ -1,11 +1,11 @@
-r"""Effective bending and membrane stiffness of a mesh of hinges and edge springs (MATH.md 9).
+r"""Effective bending and membrane stiffness of a mesh of hinges and edge springs.
 
 A smooth curvature :math:`\kappa` (a symmetric tensor in the tangent plane) folds each hinge by
 :math:`\theta = r : \kappa`, where r follows from the hinge's own triangles, unfolded. The mesh then stores
 :math:`k_f\,\kappa : C : \kappa` per area with :math:`C = \sum_e (l_0/h_0)\, r_e r_e^T / A`, which takes the place of a
-plate's :math:`D \kappa^2 / 2`. Vertices then shift along the normal until they are in balance, which softens meshes whose
-vertices differ in valence (union-jack: from 3 to 2.5), so the constants are measured with that relaxation: on patches
-of the mesh, or for a flat strip on the strip itself.
+plate's :math:`D \kappa^2 / 2`. Vertices then shift along the normal until they are in balance, which softens meshes
+whose vertices differ in valence (union-jack: from 3 to 2.5), so the constants are measured with that relaxation: on
+patches of the mesh, or for a flat strip on the strip itself.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ class BendingConstants:
     Attributes
     ----------
     wide : float
-        c of MATH.md 9: no curvature across (a plate held across).
+        c: no curvature across (a plate held across).
     narrow : float
-        b of MATH.md 9: curvature across and twist free (a narrow strip).
+        b: curvature across and twist free (a narrow strip).
     length, width : float
         The two largest extents of the mesh along its principal axes [m].
     """
@@ -63,7 +63,7 @@ def adjacent_areas(mesh: TriangleMesh) -> Array:
 
 
 def hinge_weights(mesh: TriangleMesh) -> Array:
-    """``l0 / h0`` of every hinge (H,), with h0 a third of the mean of the two heights over the edge (MATH.md 1)."""
+    """``l0 / h0`` of every hinge (H,), with h0 a third of the mean of the two heights over the edge."""
     areas = mesh.face_areas[mesh.edge_faces[mesh.hinge_edges]].sum(axis=1)
     return np.asarray(3.0 * mesh.edge_lengths[mesh.hinge_edges] ** 2 / areas)
 
@@ -71,11 +71,11 @@ def hinge_weights(mesh: TriangleMesh) -> Array:
 def clamp_line_hinges(mesh: TriangleMesh, clamped: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Hinges (H,) between one triangle that is wholly held and one that is not.
 
-    Such a hinge stands for the free half of its cell only (MATH.md 9, "Clamp bias").
+    Such a hinge stands for the free half of its cell only.
     """
-    held = clamped[mesh.faces].all(axis=1)
+    held: NDArray[np.bool_] = np.asarray(clamped[mesh.faces].all(axis=1))
     faces = mesh.edge_faces[mesh.hinge_edges]
-    return np.asarray(held[faces[:, 0]] != held[faces[:, 1]])
+    return np.not_equal(held[faces[:, 0]], held[faces[:, 1]])
 
 
 def _hinge_geometry(mesh: TriangleMesh) -> tuple[Array, Array, Array, Array, Array]:
@@ -126,7 +126,7 @@ def hinge_operator(mesh: TriangleMesh) -> sps.csr_array:
 
 
 def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) -> BendingConstants:
-    """Bending constants of a mesh for bending along ``direction``, or for its long axis, or on the mean (see Material)."""
+    """Bending constants for bending along ``direction``, or along the long axis, or on the mean (see Material)."""
     if len(mesh.hinges) == 0:
         raise MaterialError("a mesh without interior edges has no hinges and cannot bend (got 0 hinges); refine it")
     axis, length, width, flat = _long_axis(mesh)
@@ -168,10 +168,10 @@ def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
     total, area = np.zeros((3, 3)), 0.0
     for centre in np.unique(centres):
         ring = _rings(graph, np.array([centre]))
-        inside = (ring[mesh.faces] <= _RINGS).all(axis=1)
+        inside = np.asarray((ring[mesh.faces] <= _RINGS).all(axis=1))
         hinges = np.flatnonzero(inside[hinge_faces].all(axis=1))
         movable = np.flatnonzero((ring <= _RINGS - 2) & (depth >= 2))
-        measured = (ring[mesh.faces] <= _RINGS // 3).all(axis=1) & inside
+        measured = np.asarray((ring[mesh.faces] <= _RINGS // 3).all(axis=1)) & inside
         share = 0.5 * measured[hinge_faces[hinges]].sum(axis=1)
         if not share.any():
             continue
@@ -243,7 +243,8 @@ def lowest_stable_stretch(mesh: TriangleMesh, shear: Array) -> Array:
     squared = lengths**2
     # dA/dl of Heron's formula: tr(strain) = sum_i g_i e_i with g_i = l_i^2 (sum of the others - l_i^2) / (8 A^2).
     gradient = squared * (squared.sum(axis=1, keepdims=True) - 2.0 * squared) / (8.0 * areas[:, None] ** 2)
-    compliance = np.where(spring > 0, gradient**2 / np.where(spring > 0, spring, 1.0), np.where(gradient == 0, 0, np.inf))
+    slack = np.where(gradient == 0, 0.0, np.inf)
+    compliance = np.where(spring > 0, gradient**2 / np.where(spring > 0, spring, 1.0), slack)
     with np.errstate(divide="ignore"):
         return np.asarray(-0.999 / compliance.sum(axis=1))
 

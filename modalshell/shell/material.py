@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import checked_number
 from modalshell.errors import MaterialError, ModalShellWarning
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import calibration
@@ -17,15 +18,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Material:
-    """Stiffnesses of the discrete-shell energies (paper eq. 1-3; MATH.md 1) and area density.
+    """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3] and area density.
 
     Each may be one number or one value an element of the mesh that the shell is built on.
 
     Parameters
     ----------
     stretch : float or array_like, shape (T,)
-        k_s of ``k_s (A - A0)^2 / A0`` [N/m], over triangles. May be negative, as isotropic sheets with a Poisson's ratio
-        below 1/3 need; a shell checks that no triangle becomes unstable by it.
+        k_s of ``k_s (A - A0)^2 / A0`` [N/m], over triangles. May be negative, as isotropic sheets with a Poisson's
+        ratio below 1/3 need; a shell checks that no triangle becomes unstable by it.
     shear : float or array_like, shape (E,)
         k_h of ``k_h (l - l0)^2 / l0`` [N], over edges.
     flexure : float or array_like, shape (H,)
@@ -33,7 +34,7 @@ class Material:
     density : float or array_like, shape (T,)
         Mass per area [kg/m^2].
     correct_clamp : bool, optional
-        Double the weight of hinges on the clamp line, which stand for half a cell only (MATH.md 9). Off for plain
+        Double the weight of hinges on the clamp line, which stand for half a cell only. Off for plain
         stiffnesses, which are then the paper's energies as they stand; on in :meth:`from_physical`.
 
     Raises
@@ -76,7 +77,7 @@ class Material:
         direction: ArrayLike | None = None,
         narrow: bool | None = None,
     ) -> Material:
-        """Stiffnesses that give ``mesh`` the membrane and bending stiffness of an isotropic sheet (MATH.md 9).
+        """Stiffnesses that give ``mesh`` the membrane and bending stiffness of an isotropic sheet.
 
         A mesh of hinges bends as the triangulation has it, not as a plate does: the constants are computed from the
         hinges of this very mesh, so every mesh family is calibrated alike. What no constant mends: the bending
@@ -111,11 +112,10 @@ class Material:
         MaterialError
             For values out of range.
         """
-        for name, value in (("young", young), ("thickness", thickness), ("density", density)):
-            if not (np.isscalar(value) and np.isfinite(value) and value > 0):
-                raise MaterialError(f"{name} must be a positive number (got {value!r})")
-        if not (np.isscalar(poisson) and -1.0 < poisson <= 0.5):
-            raise MaterialError(f"poisson must lie in (-1, 0.5] (got {poisson!r})")
+        young = checked_number("young", young, MaterialError, above=0.0, unit="Pa")
+        thickness = checked_number("thickness", thickness, MaterialError, above=0.0, unit="m")
+        density = checked_number("density", density, MaterialError, above=0.0, unit="kg/m^3")
+        poisson = checked_number("poisson", poisson, MaterialError, above=-1.0, at_most=0.5)
         membrane = young * thickness
         shear = 2.0 * membrane / (3.0 * (1.0 + poisson)) * calibration.adjacent_areas(mesh) / mesh.edge_lengths
         stretch = membrane * (3.0 * poisson - 1.0) / (4.0 * (1.0 - poisson**2))
@@ -146,7 +146,7 @@ class Material:
         return cls(stretch_values, shear, flexure, density * thickness, correct_clamp=True)
 
     def per_element(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
-        """Stiffnesses of triangles (T,), edges (E,) and hinges (H,) of ``mesh``; MaterialError where they do not fit."""
+        """Stiffnesses of triangles (T,), edges (E,) and hinges (H,) of ``mesh``; MaterialError where they misfit."""
         counts = {"stretch": len(mesh.faces), "shear": len(mesh.edges), "flexure": len(mesh.hinges)}
         values = {name: _spread(name, getattr(self, name), count) for name, count in counts.items()}
         if (values["stretch"] < 0).any():
@@ -155,8 +155,8 @@ class Material:
             if unstable.size:
                 first = unstable[0]
                 raise MaterialError(
-                    f"stretch {values['stretch'][first]:g} N/m makes triangle {first} unstable, and {unstable.size} in all: "
-                    f"with this shear it must be at least {bound[first]:g} N/m"
+                    f"stretch {values['stretch'][first]:g} N/m makes triangle {first} unstable, {unstable.size} in "
+                    f"all: with this shear it must be at least {bound[first]:g} N/m"
                 )
         return values["stretch"], values["shear"], values["flexure"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.errors import LoadError
+from modalshell.checks import checked_vectors
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elements import ElementSet, element_sets
 from modalshell.shell.material import Material
@@ -20,7 +20,7 @@ GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
 
 
 class Shell:
-    """A discrete shell (paper section 3; MATH.md 1).
+    """A discrete shell [choi2007, section 3; grinspun2003].
 
     Parameters
     ----------
@@ -65,7 +65,8 @@ class Shell:
             len(mesh.vertices), [elements.stencils for elements in self.elements], self.free
         )
         face_mass = material.area_density(mesh) * mesh.face_areas
-        self.mass: Array = np.bincount(mesh.faces.ravel(), np.repeat(face_mass / 3.0, 3), minlength=len(mesh.vertices))
+        self.mass = np.zeros(len(mesh.vertices))
+        np.add.at(self.mass, mesh.faces, face_mass[:, None] / 3.0)
 
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
@@ -85,20 +86,11 @@ class Shell:
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
-        vector = np.asarray(gravity, dtype=np.float64)
-        if vector.shape != (3,) or not np.isfinite(vector).all():
-            raise LoadError(f"gravity must be three finite numbers in m/s^2 (got {gravity!r})")
-        return self.mass[:, None] * vector
+        return self.mass[:, None] * checked_vectors("gravity", gravity, (3,))
 
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
-        x = np.ascontiguousarray(positions, dtype=np.float64)
-        if x.shape != self.rest_positions.shape:
-            raise LoadError(f"positions must have shape {self.rest_positions.shape} (got {x.shape})")
-        if not np.isfinite(x).all():
-            bad = int(np.flatnonzero(~np.isfinite(x).all(axis=1))[0])
-            raise LoadError(f"positions must be finite (got {x[bad]} at vertex {bad})")
-        return x
+        return checked_vectors("positions", positions, self.rest_positions.shape)
 
     # Below: for solvers, on arrays that they own; no checks.
 
@@ -125,9 +117,8 @@ class Shell:
         none = np.empty(0)
         for index, e in enumerate(self.elements):
             stress = none if stresses is None else stresses[index]
-            total += e.kernel.add_stiffness(
-                x, e.stencils, e.rest, e.weight, stress, geometric, self._slots[index], self.pattern.strides, data, gradient
-            )
+            place = (self._slots[index], self.pattern.strides, data, gradient)
+            total += e.kernel.add_stiffness(x, e.stencils, e.rest, e.weight, stress, geometric, *place)
         return float(total), gradient, data
 
     def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
@@ -140,7 +131,7 @@ class Shell:
         return stresses
 
     def damping_force(self, x: Array, velocity: Array) -> Array:
-        """``-K_1(x) velocity`` (n, 3), K_1 the positive semi-definite first term of the Hessian (MATH.md 1)."""
+        """``-K_1(x) velocity`` (n, 3), K_1 the positive semi-definite first term of the Hessian."""
         force = np.zeros_like(x)
         for e in self.elements:
             e.kernel.add_damping(x, velocity, e.stencils, e.weight, force)

@@ -21,7 +21,7 @@ def held_vertices(clamped: ArrayLike | None, count: int) -> NDArray[np.bool_]:
     given = np.asarray(clamped)
     if given.dtype == bool:
         if given.shape != (count,):
-            raise SupportError(f"clamped must be a mask of shape ({count},) or vertex indices (got shape {given.shape})")
+            raise SupportError(f"clamped must be a mask ({count},) or vertex indices (got shape {given.shape})")
         mask = given.copy()
     else:
         if given.size and not np.issubdtype(given.dtype, np.integer):

@@ -1,7 +1,7 @@
-r"""The discrete-shell energies as SymPy expressions on their stencils (MATH.md 1; paper eq. 1-4; Grinspun et al. 2003).
+r"""The discrete-shell energies as SymPy expressions on their stencils [choi2007, eq. 1-4; grinspun2003].
 
-Every energy is :math:`E = w (g - g_0)^2` with a geometric measure :math:`g` and a weight :math:`w` = stiffness over rest
-size, so that
+Every energy is :math:`E = w (g - g_0)^2` with a geometric measure :math:`g` and a weight :math:`w` = stiffness over
+rest size, so that
 
 .. math:: \nabla E = 2 w (g - g_0) \nabla g, \qquad
           \nabla^2 E = 2 w \nabla g \nabla g^T + 2 w (g - g_0) \nabla^2 g .
@@ -73,7 +73,7 @@ def _differentiated(measure: sp.Expr, unknowns: tuple[sp.Symbol, ...]) -> tuple[
 
 
 def shear() -> Energy:
-    """Edge length, E_h = k_h (l - l0)^2 / l0 (paper eq. 2)."""
+    """Edge length, E_h = k_h (l - l0)^2 / l0 [choi2007, eq. 2]."""
     e = _vector("e")
     measure = sp.sqrt(e.dot(e))
     return Energy(
@@ -88,12 +88,12 @@ def shear() -> Energy:
 
 
 def stretch() -> Energy:
-    """Triangle area, E_s = k_s (A - A0)^2 / A0 (paper eq. 1)."""
+    """Triangle area, E_s = k_s (A - A0)^2 / A0 [choi2007, eq. 1]."""
     a, b = _vector("a"), _vector("b")
     normal = a.cross(b)
     twice_area = sp.sqrt(normal.dot(normal))
     # grad |n| = (b x n, n x a) / |n|: the gradient in closed form keeps the Hessian short.
-    gradient = tuple((b.cross(normal) / twice_area / 2)) + tuple((normal.cross(a) / twice_area / 2))
+    gradient = tuple(b.cross(normal) / twice_area / 2) + tuple(normal.cross(a) / twice_area / 2)
     return Energy(
         name="stretch",
         measure_name="triangle area A [m^2]",
@@ -106,7 +106,7 @@ def stretch() -> Energy:
 
 
 def flexure() -> Energy:
-    """Signed fold angle of a hinge, E_f = k_f (theta - theta0)^2 l0 / h0 (paper eq. 3).
+    """Signed fold angle of a hinge, E_f = k_f (theta - theta0)^2 l0 / h0 [choi2007, eq. 3].
 
     ``theta = atan2((n1 x n2) . e/|e|, n1 . n2)`` with ``n1 = e x a`` and ``n2 = b x e``; its first argument equals
     ``-|e| n1 . b``, which needs no second cross product. The gradient is the known closed form (a vertex off the edge

@@ -17,7 +17,7 @@ _TEMPLATE = Path(__file__).with_name("kernel.py.template")
 class _KernelPrinter(PythonCodePrinter):  # type: ignore[misc]
     """Prints for numba and NumPy alike: small powers as products, so that no call to ``pow`` is left."""
 
-    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:  # noqa: N802 (SymPy's hook)
+    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:  # noqa: ARG002 (SymPy's signature)
         base, exponent = expr.as_base_exp()
         text = self.parenthesize(base, 100)
         if not (2 * exponent).is_Integer or abs(exponent) > 4:
@@ -27,7 +27,7 @@ class _KernelPrinter(PythonCodePrinter):  # type: ignore[misc]
         product = factors[0] if len(factors) == 1 else "({})".format(" * ".join(factors))
         return f"(1.0 / {product})" if exponent < 0 else product
 
-    def _print_Rational(self, expr: sp.Rational) -> str:  # noqa: N802
+    def _print_Rational(self, expr: sp.Rational) -> str:
         return repr(float(expr))
 
     def _print_atan2(self, expr: sp.atan2) -> str:
