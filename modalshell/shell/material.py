@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_number
-from modalshell.errors import MaterialError, ModalShellWarning
+from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
-from modalshell.shell import calibration
+from modalshell.shell import bending, membrane
+from modalshell.shell.orientation import orient
 
 Array = NDArray[np.float64]
 
@@ -96,8 +96,9 @@ class Material:
         mesh : TriangleMesh
             The mesh the shell will be built on.
         direction : array_like, shape (3,), optional
-            Direction of bending for which the constant is exact. Without it: the long axis of the mesh, the x axis for
-            flat meshes that have none; curved meshes without a long axis are calibrated on the mean over directions.
+            Direction of bending and pulling for which the constants are exact. Without it: the long axis of the mesh,
+            the x axis for flat meshes that have none; curved meshes without a long axis are calibrated on the mean
+            over directions.
         narrow : bool, optional
             Whether the sheet bends as a strip, free to curve across (``EI/w``), or as a plate (``D``). Without it: a
             strip where the mesh is at least three times as long as wide.
@@ -116,42 +117,29 @@ class Material:
         thickness = checked_number("thickness", thickness, MaterialError, above=0.0, unit="m")
         density = checked_number("density", density, MaterialError, above=0.0, unit="kg/m^3")
         poisson = checked_number("poisson", poisson, MaterialError, above=-1.0, at_most=0.5)
-        membrane = young * thickness
-        shear = 2.0 * membrane / (3.0 * (1.0 + poisson)) * calibration.adjacent_areas(mesh) / mesh.edge_lengths
-        stretch = membrane * (3.0 * poisson - 1.0) / (4.0 * (1.0 - poisson**2))
-        bound = calibration.lowest_stable_stretch(mesh, shear)
-        stretch_values: float | Array = stretch
-        unstable = np.flatnonzero(stretch < bound)
-        if unstable.size:
-            stretch_values = np.maximum(stretch, bound)
-            warnings.warn(
-                f"{unstable.size} of {len(mesh.faces)} triangles are too obtuse for Poisson's ratio {poisson:g} "
-                f"(first: triangle {unstable[0]}): their area term is limited, which makes them stiffer across. "
-                "Remesh to near-equilateral triangles to mend it",
-                ModalShellWarning,
-                stacklevel=2,
-            )
+        orientation = orient(mesh, direction)
+        stretch, shear = membrane.membrane_stiffness(mesh, young * thickness, poisson, orientation)
         rigidity = young * thickness**3 / 12.0
-        constants = calibration.bending_constants(mesh, direction)
+        constants = bending.bending_constants(mesh, direction)
         if narrow is None:
-            narrow = constants.elongated
+            narrow = orientation.elongated
         if narrow:
             # As a wide, thin strip bends further its membrane takes the curvature across away (Searle), and the hinges'
             # own Poisson effect with it: their constant rises from b towards c. The share of that is split between
             # small and large deflection: 2.5 % at most.
-            searle = constants.width**2 / (thickness * constants.length)
+            searle = orientation.width**2 / (thickness * orientation.length)
             flexure = rigidity / (2.0 * constants.narrow * (1.0 + 0.025 * searle / (searle + 5.0)))
         else:
             flexure = rigidity / (1.0 - poisson**2) / (2.0 * constants.wide)
-        return cls(stretch_values, shear, flexure, density * thickness, correct_clamp=True)
+        return cls(stretch, shear, flexure, density * thickness, correct_clamp=True)
 
     def per_element(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
         """Stiffnesses of triangles (T,), edges (E,) and hinges (H,) of ``mesh``; MaterialError where they misfit."""
         counts = {"stretch": len(mesh.faces), "shear": len(mesh.edges), "flexure": len(mesh.hinges)}
         values = {name: _spread(name, getattr(self, name), count) for name, count in counts.items()}
         if (values["stretch"] < 0).any():
-            bound = calibration.lowest_stable_stretch(mesh, values["shear"])
-            unstable = np.flatnonzero(values["stretch"] < bound)
+            bound = membrane.lowest_stable_stretch(mesh, values["shear"])
+            unstable = np.flatnonzero(values["stretch"] < bound * (1.0 + 1e-9))
             if unstable.size:
                 first = unstable[0]
                 raise MaterialError(

@@ -1,4 +1,4 @@
-r"""Effective bending and membrane stiffness of a mesh of hinges and edge springs.
+r"""Effective bending stiffness of a mesh of hinges.
 
 A smooth curvature :math:`\kappa` (a symmetric tensor in the tangent plane) folds each hinge by
 :math:`\theta = r : \kappa`, where r follows from the hinge's own triangles, unfolded. The mesh then stores
@@ -19,13 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.orientation import in_plane_angles, orient
 
 Array = NDArray[np.float64]
 
-ELONGATED = 3.0
-"""Ratio of length to width from which a sheet counts as a strip with a long axis."""
-
-_FLAT = 1e-6
 _RINGS = 9
 _PATCHES = 24
 
@@ -40,26 +37,10 @@ class BendingConstants:
         c: no curvature across (a plate held across).
     narrow : float
         b: curvature across and twist free (a narrow strip).
-    length, width : float
-        The two largest extents of the mesh along its principal axes [m].
     """
 
     wide: float
     narrow: float
-    length: float
-    width: float
-
-    @property
-    def elongated(self) -> bool:
-        """Whether the mesh is long enough for its width to count as a strip."""
-        return self.length >= ELONGATED * self.width
-
-
-def adjacent_areas(mesh: TriangleMesh) -> Array:
-    """Sum of the areas of the triangles at each edge (E,) [m^2]; a boundary edge has one triangle."""
-    total = np.zeros(len(mesh.edges))
-    np.add.at(total, mesh.face_edges, mesh.face_areas[:, None])
-    return total
 
 
 def hinge_weights(mesh: TriangleMesh) -> Array:
@@ -129,16 +110,8 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
     """Bending constants for bending along ``direction``, or along the long axis, or on the mean (see Material)."""
     if len(mesh.hinges) == 0:
         raise MaterialError("a mesh without interior edges has no hinges and cannot bend (got 0 hinges); refine it")
-    axis, length, width, flat = _long_axis(mesh)
-    elongated = length >= ELONGATED * width
-    if direction is not None:
-        given = np.asarray(direction, dtype=np.float64)
-        if given.shape != (3,) or not np.isfinite(given).all() or not given.any():
-            raise MaterialError(f"direction must be a finite, non-zero vector of three numbers (got {direction!r})")
-        axis = given / np.linalg.norm(given)
-    elif not elongated:
-        axis = np.array([1.0, 0.0, 0.0]) if flat else np.zeros(3)
-
+    orientation = orient(mesh, direction)
+    axis = orientation.axis
     tensor = _relaxed_tensor(mesh, axis)
     if axis.any():
         wide, narrow = tensor[0, 0], 1.0 / np.linalg.inv(tensor)[0, 0]
@@ -148,10 +121,10 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
         sphere = tensor[0, 0] + tensor[1, 1] + 2.0 * tensor[0, 1]
         poisson = sphere / (2.0 * wide) - 1.0
         narrow = wide * (1.0 - poisson**2)
-    if flat and direction is None and elongated:
+    if orientation.flat and orientation.elongated and not orientation.named:
         measured = _cantilever(mesh, axis)
         narrow = measured if np.isfinite(measured) else narrow
-    return BendingConstants(float(wide), float(narrow), length, width)
+    return BendingConstants(float(wide), float(narrow))
 
 
 def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
@@ -230,41 +203,9 @@ def _cantilever(mesh: TriangleMesh, axis: Array) -> float:
     return float(np.mean(constants)) if constants else np.nan
 
 
-def lowest_stable_stretch(mesh: TriangleMesh, shear: Array) -> Array:
-    """Lowest area stiffness (T,) [N/m] at which each triangle resists every strain, for edge stiffnesses (E,) [N].
-
-    A triangle's strain energy per area is ``sum_i a_i e_i^2 + k_s (g . e)^2`` in its edge strains e, so it is positive
-    as long as ``1 + k_s sum_i g_i^2 / a_i > 0``. An edge's stiffness is shared between its triangles by their areas.
-    """
-    areas = mesh.face_areas
-    lengths = mesh.edge_lengths[mesh.face_edges]
-    share = areas[:, None] / adjacent_areas(mesh)[mesh.face_edges]
-    spring = shear[mesh.face_edges] * lengths * share / areas[:, None]
-    squared = lengths**2
-    # dA/dl of Heron's formula: tr(strain) = sum_i g_i e_i with g_i = l_i^2 (sum of the others - l_i^2) / (8 A^2).
-    gradient = squared * (squared.sum(axis=1, keepdims=True) - 2.0 * squared) / (8.0 * areas[:, None] ** 2)
-    slack = np.where(gradient == 0, 0.0, np.inf)
-    compliance = np.where(spring > 0, gradient**2 / np.where(spring > 0, spring, 1.0), slack)
-    with np.errstate(divide="ignore"):
-        return np.asarray(-0.999 / compliance.sum(axis=1))
-
-
-def _long_axis(mesh: TriangleMesh) -> tuple[Array, float, float, bool]:
-    """Unit vector of the longest extent, that extent, the next one [m], and whether the mesh is flat."""
-    centred = mesh.vertices - mesh.vertices.mean(axis=0)
-    _, _, axes = np.linalg.svd(centred, full_matrices=False)
-    extents = np.ptp(centred @ axes.T, axis=0)
-    order = np.argsort(extents)[::-1]
-    extents = extents[order]
-    return axes[order[0]], float(extents[0]), float(extents[1]), bool(extents[2] <= _FLAT * extents[0])
-
-
 def _turn(rows: Array, tangents: Array, normals: Array, axis: Array) -> Array:
     """Rows for curvatures (along, across, twist) of ``axis`` laid into each hinge's tangent plane."""
-    inside = axis - normals * (normals @ axis)[:, None]
-    inside /= np.maximum(np.linalg.norm(inside, axis=1, keepdims=True), 1e-12)
-    cosine = np.einsum("hi,hi->h", inside, tangents)
-    sine = np.einsum("hi,hi->h", np.cross(normals, inside), tangents)
+    cosine, sine = in_plane_angles(tangents, normals, axis)
     # t = cosine d + sine c, n = -sine d + cosine c with c the cross axis.
     tt, nn, tn = rows.T
     return np.stack(

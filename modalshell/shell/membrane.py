@@ -1,0 +1,88 @@
+"""Effective membrane stiffness of a mesh of edge springs and triangle areas.
+
+Springs of stiffness ``k_h = 2 E h sum(A) / (3 (1 + nu) l)`` (A: the triangles at the edge, so that a boundary edge
+counts half) and areas of ``k_s = E h (3 nu - 1) / (4 (1 - nu^2))`` have the energy of an isotropic sheet on the mean over
+directions, and in every direction where triangles are equilateral. Right-angled triangles are stiffer along their legs.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import ModalShellWarning
+from modalshell.mesh import TriangleMesh
+from modalshell.shell.orientation import Orientation, in_plane_angles
+
+Array = NDArray[np.float64]
+
+
+def membrane_stiffness(
+    mesh: TriangleMesh, young_thickness: float, poisson: float, orientation: Orientation
+) -> tuple[Array, Array]:
+    """Area stiffness (T,) [N/m] and edge stiffness (E,) [N] of an isotropic sheet with ``E h`` [N/m].
+
+    Where the mesh has a long axis, or the user named a direction, both are scaled so that pulling along it meets E
+    exactly.
+    """
+    shear = 2.0 * young_thickness / (3.0 * (1.0 + poisson)) * adjacent_areas(mesh) / mesh.edge_lengths
+    stretch = np.full(len(mesh.faces), young_thickness * (3.0 * poisson - 1.0) / (4.0 * (1.0 - poisson**2)))
+    bound = lowest_stable_stretch(mesh, shear)
+    unstable = np.flatnonzero(stretch < bound)
+    if unstable.size:
+        stretch = np.maximum(stretch, bound)
+        warnings.warn(
+            f"{unstable.size} of {len(mesh.faces)} triangles are too obtuse for Poisson's ratio {poisson:g} "
+            f"(first: triangle {unstable[0]}): their area term is limited, which makes them stiffer across. "
+            "Remesh to near-equilateral triangles to mend it",
+            ModalShellWarning,
+            stacklevel=3,
+        )
+    if orientation.elongated or orientation.named:
+        scale = young_thickness / axial_stiffness(mesh, stretch, shear, orientation.axis)
+        return scale * stretch, scale * shear
+    return stretch, shear
+
+
+def axial_stiffness(mesh: TriangleMesh, stretch: Array, shear: Array, axis: Array) -> float:
+    """``E h`` [N/m] that pulling along ``axis`` feels, sides free, for uniform strain of the whole mesh."""
+    corners = mesh.vertices[mesh.faces]
+    edges = np.roll(corners, -1, axis=1) - corners
+    tangents = edges / np.linalg.norm(edges, axis=2, keepdims=True)
+    normals = np.repeat(mesh.face_normals[:, None], 3, axis=1)
+    cosine, sine = in_plane_angles(tangents, normals, axis)
+    rows = np.stack([cosine**2, sine**2, cosine * sine], axis=-1)
+    share = mesh.face_areas[:, None] / adjacent_areas(mesh)[mesh.face_edges]
+    spring = shear[mesh.face_edges] * mesh.edge_lengths[mesh.face_edges] * share
+    tensor = np.einsum("tk,tki,tkj->ij", spring, rows, rows)
+    tensor[:2, :2] += float(np.sum(stretch * mesh.face_areas))
+    # The energy per area is strain . C . strain, so a stress-free side leaves E h = 2 / (C^-1)_00.
+    return float(2.0 / np.linalg.inv(tensor / mesh.area)[0, 0])
+
+
+def adjacent_areas(mesh: TriangleMesh) -> Array:
+    """Sum of the areas of the triangles at each edge (E,) [m^2]; a boundary edge has one triangle."""
+    total = np.zeros(len(mesh.edges))
+    np.add.at(total, mesh.face_edges, mesh.face_areas[:, None])
+    return total
+
+
+def lowest_stable_stretch(mesh: TriangleMesh, shear: Array) -> Array:
+    """Lowest area stiffness (T,) [N/m] at which each triangle resists every strain, for edge stiffnesses (E,) [N].
+
+    A triangle's strain energy per area is ``sum_i a_i e_i^2 + k_s (g . e)^2`` in its edge strains e, so it is positive
+    as long as ``1 + k_s sum_i g_i^2 / a_i > 0``. An edge's stiffness is shared between its triangles by their areas.
+    """
+    areas = mesh.face_areas
+    lengths = mesh.edge_lengths[mesh.face_edges]
+    share = areas[:, None] / adjacent_areas(mesh)[mesh.face_edges]
+    spring = shear[mesh.face_edges] * lengths * share / areas[:, None]
+    squared = lengths**2
+    # dA/dl of Heron's formula: tr(strain) = sum_i g_i e_i with g_i = l_i^2 (sum of the others - l_i^2) / (8 A^2).
+    gradient = squared * (squared.sum(axis=1, keepdims=True) - 2.0 * squared) / (8.0 * areas[:, None] ** 2)
+    slack = np.where(gradient == 0, 0.0, np.inf)
+    compliance = np.where(spring > 0, gradient**2 / np.where(spring > 0, spring, 1.0), slack)
+    with np.errstate(divide="ignore"):
+        return np.asarray(-0.999 / compliance.sum(axis=1))

@@ -1,0 +1,69 @@
+"""The direction for which a mesh is calibrated: its long axis, or the one that the user names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.errors import MaterialError
+from modalshell.mesh import TriangleMesh
+
+Array = NDArray[np.float64]
+
+_ELONGATED = 3.0
+_FLAT = 1e-6
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """Extents of a mesh and the direction of its bending.
+
+    Attributes
+    ----------
+    axis : ndarray, shape (3,)
+        Unit vector of the direction; zero where every direction counts alike.
+    length, width : float
+        The two largest extents along the principal axes [m].
+    flat : bool
+        Whether the mesh is flat.
+    named : bool
+        Whether the user named the direction.
+    """
+
+    axis: Array
+    length: float
+    width: float
+    flat: bool
+    named: bool
+
+    @property
+    def elongated(self) -> bool:
+        """Whether the mesh is at least three times as long as wide."""
+        return self.length >= _ELONGATED * self.width
+
+
+def orient(mesh: TriangleMesh, direction: ArrayLike | None = None) -> Orientation:
+    """The named direction; else the long axis; else the x axis of a flat mesh; else none."""
+    centred = mesh.vertices - mesh.vertices.mean(axis=0)
+    _, _, axes = np.linalg.svd(centred, full_matrices=False)
+    extents = np.ptp(centred @ axes.T, axis=0)
+    order = np.argsort(extents)[::-1]
+    length, width, height = (float(extent) for extent in extents[order])
+    flat = height <= _FLAT * length
+    if direction is not None:
+        axis = np.asarray(direction, dtype=np.float64)
+        if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
+            raise MaterialError(f"direction must be a finite, non-zero vector of three numbers (got {direction!r})")
+        return Orientation(axis / np.linalg.norm(axis), length, width, flat, True)
+    if length >= _ELONGATED * width:
+        return Orientation(axes[order[0]], length, width, flat, False)
+    return Orientation(np.array([1.0, 0.0, 0.0]) if flat else np.zeros(3), length, width, flat, False)
+
+
+def in_plane_angles(tangents: Array, normals: Array, axis: Array) -> tuple[Array, Array]:
+    """Cosine and sine from ``axis``, laid into each tangent plane, to unit ``tangents``; all (..., 3)."""
+    inside = axis - normals * (normals @ axis)[..., None]
+    inside = inside / np.maximum(np.linalg.norm(inside, axis=-1, keepdims=True), 1e-12)
+    return np.sum(inside * tangents, axis=-1), np.sum(np.cross(normals, inside) * tangents, axis=-1)
