@@ -34,9 +34,17 @@ ModelName = Literal["lma", "mwts", "ds"]
 def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar with the time left, as a callback of (done, total)."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
-    with Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=_errors) as bar:
-        task = bar.add_task(text, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=_errors)
+    task = bar.add_task(text, total=None)
+
+    def advance(done: int, total: int) -> None:
+        bar.start()  # at the first step, so that refused options leave one line alone
+        bar.update(task, completed=done, total=total)
+
+    try:
+        yield advance
+    finally:
+        bar.stop()
 
 
 @app.command

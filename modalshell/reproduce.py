@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from modalshell.errors import OptionError
+from modalshell.files import write_text
 from modalshell.study import load_script
 
 FIGURES: dict[str, tuple[str, ...]] = {
@@ -35,8 +36,13 @@ def reproduce(
     list of Path
         The files written.
     """
-    result = load_script("studies", name).main(quick=quick, on_step=on_step)
+    study = load_script("studies", name)
+    result = study.main(quick=quick, on_step=on_step)
     written: list[Path] = result.save(results)
+    title = (study.__doc__ or name).strip().splitlines()[0]
+    command = f"modalshell reproduce --only {name}" + (" --quick" if quick else "")
+    page = f"# {name}\n\n{title}\n\nMade by `{command}`.\n\n{study.table(result)}\n"
+    written.append(write_text(results / f"{name}.md", page))
     for script in FIGURES[name]:
         written.append(load_script("paper_figures", script).draw(results, figures))
     return written

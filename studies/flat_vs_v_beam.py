@@ -63,3 +63,15 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             on_step(done, len(cases))
     parameters = {**p, "folds": FOLDS, "flexure_factors": FACTORS, "cells": cells}
     return StudyResult("flat_vs_v_beam", {"rows": rows}, arrays, run_record(parameters))
+
+
+def table(result: StudyResult) -> str:
+    """The findings as a Markdown table."""
+    lines = ["| beam | flexure | first frequency [Hz] | tip drop, MWTS [L] | tip drop, DS [L] | MWTS error |"]
+    lines.append("|---|---|---|---|---|---|")
+    for row in result.findings["rows"]:
+        lines.append(
+            f"| {row['beam']} ({row['fold_degrees']:g}°) | x{row['flexure_factor']:g} | {row['frequencies_hz'][0]:.3f} "
+            f"| {row['mwts_tip_drop']:.3f} | {row['ds_tip_drop']:.3f} | {100 * row['mwts_error']:.1f} % |"
+        )
+    return "\n".join(lines)

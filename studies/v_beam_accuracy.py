@@ -123,3 +123,22 @@ def find_jump(
         else:
             before, low = answer.positions, middle
     return {"gravity": [low, high], "shift": float(np.abs(after - before).max()) / length}
+
+
+def table(result: StudyResult) -> str:
+    """The findings as a Markdown table, one row a load."""
+    lines = ["| membrane | Γ | DS ridge tip [L] | LMA error | MWTS error | area: LMA | MWTS | DS | tangent |"]
+    lines.append("|---|---|---|---|---|---|---|---|---|")
+    for regime in REGIMES:
+        for row in result.findings[regime]["rows"]:
+            areas = " | ".join(f"{100 * row[f'{model}_area_change']:+.2f} %" for model in ("lma", "mwts", "ds"))
+            lines.append(
+                f"| {regime}{', snapped' if row['after_snap'] else ''} | {row['gamma']:.3f} | {row['ds_tip_z']:.3f} "
+                f"| {100 * row['lma_error']:.1f} % | {100 * row['mwts_error']:.1f} % | {areas} "
+                f"| {row['lowest_tangent_ratio']:.2f} |"
+            )
+    lines.append("")
+    lines.append(
+        "Tangent: lowest eigenvalue about the deformed state over the first one at rest; a snap nears as it falls."
+    )
+    return "\n".join(lines)

@@ -1,8 +1,8 @@
 """Effective membrane stiffness of a mesh of edge springs and triangle areas.
 
 Springs of stiffness ``k_h = 2 E h sum(A) / (3 (1 + nu) l)`` (A: the triangles at the edge, so that a boundary edge
-counts half) and areas of ``k_s = E h (3 nu - 1) / (4 (1 - nu^2))`` have the energy of an isotropic sheet on the mean over
-directions, and in every direction where triangles are equilateral. Right-angled triangles are stiffer along their legs.
+counts half) and areas of ``k_s = E h (3 nu - 1) / (4 (1 - nu^2))`` have the energy of an isotropic sheet on the mean
+over directions, and in every direction where triangles are equilateral. Right-angled ones are stiffer along their legs.
 """
 
 from __future__ import annotations
@@ -18,6 +18,9 @@ from modalshell.shell.orientation import Orientation, in_plane_angles
 
 Array = NDArray[np.float64]
 
+_STABLE_SHARE = 0.8
+"""Share of the lowest stable area stiffness that is used: at the bound itself a triangle has a strain for free."""
+
 
 def membrane_stiffness(
     mesh: TriangleMesh, young_thickness: float, poisson: float, orientation: Orientation
@@ -29,7 +32,7 @@ def membrane_stiffness(
     """
     shear = 2.0 * young_thickness / (3.0 * (1.0 + poisson)) * adjacent_areas(mesh) / mesh.edge_lengths
     stretch = np.full(len(mesh.faces), young_thickness * (3.0 * poisson - 1.0) / (4.0 * (1.0 - poisson**2)))
-    bound = lowest_stable_stretch(mesh, shear)
+    bound = _STABLE_SHARE * lowest_stable_stretch(mesh, shear)
     unstable = np.flatnonzero(stretch < bound)
     if unstable.size:
         stretch = np.maximum(stretch, bound)
@@ -85,4 +88,4 @@ def lowest_stable_stretch(mesh: TriangleMesh, shear: Array) -> Array:
     slack = np.where(gradient == 0, 0.0, np.inf)
     compliance = np.where(spring > 0, gradient**2 / np.where(spring > 0, spring, 1.0), slack)
     with np.errstate(divide="ignore"):
-        return np.asarray(-0.999 / compliance.sum(axis=1))
+        return np.asarray(-1.0 / compliance.sum(axis=1))

@@ -1,0 +1,105 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+
+BAD = sorted(path for path in (Path(__file__).parent / "data" / "bad").iterdir() if path.suffix in (".obj", ".ply"))
+
+
+@pytest.fixture(autouse=True)
+def _without_opengl(monkeypatch):
+    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+
+
+@pytest.fixture(scope="module")
+def leaf(tmp_path_factory):
+    path = tmp_path_factory.mktemp("mesh") / "leaf.obj"
+    ms.save_mesh(ms.leaf(cells=(16, 6)), path)
+    return str(path)
+
+
+def run(capsys, *arguments):
+    status = 0
+    try:
+        main(list(arguments))
+    except SystemExit as exit_:
+        status = exit_.code
+    captured = capsys.readouterr()
+    return status or 0, captured.out, captured.err
+
+
+@pytest.mark.parametrize("model", ["lma", "mwts", "ds"])
+def test_simulate_writes_a_film_and_the_positions(capsys, tmp_path, leaf, model):
+    options = ["--clamp", "x < 0.08", "--gravity", "0", "0", "-9.81", "--model", model, "--duration", "0.2"]
+    status, out, err = run(capsys, "simulate", leaf, *options, "--out", str(tmp_path))
+    assert status == 0, err
+    assert "completed" in out
+    with np.load(tmp_path / f"leaf_{model}.npz", allow_pickle=False) as stored:
+        assert stored["positions"].shape[0] == stored["times"].size == 7
+        assert np.isfinite(stored["positions"]).all()
+        assert stored["positions"][-1, :, 2].mean() < stored["rest"][:, 2].mean()
+    assert (tmp_path / f"leaf_{model}.mp4").stat().st_size > 1000
+
+
+def test_simulate_static_writes_a_picture(capsys, tmp_path, leaf):
+    status, out, _ = run(capsys, "simulate", leaf, "--clamp", "x < 0.08", "--static", "--out", str(tmp_path))
+    assert status == 0
+    assert "converged" in out
+    assert (tmp_path / "leaf_mwts.png").exists()
+
+
+def test_modes_prints_frequencies_and_draws_shapes(capsys, tmp_path, leaf):
+    status, out, _ = run(capsys, "modes", leaf, "--count", "8", "--out", str(tmp_path))
+    assert status == 0
+    assert out.count("rigid") == 6
+    assert out.count("elastic") == 2
+    assert (tmp_path / "leaf_modes.png").exists()
+    assert ms.Basis.load(tmp_path / "leaf_basis.npz").rigid_modes == 6
+
+
+@pytest.mark.parametrize("path", BAD, ids=lambda path: path.name)
+def test_bad_meshes_give_one_line_and_status_2(capsys, path):
+    status, out, err = run(capsys, "simulate", str(path))
+    assert status == 2
+    assert out == ""
+    assert err.startswith("modalshell: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (("simulate", "no_such_file.obj"), "no_such_file"),
+        (("simulate", "LEAF", "--clamp", "x <"), "selection"),
+        (("simulate", "LEAF", "--clamp", "x < -99"), "holds no vertex"),
+        (("simulate", "LEAF", "--clamp", "x < 99"), "holds all"),
+        (("simulate", "LEAF", "--young", "-3"), "young"),
+        (("simulate", "LEAF", "--model", "magic"), "magic"),
+        (("simulate", "LEAF", "--duration", "0"), "duration"),
+        (("simulate", "LEAF", "--modes", "0"), "count"),
+        (("simulate", "LEAF", "--gravity", "0", "0"), "gravity"),
+        (("reproduce", "--only", "nothing"), "nothing"),
+        (("fly",), "fly"),
+    ],
+)
+def test_bad_options_give_one_line_and_status_2(capsys, tmp_path, leaf, arguments, match):
+    given = [leaf if argument == "LEAF" else argument for argument in arguments]
+    status, _, err = run(capsys, *given, *(["--out", str(tmp_path)] if arguments[0] != "fly" else []))
+    assert status == 2
+    assert match in err
+    assert err.startswith("modalshell: ")
+    assert err.count("\n") == 1
+
+
+def test_debug_shows_the_traceback():
+    command = [sys.executable, "-m", "modalshell", "simulate", "no_such_file.obj"]
+    plain = subprocess.run(command, capture_output=True, text=True, check=False)
+    debug = subprocess.run([*command, "--debug"], capture_output=True, text=True, check=False)
+    assert plain.returncode == 2
+    assert "Traceback" not in plain.stderr
+    assert "Traceback" in debug.stderr

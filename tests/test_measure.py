@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+
+def test_error_of_a_scaled_displacement_is_the_scale():
+    mesh = ms.flat_beam(cells=(6, 2))
+    rng = np.random.default_rng(0)
+    reference = mesh.vertices + 0.1 * rng.standard_normal(mesh.vertices.shape)
+    answer = mesh.vertices + 1.25 * (reference - mesh.vertices)
+    shell = ms.Shell(mesh, ms.Material(1.0, 1.0, 1.0, 1.0))
+    for shape in (mesh, shell):
+        assert ms.measure.displacement_error(answer, reference, shape) == pytest.approx(0.25, rel=1e-12)
+        assert ms.measure.displacement_error(answer, reference, shape, weighted=False) == pytest.approx(0.25, rel=1e-12)
+
+
+def test_weights_are_the_masses():
+    mesh = ms.flat_beam(cells=(6, 2))
+    density = np.linspace(1.0, 5.0, len(mesh.faces))
+    shell = ms.Shell(mesh, ms.Material(1.0, 1.0, 1.0, density))
+    reference = mesh.vertices + np.array([0.0, 0.0, 1.0])
+    answer = reference.copy()
+    answer[4, 2] += 0.5
+    expected = 0.5 * np.sqrt(shell.mass[4] / shell.mass.sum())
+    assert ms.measure.displacement_error(answer, reference, shell) == pytest.approx(expected, rel=1e-12)
+
+
+def test_area_change():
+    mesh = ms.v_beam(cells=(6, 2))
+    assert ms.measure.area_change(mesh.vertices, mesh) == pytest.approx(0.0, abs=1e-14)
+    assert ms.measure.area_change(1.1 * mesh.vertices, mesh) == pytest.approx(0.21, rel=1e-12)
+
+
+def test_refusals():
+    mesh = ms.flat_beam(cells=(6, 2))
+    with pytest.raises(ms.OptionError, match="does not move"):
+        ms.measure.displacement_error(mesh.vertices + 1.0, mesh.vertices, mesh)
+    with pytest.raises(ms.LoadError, match="shape"):
+        ms.measure.displacement_error(mesh.vertices[:-1], mesh.vertices, mesh)
+    bad = mesh.vertices.copy()
+    bad[3, 1] = np.nan
+    with pytest.raises(ms.LoadError, match="entry 3"):
+        ms.measure.area_change(bad, mesh)

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+
+@pytest.fixture(scope="module")
+def beam():
+    mesh = ms.v_beam(cells=(12, 4))
+    return ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.1)
+
+
+@pytest.fixture(scope="module")
+def basis(beam):
+    return ms.solve_modes(beam, 6)
+
+
+def test_frames_times_and_status(basis):
+    run = ms.simulate(ms.ModalWarping(basis), duration=0.5, dt=0.1, gravity=(0, 0, -1))
+    assert run.status == "completed"
+    assert run.positions.shape == (6, *basis.shell.rest_positions.shape)
+    np.testing.assert_allclose(run.times, np.arange(6) * 0.1)
+    np.testing.assert_array_equal(run.positions[0], basis.shell.rest_positions)
+
+
+def test_storing_fewer_frames_keeps_the_motion(basis):
+    every = ms.simulate(ms.LinearModal(basis), duration=1.0, dt=0.02, gravity=(0, 0, -1))
+    some = ms.simulate(ms.LinearModal(basis), duration=1.0, dt=0.02, gravity=(0, 0, -1), store_every=10)
+    np.testing.assert_array_equal(every.positions[::10], some.positions)
+    np.testing.assert_array_equal(every.times[::10], some.times)
+
+
+def test_held_vertices_stay(beam, basis):
+    for model in (ms.LinearModal(basis), ms.ModalWarping(basis), ms.DiscreteShell(beam)):
+        run = ms.simulate(model, duration=0.2, dt=0.05, gravity=(0, 0, -5))
+        np.testing.assert_array_equal(
+            run.positions[:, beam.clamped],
+            np.broadcast_to(beam.rest_positions[beam.clamped], (5, beam.clamped.sum(), 3)),
+        )
+
+
+def test_damped_motion_comes_to_rest_at_the_equilibrium(basis):
+    gravity = (0.0, 0.0, -4.0)
+    for model in (ms.LinearModal(basis), ms.ModalWarping(basis)):
+        run = ms.simulate(model, duration=30.0, dt=1 / 30, gravity=gravity, damping=(3.0, 0.01))
+        still = model.equilibrium(gravity=gravity)
+        assert still.converged
+        np.testing.assert_allclose(run.positions[-1], still.positions, atol=1e-7)
+
+
+def test_damped_discrete_shell_comes_to_rest_at_its_equilibrium(beam):
+    model = ms.DiscreteShell(beam)
+    run = ms.simulate(model, duration=20.0, dt=0.2, gravity=(0, 0, -4.0), damping=(3.0, 0.01))
+    assert run.status == "completed"
+    np.testing.assert_allclose(run.positions[-1], model.equilibrium(gravity=(0, 0, -4.0)).positions, atol=1e-6)
+
+
+def test_start_position_is_taken(beam):
+    model = ms.DiscreteShell(beam)
+    still = model.equilibrium(gravity=(0, 0, -4.0))
+    run = ms.simulate(model, duration=0.3, dt=0.1, gravity=(0, 0, -4.0), start=still.positions)
+    np.testing.assert_allclose(run.positions[-1], still.positions, atol=1e-6)
+
+
+def test_divergence_is_named_and_leaves_no_nan(beam):
+    model = ms.DiscreteShell(beam, integrator="explicit", allow_unstable_step=True)
+    run = ms.simulate(model, duration=3.0, dt=100 * model.stable_step(), gravity=(0, 0, -4.0))
+    assert run.status.startswith("diverged at ")
+    assert np.isfinite(run.positions).all()
+    assert len(run.times) == len(run.positions)
+
+
+def test_progress_is_reported(basis):
+    calls = []
+    ms.simulate(ms.LinearModal(basis), duration=0.3, dt=0.1, on_step=lambda done, total: calls.append((done, total)))
+    assert calls == [(1, 3), (2, 3), (3, 3)]
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"duration": 1.0, "dt": 0.0}, "dt"),
+        ({"duration": 1.0, "dt": float("nan")}, "dt"),
+        ({"duration": 0.01, "dt": 0.1}, "duration"),
+        ({"duration": 1.0, "dt": 0.1, "damping": (-1.0, 0.0)}, "damping"),
+        ({"duration": 1.0, "dt": 0.1, "damping": 0.1}, "damping"),
+        ({"duration": 1.0, "dt": 0.1, "store_every": 0}, "store_every"),
+    ],
+)
+def test_options_out_of_range_are_refused(basis, options, match):
+    with pytest.raises(ms.OptionError, match=match):
+        ms.simulate(ms.LinearModal(basis), **options)
+
+
+def test_loads_of_the_wrong_shape_are_refused(basis):
+    with pytest.raises(ms.LoadError, match="gravity"):
+        ms.simulate(ms.LinearModal(basis), duration=1.0, dt=0.1, gravity=(0, -9.81))
+    with pytest.raises(ms.LoadError, match="force"):
+        ms.simulate(ms.LinearModal(basis), duration=1.0, dt=0.1, force=np.zeros((3, 3)))
