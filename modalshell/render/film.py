@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.errors import OptionError
 from modalshell.render.camera import frame_points
 from modalshell.render.compose import Page, paste
-from modalshell.render.painter import open_painter
+from modalshell.render.open_painter import open_painter
 from modalshell.render.scene import (
     DEFAULT_CAMERA,
     Color,

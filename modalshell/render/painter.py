@@ -1,4 +1,4 @@
-"""What a back end can do, and how the right one is opened."""
+"""What a back end can do, and the light and lines that both share."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.render.backend import choose_backend
 from modalshell.render.camera import Camera
 from modalshell.render.scene import ShadedSurface
 from modalshell.render.surfaces import ScalarColors
@@ -41,17 +40,6 @@ class Painter(Protocol):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
-
-
-def open_painter(size: tuple[int, int]) -> Painter:
-    """Open the back end that draws here, for images of `size` (width, height) in pixels."""
-    if choose_backend() == "pyvista":
-        from modalshell.render.pyvista_painter import PyvistaPainter
-
-        return PyvistaPainter(size)
-    from modalshell.render.fallback import MatplotlibPainter
-
-    return MatplotlibPainter(size)
 
 
 def reflectance(surface: ShadedSurface) -> tuple[float, float]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
-from modalshell.shell import bending
+from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.material import Material
 
 Array = NDArray[np.float64]
@@ -43,12 +43,12 @@ def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.boo
     """Stretch over triangles, shear over edges, flexure over hinges, each with its rest state from the mesh."""
     stretch_stiffness, shear_stiffness, flexure_stiffness = material.per_element(mesh)
     if material.correct_clamp:
-        flexure_stiffness = flexure_stiffness * np.where(bending.clamp_line_hinges(mesh, clamped), 2.0, 1.0)
+        flexure_stiffness = flexure_stiffness * np.where(clamp_line_hinges(mesh, clamped), 2.0, 1.0)
     sets = []
     for kernel, stencils, stiffness, size in (
         (stretch, mesh.faces, stretch_stiffness, 1.0 / mesh.face_areas),
         (shear, mesh.edges, shear_stiffness, 1.0 / mesh.edge_lengths),
-        (flexure, mesh.hinges, flexure_stiffness, bending.hinge_weights(mesh)),
+        (flexure, mesh.hinges, flexure_stiffness, hinge_weights(mesh)),
     ):
         stencils = np.ascontiguousarray(stencils, dtype=np.int64)
         rest = np.empty(stencils.shape[0])

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.checks import checked_number
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
-from modalshell.shell import bending, membrane
+from modalshell.shell.bending import bending_constants
+from modalshell.shell.membrane import lowest_stable_stretch, membrane_stiffness
 from modalshell.shell.orientation import orient
 
 Array = NDArray[np.float64]
@@ -118,9 +119,9 @@ class Material:
         density = checked_number("density", density, MaterialError, above=0.0, unit="kg/m^3")
         poisson = checked_number("poisson", poisson, MaterialError, above=-1.0, at_most=0.5)
         orientation = orient(mesh, direction)
-        stretch, shear = membrane.membrane_stiffness(mesh, young * thickness, poisson, orientation)
+        stretch, shear = membrane_stiffness(mesh, young * thickness, poisson, orientation)
         rigidity = young * thickness**3 / 12.0
-        constants = bending.bending_constants(mesh, direction)
+        constants = bending_constants(mesh, direction)
         if narrow is None:
             narrow = orientation.elongated
         if narrow:
@@ -138,7 +139,7 @@ class Material:
         counts = {"stretch": len(mesh.faces), "shear": len(mesh.edges), "flexure": len(mesh.hinges)}
         values = {name: _spread(name, getattr(self, name), count) for name, count in counts.items()}
         if (values["stretch"] < 0).any():
-            bound = membrane.lowest_stable_stretch(mesh, values["shear"])
+            bound = lowest_stable_stretch(mesh, values["shear"])
             unstable = np.flatnonzero(values["stretch"] < bound * (1.0 + 1e-9))
             if unstable.size:
                 first = unstable[0]

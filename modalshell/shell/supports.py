@@ -18,7 +18,10 @@ def held_vertices(clamped: ArrayLike | None, count: int) -> NDArray[np.bool_]:
     """
     if clamped is None:
         return np.zeros(count, dtype=bool)
-    given = np.asarray(clamped)
+    try:
+        given = np.asarray(clamped)
+    except ValueError as error:
+        raise SupportError(f"clamped must be bool ({count},) or vertex indices (got {clamped!r})") from error
     if given.dtype == bool:
         if given.shape != (count,):
             raise SupportError(f"clamped must be a mask ({count},) or vertex indices (got shape {given.shape})")
