@@ -32,7 +32,7 @@ def rigid_motions(shell: Shell) -> Array:
             motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], centred)
         held = shell.clamped[vertices]
         if held.any():
-            _, values, right = np.linalg.svd(motions[held].reshape(-1, 6))
+            _, values, right = np.linalg.svd(np.linalg.qr(motions[held].reshape(-1, 6), mode="r"))
             rank = int(np.count_nonzero(values > 1e-6 * values[0]))
             if rank == 6:
                 continue

@@ -8,6 +8,14 @@ rest size, so that
 
 Measures are written in edge-relative unknowns :math:`p_k = x_k - x_0`: translation is then divided out, and a hinge has
 nine unknowns in place of twelve.
+
+:math:`\nabla^2 g` is indefinite for areas and angles. Its second variation splits in closed form into squares and
+products of linear forms of the step d,
+
+.. math:: d^T \nabla^2 g\, d = \sum_j a_j (r_j \cdot d)^2 + 2 \sum_k (m_k \cdot d)(n_k \cdot d),
+
+and each product into a square to keep and a square to drop, so that a positive semi-definite Hessian costs no
+eigenvalue problem: see :attr:`Energy.squares` and :attr:`Energy.products`.
 """
 
 from __future__ import annotations
@@ -15,6 +23,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import sympy as sp
+
+Row = tuple[sp.Expr, ...]
+"""A linear form of the step: one coefficient an unknown."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +48,10 @@ class Energy:
         ``g`` in the unknowns.
     gradient : tuple of sympy.Expr
         ``dg/dp``, one entry an unknown.
+    squares : tuple of (sympy.Expr, row)
+        The positive factors a_j and forms r_j of the split above.
+    products : tuple of (row, row)
+        The pairs m_k, n_k of the split above; m_k and n_k are orthogonal.
     periodic : bool
         Whether ``g - g0`` is an angle to be taken in (-pi, pi].
     """
@@ -48,6 +63,8 @@ class Energy:
     unknowns: tuple[sp.Symbol, ...]
     measure: sp.Expr
     gradient: tuple[sp.Expr, ...]
+    squares: tuple[tuple[sp.Expr, Row], ...] = ()
+    products: tuple[tuple[Row, Row], ...] = ()
     periodic: bool = False
 
     @property
@@ -68,6 +85,10 @@ def _vector(name: str) -> sp.Matrix:
     return sp.Matrix(sp.symbols(f"{name}_x {name}_y {name}_z", real=True))
 
 
+def _row(*blocks: sp.Matrix) -> Row:
+    return tuple(entry for block in blocks for entry in block)
+
+
 def _differentiated(measure: sp.Expr, unknowns: tuple[sp.Symbol, ...]) -> tuple[sp.Expr, ...]:
     return tuple(sp.diff(measure, unknown) for unknown in unknowns)
 
@@ -76,6 +97,8 @@ def shear() -> Energy:
     """Edge length, E_h = k_h (l - l0)^2 / l0 [choi2007, eq. 2]."""
     e = _vector("e")
     measure = sp.sqrt(e.dot(e))
+    # d.Hess l.d = |d x e|^2 / l^3
+    squares = tuple((measure**-3, _row(e.cross(sp.Matrix(axis)))) for axis in sp.eye(3).tolist())
     return Energy(
         name="shear",
         measure_name="edge length l [m]",
@@ -84,6 +107,7 @@ def shear() -> Energy:
         unknowns=tuple(e),
         measure=measure,
         gradient=_differentiated(measure, tuple(e)),
+        squares=squares,
     )
 
 
@@ -94,6 +118,18 @@ def stretch() -> Energy:
     twice_area = sp.sqrt(normal.dot(normal))
     # grad |n| = (b x n, n x a) / |n|: the gradient in closed form keeps the Hessian short.
     gradient = tuple(b.cross(normal) / twice_area / 2) + tuple(normal.cross(a) / twice_area / 2)
+    # Out of the plane a triangle's area grows by |z_a b - z_b a|^2 / (8 A); in the plane it is a product of coordinates,
+    # d.Hess A.d = da_u db_v - da_v db_u.
+    unit = normal / twice_area
+    along = a / sp.sqrt(a.dot(a))
+    across = unit.cross(along)
+    none = sp.zeros(3, 1)
+    factor = 1 / (2 * twice_area)
+    squares = tuple((factor, _row(unit * b.dot(axis), -unit * a.dot(axis))) for axis in (along, across))
+    products = (
+        (_row(along / 2, none), _row(none, across)),
+        (_row(-across / 2, none), _row(none, along)),
+    )
     return Energy(
         name="stretch",
         measure_name="triangle area A [m^2]",
@@ -102,6 +138,8 @@ def stretch() -> Energy:
         unknowns=(*a, *b),
         measure=twice_area / 2,
         gradient=gradient,
+        squares=squares,
+        products=products,
     )
 
 
@@ -121,6 +159,26 @@ def flexure() -> Energy:
     gradient_a = -length * normal_1 / normal_1.dot(normal_1)
     gradient_b = -length * normal_2 / normal_2.dot(normal_2)
     gradient_e = -(a.dot(e) * gradient_a + b.dot(e) * gradient_b) / length_squared
+
+    # Each triangle adds 2 (n.c)(m.c)/h^2 + 2 (n.de)/l (t.c/h + m.de/(2 l)), with c the apex's step past its foot on the
+    # edge, n the normal, t the edge and m across it towards the apex, h the height and l the edge's length.
+    tangent = e / length
+    products = []
+    for normal, apex, place in ((normal_1, a, 0), (normal_2, b, 1)):
+        size = sp.sqrt(normal.dot(normal))
+        unit, height, foot = normal / size, size / length, apex.dot(e) / length_squared
+        across = (apex - foot * e) / height
+
+        def apex_step(vector: sp.Matrix, foot: sp.Expr = foot, height: sp.Expr = height, place: int = place) -> Row:
+            blocks = [sp.zeros(3, 1), sp.zeros(3, 1)]
+            blocks[place] = vector / height
+            return _row(-foot * vector / height, *blocks)
+
+        def edge_step(vector: sp.Matrix) -> Row:
+            return _row(vector / length, sp.zeros(3, 1), sp.zeros(3, 1))
+
+        slide = tuple(p + q / 2 for p, q in zip(apex_step(tangent), edge_step(across), strict=True))
+        products += [(apex_step(unit), apex_step(across)), (edge_step(unit), slide)]
     return Energy(
         name="flexure",
         measure_name="fold angle theta [rad], 0 where flat",
@@ -129,6 +187,7 @@ def flexure() -> Energy:
         unknowns=(*e, *a, *b),
         measure=measure,
         gradient=(*gradient_e, *gradient_a, *gradient_b),
+        products=tuple(products),
         periodic=True,
     )
 

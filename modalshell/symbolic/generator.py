@@ -75,6 +75,14 @@ def generate(energy: Energy) -> Kernel:
     outputs |= {f"hessian[{k}]": entry for k, entry in enumerate(hessian)}
     second_body, second_operations = _statements(outputs)
 
+    forms = {}
+    for j, (factor, form) in enumerate(energy.squares):
+        forms |= {f"factors[{j}]": factor} | {f"squares[{j}, {k}]": entry for k, entry in enumerate(form)}
+    for j, pair in enumerate(energy.products):
+        for name, form in zip(("firsts", "seconds"), pair, strict=True):
+            forms |= {f"{name}[{j}, {k}]": entry for k, entry in enumerate(form)}
+    split_body, _ = _statements({target: sp.sympify(entry) for target, entry in forms.items()})
+
     count = energy.vertex_count
     arguments = ", ".join(str(unknown) for unknown in energy.unknowns)
     loads, relative = [], []
@@ -99,6 +107,9 @@ def generate(energy: Energy) -> Kernel:
         "MEASURE_BODY": measure_body,
         "FIRST_BODY": first_body,
         "SECOND_BODY": second_body,
+        "SPLIT_BODY": split_body,
+        "SQUARES": str(len(energy.squares)),
+        "PRODUCTS": str(len(energy.products)),
         "LOADS": "\n        ".join(loads),
         "RELATIVE": call,
     }

@@ -15,6 +15,8 @@ from numba import njit
 VERTICES = 4
 UNKNOWNS = 9
 PERIODIC = True
+SQUARES = 0
+PRODUCTS = 4
 OPERATIONS = 374
 
 
@@ -210,10 +212,150 @@ def _second(e_x, e_y, e_z, a_x, a_y, a_z, b_x, b_y, b_z, gradient, hessian):
     return value
 
 
+def _split(e_x, e_y, e_z, a_x, a_y, a_z, b_x, b_y, b_z, factors, squares, firsts, seconds):
+    t0 = -a_y*e_z + a_z*e_y
+    t1 = (e_x * e_x) + (e_y * e_y) + (e_z * e_z)
+    t2 = np.sqrt(t1)
+    t3 = (1.0 / t2)
+    t4 = -a_x*e_y + a_y*e_x
+    t5 = a_x*e_z - a_z*e_x
+    t6 = (t0 * t0) + (t4 * t4) + (t5 * t5)
+    t7 = (1.0 / t6)
+    t8 = a_x*e_x + a_y*e_y + a_z*e_z
+    t9 = t7*t8
+    t10 = t3*t9
+    t11 = t2*t7
+    t12 = (1.0 / t1)
+    t13 = t12*t8
+    t14 = a_x - e_x*t13
+    t15 = a_y - e_y*t13
+    t16 = a_z - e_z*t13
+    t17 = t1*t7
+    t18 = (1.0 / np.sqrt(t6))
+    t19 = t18*t3
+    t20 = e_x*t18
+    t21 = e_y*t18
+    t22 = e_z*t18
+    t23 = b_y*e_z - b_z*e_y
+    t24 = b_x*e_y - b_y*e_x
+    t25 = -b_x*e_z + b_z*e_x
+    t26 = (t23 * t23) + (t24 * t24) + (t25 * t25)
+    t27 = (1.0 / t26)
+    t28 = b_x*e_x + b_y*e_y + b_z*e_z
+    t29 = t27*t28
+    t30 = t29*t3
+    t31 = t2*t27
+    t32 = t12*t28
+    t33 = b_x - e_x*t32
+    t34 = b_y - e_y*t32
+    t35 = b_z - e_z*t32
+    t36 = t1*t27
+    t37 = (1.0 / np.sqrt(t26))
+    t38 = t3*t37
+    t39 = e_x*t37
+    t40 = e_y*t37
+    t41 = e_z*t37
+    firsts[0, 0] = -t0*t10
+    firsts[0, 1] = -t10*t5
+    firsts[0, 2] = -t10*t4
+    firsts[0, 3] = t0*t11
+    firsts[0, 4] = t11*t5
+    firsts[0, 5] = t11*t4
+    firsts[0, 6] = 0
+    firsts[0, 7] = 0
+    firsts[0, 8] = 0
+    seconds[0, 0] = -t14*t9
+    seconds[0, 1] = -t15*t9
+    seconds[0, 2] = -t16*t9
+    seconds[0, 3] = t14*t17
+    seconds[0, 4] = t15*t17
+    seconds[0, 5] = t16*t17
+    seconds[0, 6] = 0
+    seconds[0, 7] = 0
+    seconds[0, 8] = 0
+    firsts[1, 0] = t0*t19
+    firsts[1, 1] = t19*t5
+    firsts[1, 2] = t19*t4
+    firsts[1, 3] = 0
+    firsts[1, 4] = 0
+    firsts[1, 5] = 0
+    firsts[1, 6] = 0
+    firsts[1, 7] = 0
+    firsts[1, 8] = 0
+    seconds[1, 0] = -t13*t20 + (0.5)*t14*t18
+    seconds[1, 1] = -t13*t21 + (0.5)*t15*t18
+    seconds[1, 2] = -t13*t22 + (0.5)*t16*t18
+    seconds[1, 3] = t20
+    seconds[1, 4] = t21
+    seconds[1, 5] = t22
+    seconds[1, 6] = 0
+    seconds[1, 7] = 0
+    seconds[1, 8] = 0
+    firsts[2, 0] = -t23*t30
+    firsts[2, 1] = -t25*t30
+    firsts[2, 2] = -t24*t30
+    firsts[2, 3] = 0
+    firsts[2, 4] = 0
+    firsts[2, 5] = 0
+    firsts[2, 6] = t23*t31
+    firsts[2, 7] = t25*t31
+    firsts[2, 8] = t24*t31
+    seconds[2, 0] = -t29*t33
+    seconds[2, 1] = -t29*t34
+    seconds[2, 2] = -t29*t35
+    seconds[2, 3] = 0
+    seconds[2, 4] = 0
+    seconds[2, 5] = 0
+    seconds[2, 6] = t33*t36
+    seconds[2, 7] = t34*t36
+    seconds[2, 8] = t35*t36
+    firsts[3, 0] = t23*t38
+    firsts[3, 1] = t25*t38
+    firsts[3, 2] = t24*t38
+    firsts[3, 3] = 0
+    firsts[3, 4] = 0
+    firsts[3, 5] = 0
+    firsts[3, 6] = 0
+    firsts[3, 7] = 0
+    firsts[3, 8] = 0
+    seconds[3, 0] = -t32*t39 + (0.5)*t33*t37
+    seconds[3, 1] = -t32*t40 + (0.5)*t34*t37
+    seconds[3, 2] = -t32*t41 + (0.5)*t35*t37
+    seconds[3, 3] = 0
+    seconds[3, 4] = 0
+    seconds[3, 5] = 0
+    seconds[3, 6] = t39
+    seconds[3, 7] = t40
+    seconds[3, 8] = t41
+
+
 _options = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 measure = njit(**_options)(_measure)
 first_derivatives = njit(**_options)(_first)
 second_derivatives = njit(**_options)(_second)
+split_hessian = njit(**_options)(_split)
+
+
+@njit(**_options)
+def convex_rows(e_x, e_y, e_z, a_x, a_y, a_z, b_x, b_y, b_z, sign, factors, squares, firsts, seconds, rows):
+    """Rows r (SQUARES + PRODUCTS, UNKNOWNS) whose ``sum r r^T`` is the part of ``sign Hess g`` to keep.
+
+    Squares are kept where ``sign`` is positive. A product ``m n^T + n m^T`` of orthogonal forms is
+    ``((p m + n / p)^2 - (p m - n / p)^2) / 2`` for any p; its projection takes ``p = sqrt(|n| / |m|)``.
+    """
+    split_hessian(e_x, e_y, e_z, a_x, a_y, a_z, b_x, b_y, b_z, factors, squares, firsts, seconds)
+    for form in range(SQUARES):
+        for k in range(UNKNOWNS):
+            rows[form, k] = math.sqrt(factors[form]) * squares[form, k] if sign > 0.0 else 0.0
+    for form in range(PRODUCTS):
+        first_size = 0.0
+        second_size = 0.0
+        for k in range(UNKNOWNS):
+            first_size += firsts[form, k] * firsts[form, k]
+            second_size += seconds[form, k] * seconds[form, k]
+        balance = math.sqrt(0.5 * math.sqrt(second_size / first_size))
+        for k in range(UNKNOWNS):
+            rows[SQUARES + form, k] = balance * firsts[form, k] + 0.5 * sign / balance * seconds[form, k]
 
 
 @njit(**_options)
@@ -375,15 +517,19 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
     """Add the Hessian to the CSR values ``data`` and the gradient to ``gradient``; return the energy.
 
     ``geometric`` chooses the second term of 2 w grad g grad g^T + s Hess g: 0 leaves it out (Gauss-Newton), 1 takes
-    s = 2 w (g - g0) (exact), 2 takes s from ``stress`` (mixed Newton), 3 takes the exact s and projects the element
-    matrix on the positive semi-definite ones. ``slots`` (elements, vertices, vertices) holds where each 3 x 3 block
+    s = 2 w (g - g0) (exact), 2 takes s from ``stress`` (mixed Newton), 3 takes the exact s and the positive semi-definite
+    part of each term of the split Hessian. ``slots`` (elements, vertices, vertices) holds where each 3 x 3 block
     begins in ``data`` and ``strides`` (n,) the length of a matrix row of each vertex.
     """
     total = 0.0
     local = np.empty(UNKNOWNS)
     packed = np.empty(45)
     block = np.empty((12, 12))
-    dense = np.empty((UNKNOWNS, UNKNOWNS))
+    factors = np.empty(SQUARES)
+    squares = np.empty((SQUARES, UNKNOWNS))
+    firsts = np.empty((PRODUCTS, UNKNOWNS))
+    seconds = np.empty((PRODUCTS, UNKNOWNS))
+    rows = np.empty((SQUARES + PRODUCTS, UNKNOWNS))
     for element in range(stencils.shape[0]):
         v0 = stencils[element, 0]
         v1 = stencils[element, 1]
@@ -415,6 +561,35 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
             tension = 0.0
         elif geometric == 2:
             tension = stress[element]
+        elif geometric == 3:
+            size = abs(tension)
+            if size > 0.0:
+                convex_rows(
+                    x[v1, 0] - x[v0, 0],
+            x[v1, 1] - x[v0, 1],
+            x[v1, 2] - x[v0, 2],
+            x[v2, 0] - x[v0, 0],
+            x[v2, 1] - x[v0, 1],
+            x[v2, 2] - x[v0, 2],
+            x[v3, 0] - x[v0, 0],
+            x[v3, 1] - x[v0, 1],
+            x[v3, 2] - x[v0, 2],
+                    1.0 if tension > 0.0 else -1.0,
+                    factors,
+                    squares,
+                    firsts,
+                    seconds,
+                    rows,
+                )
+                for entry_index in range(45):
+                    packed[entry_index] = 0.0
+                for form in range(SQUARES + PRODUCTS):
+                    entry_index = 0
+                    for row in range(UNKNOWNS):
+                        for column in range(row + 1):
+                            packed[entry_index] += rows[form, row] * rows[form, column]
+                            entry_index += 1
+                tension = size
         entry_index = 0
         for row in range(UNKNOWNS):
             for column in range(row + 1):
@@ -422,20 +597,6 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
                 block[3 + row, 3 + column] = entry
                 block[3 + column, 3 + row] = entry
                 entry_index += 1
-        if geometric == 3 and tension != 0.0:
-            for row in range(UNKNOWNS):
-                for column in range(UNKNOWNS):
-                    dense[row, column] = block[3 + row, 3 + column]
-            values, vectors = np.linalg.eigh(dense)
-            if values[0] < 0.0:
-                for row in range(UNKNOWNS):
-                    for column in range(row + 1):
-                        entry = 0.0
-                        for mode in range(UNKNOWNS):
-                            if values[mode] > 0.0:
-                                entry += values[mode] * vectors[row, mode] * vectors[column, mode]
-                        block[3 + row, 3 + column] = entry
-                        block[3 + column, 3 + row] = entry
         # Translation invariance gives the rows and columns of x0.
         for row in range(3, 12):
             for axis in range(3):

@@ -15,6 +15,8 @@ from numba import njit
 VERTICES = 2
 UNKNOWNS = 3
 PERIODIC = False
+SQUARES = 3
+PRODUCTS = 0
 OPERATIONS = 32
 
 
@@ -57,10 +59,49 @@ def _second(e_x, e_y, e_z, gradient, hessian):
     return value
 
 
+def _split(e_x, e_y, e_z, factors, squares, firsts, seconds):
+    t0 = (1.0 / (((e_x * e_x) + (e_y * e_y) + (e_z * e_z)) * np.sqrt((e_x * e_x) + (e_y * e_y) + (e_z * e_z))))
+    factors[0] = t0
+    squares[0, 0] = 0
+    squares[0, 1] = e_z
+    squares[0, 2] = -e_y
+    factors[1] = t0
+    squares[1, 0] = -e_z
+    squares[1, 1] = 0
+    squares[1, 2] = e_x
+    factors[2] = t0
+    squares[2, 0] = e_y
+    squares[2, 1] = -e_x
+    squares[2, 2] = 0
+
+
 _options = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 measure = njit(**_options)(_measure)
 first_derivatives = njit(**_options)(_first)
 second_derivatives = njit(**_options)(_second)
+split_hessian = njit(**_options)(_split)
+
+
+@njit(**_options)
+def convex_rows(e_x, e_y, e_z, sign, factors, squares, firsts, seconds, rows):
+    """Rows r (SQUARES + PRODUCTS, UNKNOWNS) whose ``sum r r^T`` is the part of ``sign Hess g`` to keep.
+
+    Squares are kept where ``sign`` is positive. A product ``m n^T + n m^T`` of orthogonal forms is
+    ``((p m + n / p)^2 - (p m - n / p)^2) / 2`` for any p; its projection takes ``p = sqrt(|n| / |m|)``.
+    """
+    split_hessian(e_x, e_y, e_z, factors, squares, firsts, seconds)
+    for form in range(SQUARES):
+        for k in range(UNKNOWNS):
+            rows[form, k] = math.sqrt(factors[form]) * squares[form, k] if sign > 0.0 else 0.0
+    for form in range(PRODUCTS):
+        first_size = 0.0
+        second_size = 0.0
+        for k in range(UNKNOWNS):
+            first_size += firsts[form, k] * firsts[form, k]
+            second_size += seconds[form, k] * seconds[form, k]
+        balance = math.sqrt(0.5 * math.sqrt(second_size / first_size))
+        for k in range(UNKNOWNS):
+            rows[SQUARES + form, k] = balance * firsts[form, k] + 0.5 * sign / balance * seconds[form, k]
 
 
 @njit(**_options)
@@ -182,15 +223,19 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
     """Add the Hessian to the CSR values ``data`` and the gradient to ``gradient``; return the energy.
 
     ``geometric`` chooses the second term of 2 w grad g grad g^T + s Hess g: 0 leaves it out (Gauss-Newton), 1 takes
-    s = 2 w (g - g0) (exact), 2 takes s from ``stress`` (mixed Newton), 3 takes the exact s and projects the element
-    matrix on the positive semi-definite ones. ``slots`` (elements, vertices, vertices) holds where each 3 x 3 block
+    s = 2 w (g - g0) (exact), 2 takes s from ``stress`` (mixed Newton), 3 takes the exact s and the positive semi-definite
+    part of each term of the split Hessian. ``slots`` (elements, vertices, vertices) holds where each 3 x 3 block
     begins in ``data`` and ``strides`` (n,) the length of a matrix row of each vertex.
     """
     total = 0.0
     local = np.empty(UNKNOWNS)
     packed = np.empty(6)
     block = np.empty((6, 6))
-    dense = np.empty((UNKNOWNS, UNKNOWNS))
+    factors = np.empty(SQUARES)
+    squares = np.empty((SQUARES, UNKNOWNS))
+    firsts = np.empty((PRODUCTS, UNKNOWNS))
+    seconds = np.empty((PRODUCTS, UNKNOWNS))
+    rows = np.empty((SQUARES + PRODUCTS, UNKNOWNS))
     for element in range(stencils.shape[0]):
         v0 = stencils[element, 0]
         v1 = stencils[element, 1]
@@ -214,6 +259,29 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
             tension = 0.0
         elif geometric == 2:
             tension = stress[element]
+        elif geometric == 3:
+            size = abs(tension)
+            if size > 0.0:
+                convex_rows(
+                    x[v1, 0] - x[v0, 0],
+            x[v1, 1] - x[v0, 1],
+            x[v1, 2] - x[v0, 2],
+                    1.0 if tension > 0.0 else -1.0,
+                    factors,
+                    squares,
+                    firsts,
+                    seconds,
+                    rows,
+                )
+                for entry_index in range(6):
+                    packed[entry_index] = 0.0
+                for form in range(SQUARES + PRODUCTS):
+                    entry_index = 0
+                    for row in range(UNKNOWNS):
+                        for column in range(row + 1):
+                            packed[entry_index] += rows[form, row] * rows[form, column]
+                            entry_index += 1
+                tension = size
         entry_index = 0
         for row in range(UNKNOWNS):
             for column in range(row + 1):
@@ -221,20 +289,6 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
                 block[3 + row, 3 + column] = entry
                 block[3 + column, 3 + row] = entry
                 entry_index += 1
-        if geometric == 3 and tension != 0.0:
-            for row in range(UNKNOWNS):
-                for column in range(UNKNOWNS):
-                    dense[row, column] = block[3 + row, 3 + column]
-            values, vectors = np.linalg.eigh(dense)
-            if values[0] < 0.0:
-                for row in range(UNKNOWNS):
-                    for column in range(row + 1):
-                        entry = 0.0
-                        for mode in range(UNKNOWNS):
-                            if values[mode] > 0.0:
-                                entry += values[mode] * vectors[row, mode] * vectors[column, mode]
-                        block[3 + row, 3 + column] = entry
-                        block[3 + column, 3 + row] = entry
         # Translation invariance gives the rows and columns of x0.
         for row in range(3, 6):
             for axis in range(3):

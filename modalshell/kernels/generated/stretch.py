@@ -15,6 +15,8 @@ from numba import njit
 VERTICES = 3
 UNKNOWNS = 6
 PERIODIC = False
+SQUARES = 2
+PRODUCTS = 2
 OPERATIONS = 178
 
 
@@ -111,10 +113,96 @@ def _second(a_x, a_y, a_z, b_x, b_y, b_z, gradient, hessian):
     return value
 
 
+def _split(a_x, a_y, a_z, b_x, b_y, b_z, factors, squares, firsts, seconds):
+    t0 = a_x*b_y - a_y*b_x
+    t1 = -a_x*b_z + a_z*b_x
+    t2 = a_y*b_z - a_z*b_y
+    t3 = (1.0 / np.sqrt((t0 * t0) + (t1 * t1) + (t2 * t2)))
+    t4 = (0.5)*t3
+    t5 = (a_x * a_x)
+    t6 = (a_y * a_y)
+    t7 = (a_z * a_z)
+    t8 = (1.0 / np.sqrt(t5 + t6 + t7))
+    t9 = a_x*t8
+    t10 = a_y*t8
+    t11 = a_z*t8
+    t12 = t3*(b_x*t9 + b_y*t10 + b_z*t11)
+    t13 = t3*(t5*t8 + t6*t8 + t7*t8)
+    t14 = t0*t3
+    t15 = a_z*t1*t3*t8 - t10*t14
+    t16 = -t11*t2*t3 + t14*t9
+    t17 = t1*t9
+    t18 = a_y*t2*t3*t8 - t17*t3
+    t19 = t3*(b_x*t15 + b_y*t16 + b_z*t18)
+    t20 = t3*(a_x*t15 + a_y*t16 + a_z*t18)
+    t21 = t0*t4
+    factors[0] = t4
+    squares[0, 0] = t12*t2
+    squares[0, 1] = t1*t12
+    squares[0, 2] = t0*t12
+    squares[0, 3] = -t13*t2
+    squares[0, 4] = -t1*t13
+    squares[0, 5] = -t0*t13
+    factors[1] = t4
+    squares[1, 0] = t19*t2
+    squares[1, 1] = t1*t19
+    squares[1, 2] = t0*t19
+    squares[1, 3] = -t2*t20
+    squares[1, 4] = -t1*t20
+    squares[1, 5] = -t0*t20
+    firsts[0, 0] = (0.5)*t9
+    firsts[0, 1] = (0.5)*t10
+    firsts[0, 2] = (0.5)*t11
+    firsts[0, 3] = 0
+    firsts[0, 4] = 0
+    firsts[0, 5] = 0
+    seconds[0, 0] = 0
+    seconds[0, 1] = 0
+    seconds[0, 2] = 0
+    seconds[0, 3] = t15
+    seconds[0, 4] = t16
+    seconds[0, 5] = t18
+    firsts[1, 0] = -t1*t11*t4 + t10*t21
+    firsts[1, 1] = (0.5)*a_z*t2*t3*t8 - t21*t9
+    firsts[1, 2] = -t10*t2*t4 + t17*t4
+    firsts[1, 3] = 0
+    firsts[1, 4] = 0
+    firsts[1, 5] = 0
+    seconds[1, 0] = 0
+    seconds[1, 1] = 0
+    seconds[1, 2] = 0
+    seconds[1, 3] = t9
+    seconds[1, 4] = t10
+    seconds[1, 5] = t11
+
+
 _options = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 measure = njit(**_options)(_measure)
 first_derivatives = njit(**_options)(_first)
 second_derivatives = njit(**_options)(_second)
+split_hessian = njit(**_options)(_split)
+
+
+@njit(**_options)
+def convex_rows(a_x, a_y, a_z, b_x, b_y, b_z, sign, factors, squares, firsts, seconds, rows):
+    """Rows r (SQUARES + PRODUCTS, UNKNOWNS) whose ``sum r r^T`` is the part of ``sign Hess g`` to keep.
+
+    Squares are kept where ``sign`` is positive. A product ``m n^T + n m^T`` of orthogonal forms is
+    ``((p m + n / p)^2 - (p m - n / p)^2) / 2`` for any p; its projection takes ``p = sqrt(|n| / |m|)``.
+    """
+    split_hessian(a_x, a_y, a_z, b_x, b_y, b_z, factors, squares, firsts, seconds)
+    for form in range(SQUARES):
+        for k in range(UNKNOWNS):
+            rows[form, k] = math.sqrt(factors[form]) * squares[form, k] if sign > 0.0 else 0.0
+    for form in range(PRODUCTS):
+        first_size = 0.0
+        second_size = 0.0
+        for k in range(UNKNOWNS):
+            first_size += firsts[form, k] * firsts[form, k]
+            second_size += seconds[form, k] * seconds[form, k]
+        balance = math.sqrt(0.5 * math.sqrt(second_size / first_size))
+        for k in range(UNKNOWNS):
+            rows[SQUARES + form, k] = balance * firsts[form, k] + 0.5 * sign / balance * seconds[form, k]
 
 
 @njit(**_options)
@@ -256,15 +344,19 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
     """Add the Hessian to the CSR values ``data`` and the gradient to ``gradient``; return the energy.
 
     ``geometric`` chooses the second term of 2 w grad g grad g^T + s Hess g: 0 leaves it out (Gauss-Newton), 1 takes
-    s = 2 w (g - g0) (exact), 2 takes s from ``stress`` (mixed Newton), 3 takes the exact s and projects the element
-    matrix on the positive semi-definite ones. ``slots`` (elements, vertices, vertices) holds where each 3 x 3 block
+    s = 2 w (g - g0) (exact), 2 takes s from ``stress`` (mixed Newton), 3 takes the exact s and the positive semi-definite
+    part of each term of the split Hessian. ``slots`` (elements, vertices, vertices) holds where each 3 x 3 block
     begins in ``data`` and ``strides`` (n,) the length of a matrix row of each vertex.
     """
     total = 0.0
     local = np.empty(UNKNOWNS)
     packed = np.empty(21)
     block = np.empty((9, 9))
-    dense = np.empty((UNKNOWNS, UNKNOWNS))
+    factors = np.empty(SQUARES)
+    squares = np.empty((SQUARES, UNKNOWNS))
+    firsts = np.empty((PRODUCTS, UNKNOWNS))
+    seconds = np.empty((PRODUCTS, UNKNOWNS))
+    rows = np.empty((SQUARES + PRODUCTS, UNKNOWNS))
     for element in range(stencils.shape[0]):
         v0 = stencils[element, 0]
         v1 = stencils[element, 1]
@@ -292,6 +384,32 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
             tension = 0.0
         elif geometric == 2:
             tension = stress[element]
+        elif geometric == 3:
+            size = abs(tension)
+            if size > 0.0:
+                convex_rows(
+                    x[v1, 0] - x[v0, 0],
+            x[v1, 1] - x[v0, 1],
+            x[v1, 2] - x[v0, 2],
+            x[v2, 0] - x[v0, 0],
+            x[v2, 1] - x[v0, 1],
+            x[v2, 2] - x[v0, 2],
+                    1.0 if tension > 0.0 else -1.0,
+                    factors,
+                    squares,
+                    firsts,
+                    seconds,
+                    rows,
+                )
+                for entry_index in range(21):
+                    packed[entry_index] = 0.0
+                for form in range(SQUARES + PRODUCTS):
+                    entry_index = 0
+                    for row in range(UNKNOWNS):
+                        for column in range(row + 1):
+                            packed[entry_index] += rows[form, row] * rows[form, column]
+                            entry_index += 1
+                tension = size
         entry_index = 0
         for row in range(UNKNOWNS):
             for column in range(row + 1):
@@ -299,20 +417,6 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
                 block[3 + row, 3 + column] = entry
                 block[3 + column, 3 + row] = entry
                 entry_index += 1
-        if geometric == 3 and tension != 0.0:
-            for row in range(UNKNOWNS):
-                for column in range(UNKNOWNS):
-                    dense[row, column] = block[3 + row, 3 + column]
-            values, vectors = np.linalg.eigh(dense)
-            if values[0] < 0.0:
-                for row in range(UNKNOWNS):
-                    for column in range(row + 1):
-                        entry = 0.0
-                        for mode in range(UNKNOWNS):
-                            if values[mode] > 0.0:
-                                entry += values[mode] * vectors[row, mode] * vectors[column, mode]
-                        block[3 + row, 3 + column] = entry
-                        block[3 + column, 3 + row] = entry
         # Translation invariance gives the rows and columns of x0.
         for row in range(3, 9):
             for axis in range(3):

@@ -1,0 +1,133 @@
+"""Frames of modal warping in real time: positions from modal coordinates in one pass, on data laid out for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from modalshell.checks import checked_count
+from modalshell.errors import OptionError
+from modalshell.kernels.frame import TILE, WORK, warp_frame, warp_frame_parallel
+from modalshell.modes import Basis
+
+_ALIGNMENT = 64
+
+
+class WarpFrame:
+    """Warped positions ``rest_i + Rt(w_i) (Phi q)_i``, ``w = Psi q``, at one q after the other [choi2007, eq. 17].
+
+    Holds its own copy of the modal data, tile by tile (:mod:`modalshell.kernels.frame`), and a buffer that a frame
+    works in: one object serves one caller at a time.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes and modal rotations of the shell.
+    dtype : {float64, float32}
+        Precision of the modal data, the arithmetic and the positions.
+    threads : int
+        Parts that a frame is cut into, each on a thread of numba's if there are as many. One thread calls a version
+        compiled without threads.
+
+    Raises
+    ------
+    OptionError
+        If ``dtype`` or ``threads`` is none of these.
+
+    Examples
+    --------
+    >>> frame = WarpFrame(basis, dtype=np.float32)  # doctest: +SKIP
+    >>> out = np.empty((len(basis.shell.rest_positions), 3), np.float32)  # doctest: +SKIP
+    >>> frame.positions(q, out)  # doctest: +SKIP
+    """
+
+    def __init__(self, basis: Basis, *, dtype: DTypeLike = np.float64, threads: int = 1) -> None:
+        self.dtype = _checked_precision(dtype)
+        self.threads = checked_count("threads", threads)
+        self.count = basis.count
+        points = basis.shell.rest_positions
+        self.vertices = len(points)
+        tiles = -(-self.vertices // TILE)
+        self._modal = _aligned_zeros((tiles, self.count, 6 * TILE), self.dtype)
+        self._rest = _aligned_zeros((tiles, 3 * TILE), self.dtype)
+        modal, rest = self._modal.reshape(tiles, self.count, 6, TILE), self._rest.reshape(tiles, 3, TILE)
+        modes, rotations = (a.reshape(-1, 3, self.count) for a in (basis.modes, basis.rotations))
+        for tile in range(tiles):
+            rows = slice(tile * TILE, min((tile + 1) * TILE, self.vertices))
+            size = rows.stop - rows.start
+            rest[tile, :, :size] = points[rows].T
+            modal[tile, :, :3, :size] = modes[rows].transpose(2, 1, 0)
+            modal[tile, :, 3:, :size] = rotations[rows].transpose(2, 1, 0)
+        self._q = np.zeros(self.count, self.dtype)
+        self._work = _aligned_zeros((self.threads, WORK), self.dtype)
+
+    @property
+    def bytes_read(self) -> int:
+        """Bytes of modal data (Phi and Psi, padded to whole tiles) that a frame must read."""
+        return self._modal.nbytes
+
+    def positions(self, q: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Warped positions (n, 3) [m] at modal coordinates ``q`` (m,).
+
+        Parameters
+        ----------
+        q : array_like, shape (m,)
+            Modal coordinates. They are not checked to be finite: positions are not where they are not.
+        out : ndarray, shape (n, 3), optional
+            C-ordered array of the frame's precision to write into; nothing is allocated then.
+
+        Returns
+        -------
+        ndarray, shape (n, 3)
+            ``out``, or a new array.
+
+        Raises
+        ------
+        OptionError
+            If ``q`` or ``out`` is of the wrong shape or type.
+        """
+        try:
+            coordinates = np.asarray(q)
+            if coordinates.shape != self._q.shape:
+                raise OptionError(f"q must have shape {self._q.shape}, one number a mode (got {coordinates.shape})")
+            np.copyto(self._q, coordinates, casting="same_kind")
+        except (TypeError, ValueError) as fault:
+            if isinstance(fault, OptionError):
+                raise
+            raise OptionError(f"q must be {self.count} real numbers (got {q!r}: {fault})") from fault
+        if out is None:
+            out = np.empty((self.vertices, 3), self.dtype)
+        elif (
+            not isinstance(out, np.ndarray)
+            or out.shape != (self.vertices, 3)
+            or out.dtype != self.dtype
+            or not out.flags.c_contiguous
+            or not out.flags.writeable
+        ):
+            got = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+            wanted = f"a writable C-ordered {self.dtype} array of shape {(self.vertices, 3)}"
+            raise OptionError(f"out must be {wanted} (got {got})")
+        run = warp_frame if self.threads == 1 else warp_frame_parallel
+        run(self._modal, self._rest, self._q, self._work, out)
+        return out
+
+
+def _checked_precision(dtype: DTypeLike) -> np.dtype[Any]:
+    """``dtype`` as float64 or float32, else OptionError."""
+    try:
+        precision = np.dtype(dtype)
+    except TypeError as fault:
+        raise OptionError(f"dtype must be float64 or float32 (got {dtype!r})") from fault
+    if precision not in (np.dtype(np.float64), np.dtype(np.float32)):
+        raise OptionError(f"dtype must be float64 or float32 (got {dtype!r})")
+    return precision
+
+
+def _aligned_zeros(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Zeros that begin at a cache line, so that no packed read touches two."""
+    size = int(np.prod(shape)) * dtype.itemsize
+    raw = np.zeros(size + _ALIGNMENT, np.uint8)
+    start = -raw.ctypes.data % _ALIGNMENT
+    return raw[start : start + size].view(dtype).reshape(shape)
