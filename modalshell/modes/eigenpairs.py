@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.modes.factorisation import factorise
+from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 
@@ -100,7 +100,7 @@ def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
     On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap.
     """
     scaled, root = mass_scaled(shell, shell.energy_gradient_hessian(positions, EXACT)[2])
-    factor = factorise(scaled, definite=False)
+    factor = Factoriser().symmetric(scaled)
     inverse = spla.LinearOperator(scaled.shape, matvec=factor.solve, dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(root.size)
     value = spla.eigsh(scaled, k=1, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False)

@@ -1,11 +1,16 @@
-"""Sparse factorisation of symmetric matrices: one place that takes the best back end present and says which."""
+"""Sparse factorisation of symmetric matrices: one place that takes the best back end present and says which.
+
+SuperLU comes with SciPy and needs no dependency. CHOLMOD (scikit-sparse) solves fastest with one factor, PARDISO
+(pypardiso) factorises fastest again and again on one pattern; both take positive definite matrices only, as used here.
+"""
 
 from __future__ import annotations
 
+import functools
 import importlib.util
-import warnings
+import weakref
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import scipy.sparse as sps
@@ -15,6 +20,9 @@ from numpy.typing import NDArray
 from modalshell.errors import OptionError, SolverError
 
 Array = NDArray[np.float64]
+
+Use = Literal["solve", "refactor"]
+"""Whether one factor serves many solves, or one pattern many factors."""
 
 
 class Factor(ABC):
@@ -32,9 +40,9 @@ class Factor(ABC):
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, k) right sides."""
 
-    @abstractmethod
-    def negative_pivots(self) -> int | None:
-        """Number of negative eigenvalues of A by Sylvester's law, or None where the back end does not tell."""
+    def is_definite(self) -> bool:
+        """Whether A is positive definite, by the signs of its pivots; Cholesky factors exist for no other."""
+        return True
 
 
 class _SuperLU(Factor):
@@ -42,7 +50,7 @@ class _SuperLU(Factor):
 
     backend = "superlu"
 
-    def __init__(self, matrix: sps.csc_array) -> None:
+    def __init__(self, matrix: sps.csc_array, analysis: object = None) -> None:  # noqa: ARG002 (SuperLU keeps none)
         try:
             self._factor = spla.splu(
                 sps.csc_matrix(matrix),
@@ -56,95 +64,147 @@ class _SuperLU(Factor):
     def solve(self, right_side: Array) -> Array:
         return np.asarray(self._factor.solve(np.ascontiguousarray(right_side)))
 
-    def negative_pivots(self) -> int | None:
-        if not np.array_equal(self._factor.perm_r, self._factor.perm_c):
-            return None
-        return int(np.count_nonzero(self._factor.U.diagonal() < 0.0))
+    def is_definite(self) -> bool:
+        # Off the diagonal pivots are taken only where the diagonal one vanishes, as it cannot in a definite matrix.
+        in_place = np.array_equal(self._factor.perm_r, self._factor.perm_c)
+        return bool(in_place and (self._factor.U.diagonal() > 0.0).all())
+
+
+@functools.cache
+def _openmp() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController().select(user_api="openmp")
 
 
 class _Cholmod(Factor):
-    """CHOLMOD through scikit-sparse; for positive definite matrices."""
+    """CHOLMOD, supernodal, on one thread: its own threads cost more than they bring at the sizes of shells."""
 
     backend = "cholmod"
 
-    def __init__(self, matrix: sps.csc_array) -> None:
+    def __init__(self, matrix: sps.csc_array, analysis: Any = None) -> None:
         from sksparse import cholmod
 
+        whole = sps.csc_matrix(matrix)
         try:
-            self._factor: Any = cholmod.cholesky(sps.csc_matrix(matrix))
+            # Analysing and factorising apart: cholesky() in one call is simplicial, 2.5 times slower here.
+            with _openmp().limit(limits=1):
+                self.analysis = cholmod.analyze(whole, mode="supernodal") if analysis is None else analysis
+                self._factor = self.analysis.cholesky(whole)
         except cholmod.CholmodError as error:
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is not positive definite: {error}") from error
 
     def solve(self, right_side: Array) -> Array:
-        return np.asarray(self._factor(right_side))
+        with _openmp().limit(limits=1):
+            return np.asarray(self._factor(right_side))
 
-    def negative_pivots(self) -> int | None:
-        return 0
+
+class _PardisoAnalysis:
+    """A PARDISO instance with its symbolic factorisation; it holds one numeric factor at a time."""
+
+    def __init__(self) -> None:
+        import pypardiso
+
+        self.solver: Any = pypardiso.PyPardisoSolver(mtype=2)
+        # Matrices of shells are small for threads: on a shared machine two ran five to a hundred times slower than one.
+        self.solver.libmkl.MKL_Set_Num_Threads(1)
+        # A finalizer and no __del__: at the interpreter's end there is nothing left to free with.
+        weakref.finalize(self, self.solver.free_memory, everything=True).atexit = False
+        self.error: type[Exception] = pypardiso.pardiso_wrapper.PyPardisoError
+        self.owner: object = None
+        self.phase = 12
+
+    def run(self, phase: int, upper: sps.csr_matrix, right_side: Array) -> Array:
+        """Call PARDISO itself: the wrapper's own solve() compares whole matrices before each call."""
+        self.solver.set_phase(phase)
+        return np.asarray(self.solver._call_pardiso(upper, right_side))
 
 
 class _Pardiso(Factor):
-    """Intel MKL PARDISO through pypardiso; upper triangle, symmetric positive definite."""
+    """Intel MKL PARDISO on the upper triangle; the analysis of a pattern is kept for the next matrix."""
 
     backend = "pardiso"
 
-    def __init__(self, matrix: sps.csc_array) -> None:
-        import pypardiso
-
-        self._solver: Any = pypardiso.PyPardisoSolver(mtype=2)
-        self._upper = sps.csr_matrix(sps.triu(matrix, format="csr"))
+    def __init__(self, matrix: sps.csc_array, analysis: Any = None) -> None:
+        self.analysis: _PardisoAnalysis = _PardisoAnalysis() if analysis is None else analysis
+        # The lower triangle by columns is the upper triangle by rows.
+        lower = sps.tril(matrix, format="csc")
+        self._upper = sps.csr_matrix((lower.data, lower.indices, lower.indptr), shape=matrix.shape)
+        self._zero = np.zeros((matrix.shape[0], 1), order="F")
+        self.analysis.owner = self
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                self._solver.factorize(self._upper)
-        except pypardiso.pardiso_wrapper.PyPardisoError as error:
+            self.analysis.run(self.analysis.phase, self._upper, self._zero)
+            self.analysis.phase = 22
+        except self.analysis.error as error:
+            self.analysis.owner = None
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is not positive definite: {error}") from error
 
     def solve(self, right_side: Array) -> Array:
-        return np.asarray(self._solver.solve(self._upper, np.asfortranarray(right_side)))
-
-    def negative_pivots(self) -> int | None:
-        return 0
-
-    def __del__(self) -> None:
-        solver = getattr(self, "_solver", None)
-        if solver is not None:
-            solver.free_memory(everything=True)
+        if self.analysis.owner is not self:
+            raise SolverError("this factor's place was taken by a later one on the same pattern; factorise again")
+        columns = np.asfortranarray(right_side.reshape(len(right_side), -1), dtype=np.float64)
+        return self.analysis.run(33, self._upper, columns).reshape(right_side.shape)
 
 
-_DEFINITE = {"cholmod": ("sksparse", _Cholmod), "pardiso": ("pypardiso", _Pardiso)}
+_OPTIONAL: dict[str, tuple[str, type[_Cholmod] | type[_Pardiso]]] = {
+    "cholmod": ("sksparse", _Cholmod),
+    "pardiso": ("pypardiso", _Pardiso),
+}
+_ORDER: dict[Use, tuple[str, ...]] = {"solve": ("cholmod", "pardiso"), "refactor": ("pardiso", "cholmod")}
 
 
-def available_backends() -> list[str]:
-    """Back ends for positive definite matrices that are installed, best first; SuperLU always is."""
-    present = [name for name, (module, _) in _DEFINITE.items() if importlib.util.find_spec(module) is not None]
+def available_backends(use: Use = "solve") -> list[str]:
+    """Back ends for positive definite matrices that are installed, best for ``use`` first; SuperLU always is."""
+    present = [name for name in _ORDER[use] if importlib.util.find_spec(_OPTIONAL[name][0]) is not None]
     return [*present, "superlu"]
 
 
-def factorise(matrix: sps.csc_array, *, definite: bool, backend: str | None = None) -> Factor:
-    """Factorise a sparse symmetric matrix.
+class Factoriser:
+    """Factorises matrices of one pattern, keeping what the back end has learnt of it.
 
     Parameters
     ----------
-    matrix : csc_array, shape (N, N)
-        Both triangles stored.
-    definite : bool
-        Whether the matrix is known to be positive definite, which opens the faster back ends.
     backend : str, optional
-        One of :func:`available_backends`; the best one present without it.
+        One of :func:`available_backends`; the best one present for ``use`` without it.
+    use : {"solve", "refactor"}
+        What the factors are for.
 
     Raises
     ------
-    SolverError
-        If the matrix is singular to working precision, or not definite where ``definite`` says so.
     OptionError
         If ``backend`` is not installed.
     """
+
+    def __init__(self, backend: str | None = None, use: Use = "refactor") -> None:
+        present = available_backends(use)
+        if backend is not None and backend not in present:
+            raise OptionError(f"factorisation back end {backend!r} is not installed; present: {', '.join(present)}")
+        self.backend = backend or present[0]
+        self._analysis: Any = None
+
+    def definite(self, matrix: sps.csc_array) -> Factor:
+        """Factor of a positive definite matrix (both triangles stored); SolverError if it is found not to be.
+
+        SuperLU takes other matrices without a word: ask its factor's ``is_definite`` where that matters.
+        """
+        _check_finite(matrix)
+        if self.backend == "superlu":
+            return _SuperLU(matrix)
+        factor = _OPTIONAL[self.backend][1](matrix, self._analysis)
+        self._analysis = factor.analysis
+        return factor
+
+    def symmetric(self, matrix: sps.csc_array) -> Factor:
+        """Factor of a symmetric matrix that may be indefinite; SolverError if it is singular."""
+        if self.backend != "superlu":
+            try:
+                return self.definite(matrix)
+            except SolverError:
+                pass
+        _check_finite(matrix)
+        return _SuperLU(matrix)
+
+
+def _check_finite(matrix: sps.csc_array) -> None:
     if not np.isfinite(matrix.data).all():
         raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) has entries that are not finite")
-    present = available_backends()
-    if backend is not None and backend not in present:
-        raise OptionError(f"factorisation back end {backend!r} is not installed; present: {', '.join(present)}")
-    chosen = backend or (present[0] if definite else "superlu")
-    if chosen != "superlu" and not definite:
-        raise OptionError(f"back end {chosen!r} needs a positive definite matrix; use 'superlu'")
-    return _SuperLU(matrix) if chosen == "superlu" else _DEFINITE[chosen][1](matrix)

@@ -7,7 +7,7 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.modes.factorisation import Factor, factorise
+from modalshell.modes.factorisation import Factor, Factoriser
 from modalshell.shell import Shell
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ class RigidFreeSolver:
             _, _, order = scipy.linalg.qr(rigid.T, pivoting=True, mode="economic")
             self._kept = np.sort(order[rigid.shape[1] :])
             stiffness = sps.csc_array(stiffness[self._kept][:, self._kept])
-        self.factor: Factor = factorise(stiffness, definite=True, backend=backend)
+        self.factor: Factor = Factoriser(backend, use="solve").definite(stiffness)
 
     def solve(self, right_side: Array) -> Array:
         """Solution without rigid part, for (N,) right sides; their rigid part is left out."""

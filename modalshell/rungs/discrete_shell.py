@@ -8,10 +8,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.errors import OptionError, SolverError
-from modalshell.modes import factorise, largest_eigenvalue
+from modalshell.modes import Factoriser, largest_eigenvalue
 from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState, Stopwatch, total_load
-from modalshell.rungs.newton import ACCEPTED, NewtonResult, Potential, descend, mixed_newton, solve, warped_step
-from modalshell.rungs.newton import is_stable as is_minimum
+from modalshell.rungs.newton import (
+    ACCEPTED,
+    Costs,
+    NewtonResult,
+    Potential,
+    descend,
+    is_minimum,
+    mixed_newton,
+    solve,
+    warped_step,
+)
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 
 Array = NDArray[np.float64]
@@ -34,6 +43,13 @@ class DiscreteShell(Model):
         the positions (first order, the paper's choice for DS, stable below :meth:`stable_step` only).
     allow_unstable_step : bool
         Whether explicit Euler may go on above its stability estimate.
+    backend : str, optional
+        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+
+    Attributes
+    ----------
+    costs : dict
+        Seconds of assembly, factorisation and solution so far.
     """
 
     name = "DS"
@@ -44,6 +60,7 @@ class DiscreteShell(Model):
         *,
         integrator: Literal["implicit", "explicit"] = "implicit",
         allow_unstable_step: bool = False,
+        backend: str | None = None,
     ) -> None:
         if integrator not in ("implicit", "explicit"):
             raise OptionError(f"integrator must be 'implicit' or 'explicit' (got {integrator!r})")
@@ -51,6 +68,8 @@ class DiscreteShell(Model):
         self.integrator = integrator
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None
+        self._factoriser = Factoriser(backend)
+        self.costs = Costs()
 
     def equilibrium(
         self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
@@ -64,40 +83,50 @@ class DiscreteShell(Model):
         watch = Stopwatch()
         shell = self.shell
         load = total_load(shell, gravity, force)
-        problem = Potential(shell, load, shell.rest_positions)
+        problem = self._statics(load)
+        before = dict(self.costs)
         iterations = 0
         if start is not None:
             first = self._held(shell.checked_positions(start))
             scale = problem.scale or float(np.linalg.norm(problem.residual(first))) or 1.0
             result = mixed_newton(problem, first, scale)
-            if result.converged and is_minimum(problem, result.positions):
-                return self._answer(result, watch, 0)
+            if is_minimum(problem, result):
+                return self._answer(result, watch, 0, before)
             iterations = result.iterations
             if problem.scale == 0.0:
-                return self._answer(descend(problem, first, scale), watch, iterations)
-        return self._answer(self._follow(load, problem.scale or 1.0), watch, iterations)
+                return self._answer(descend(problem, first, scale), watch, iterations, before)
+        return self._answer(self._follow(load, problem.scale or 1.0), watch, iterations, before)
 
     def _held(self, positions: Array) -> Array:
         held = positions.copy()
         held[self.shell.clamped] = self.shell.rest_positions[self.shell.clamped]
         return held
 
-    @staticmethod
-    def _answer(result: NewtonResult, watch: Stopwatch, before: int) -> Equilibrium:
+    def _statics(self, load: Array) -> Potential:
+        return Potential(self.shell, load, self.shell.rest_positions, self._factoriser, self.costs)
+
+    def _answer(self, result: NewtonResult, watch: Stopwatch, spent: int, before: dict[str, float]) -> Equilibrium:
         status = "converged" if result.converged else f"not converged: residual {result.residual:.1e} of {ACCEPTED:.0e}"
-        iterations = before + result.iterations
-        return Equilibrium(result.positions, result.converged, iterations, result.residual, watch(), status)
+        return Equilibrium(
+            result.positions,
+            result.converged,
+            spent + result.iterations,
+            result.residual,
+            watch(),
+            status,
+            costs=self.costs.since(before),
+        )
 
     def _follow(self, load: Array, scale: float) -> NewtonResult:
         """Load continuation from rest along tangents, each step as long as :data:`_STEP_TURN` allows."""
         shell = self.shell
         x, factor, trust, iterations = shell.rest_positions, 0.0, 1.0, 0
         while True:
-            before = Potential(shell, factor * load, shell.rest_positions)
+            before = self._statics(factor * load)
             target, guess, stresses = factor, x, None
             try:
-                factor_here = factorise(before.linearise(x, EXACT)[1], definite=False)
-                tangent = factor_here.solve(load.ravel()[shell.free_unknowns])
+                here = before.factor(before.linearise(x, EXACT)[1])
+                tangent = before.step(here, -load.ravel()[shell.free_unknowns])
                 iterations += 1
                 guess, moved = warped_step(shell, x, (1.0 - factor) * tangent, trust * _STEP_TURN)
                 longest = np.abs(moved).max() / max(np.abs(tangent).max(), 1e-300)
@@ -106,17 +135,17 @@ class DiscreteShell(Model):
             except SolverError:
                 trust = 0.0
             last = target == 1.0
-            problem = Potential(shell, target * load, shell.rest_positions)
+            problem = self._statics(target * load)
             if trust >= _SMALLEST_TRUST:
                 goal = {} if last else {"goal": _LOOSE}
                 result = mixed_newton(problem, guess, scale, limit=25, stresses=stresses, **goal)
                 iterations += result.iterations
-            if trust < _SMALLEST_TRUST or not (result.converged and is_minimum(problem, result.positions)):
+            if trust < _SMALLEST_TRUST or not is_minimum(problem, result):
                 trust *= 0.25
                 if trust >= _SMALLEST_TRUST:
                     continue
                 # The branch ends here: go downhill to wherever the shell comes to rest under the whole load.
-                problem = Potential(shell, load, shell.rest_positions)
+                problem = self._statics(load)
                 result = descend(problem, x, scale)
                 result.iterations += iterations
                 return result
@@ -178,7 +207,7 @@ class DiscreteShell(Model):
             quadratic *= damping.stiffness_factor / dt
         quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
         push = load + shell.mass[:, None] * state.rates / dt
-        problem = Potential(shell, push, x, quadratic)
+        problem = Potential(shell, push, x, self._factoriser, self.costs, quadratic)
         scale = problem.scale or float(np.linalg.norm(problem.residual(x))) or 1.0
         result = solve(problem, self._held(x + dt * state.rates), scale)
         return MotionState(result.positions, (result.positions - x) / dt), result.converged

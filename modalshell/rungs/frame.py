@@ -64,8 +64,13 @@ class WarpFrame:
         self._work = _aligned_zeros((self.threads, WORK), self.dtype)
 
     @property
+    def modal_data(self) -> NDArray[Any]:
+        """What a frame reads in this order (tiles, m, 6 * 128): rows of Phi and Psi, padded with zeros."""
+        return self._modal
+
+    @property
     def bytes_read(self) -> int:
-        """Bytes of modal data (Phi and Psi, padded to whole tiles) that a frame must read."""
+        """Bytes of modal data (padded to whole tiles) that a frame must read."""
         return self._modal.nbytes
 
     def positions(self, q: ArrayLike, out: NDArray[Any] | None = None) -> NDArray[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,6 +35,8 @@ class Equilibrium:
         Named outcome: "converged" or why not.
     coordinates : ndarray or None
         Modal coordinates (m,) of reduced models.
+    costs : dict
+        Seconds of each part of the solver (assembly, factorisation, solution) of full models.
     """
 
     positions: Array
@@ -44,6 +46,7 @@ class Equilibrium:
     seconds: float
     status: str
     coordinates: Array | None = None
+    costs: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass

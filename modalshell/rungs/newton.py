@@ -10,6 +10,9 @@ of stretching it. Full steps then converge in a few iterations whatever the memb
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +22,7 @@ from numpy.typing import NDArray
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
-from modalshell.modes import Factor, factorise
+from modalshell.modes import Factor, Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, Shell
 
 Array = NDArray[np.float64]
@@ -34,6 +37,23 @@ _STRETCHES = 12
 _EPSILON = float(np.finfo(np.float64).eps)
 
 
+class Costs(dict[str, float]):
+    """Seconds spent in each part of a solver."""
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Add the time spent inside to ``name``."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self[name] = self.get(name, 0.0) + time.perf_counter() - start
+
+    def since(self, before: dict[str, float]) -> dict[str, float]:
+        """What was added after the copy ``before`` was taken."""
+        return {name: seconds - before.get(name, 0.0) for name, seconds in self.items()}
+
+
 @dataclass(frozen=True)
 class Potential:
     """``E(x) + u.Q u / 2 - b.u`` with ``u = x - origin``, on the free vertices.
@@ -46,6 +66,10 @@ class Potential:
         b [N].
     origin : ndarray, shape (n, 3)
         Where the quadratic part is centred [m].
+    factoriser : Factoriser
+        Factorises the Hessians, all of one pattern.
+    costs : Costs
+        Where the seconds of assembly, factorisation and solution are added up.
     quadratic : ndarray, optional
         Entries of Q on the shell's pattern (inertia and damping of an implicit step); statics has none.
     """
@@ -53,6 +77,8 @@ class Potential:
     shell: Shell
     load: Array
     origin: Array
+    factoriser: Factoriser
+    costs: Costs
     quadratic: Array | None = None
     _matrix: sps.csr_array | None = field(init=False, repr=False, default=None)
 
@@ -80,11 +106,31 @@ class Potential:
 
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
         """Gradient (N,) and Hessian (N, N) on the free unknowns."""
-        _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
-        if self.quadratic is not None:
-            data += self.quadratic
-        total = gradient + self._outer(x)[1]
-        return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
+        with self.costs.part("assembly"):
+            _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
+            if self.quadratic is not None:
+                data += self.quadratic
+            total = gradient + self._outer(x)[1]
+            return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
+
+    def factor(self, hessian: sps.csc_array) -> Factor:
+        """Factor of a Hessian, definite or not; SolverError if it is singular."""
+        with self.costs.part("factorisation"):
+            return self.factoriser.symmetric(hessian)
+
+    def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
+        """Factor of a positive definite Hessian, None for any other."""
+        with self.costs.part("factorisation"):
+            try:
+                factor = self.factoriser.definite(hessian)
+            except SolverError:
+                return None
+            return factor if factor.is_definite() else None
+
+    def step(self, factor: Factor, gradient: Array) -> Array:
+        """Newton direction (N,)."""
+        with self.costs.part("solution"):
+            return factor.solve(-gradient)
 
 
 def rounding_residual(hessian: sps.csc_array, x: Array, scale: float) -> float:
@@ -109,12 +155,15 @@ class NewtonResult:
         Factorisations used.
     converged : bool
         Whether the residual met :data:`ACCEPTED`, or :func:`rounding_residual` where that is larger.
+    factor : Factor or None
+        Of the last Hessian, a step before the end.
     """
 
     positions: Array
     residual: float
     iterations: int
     converged: bool
+    factor: Factor | None = None
 
 
 def _moved(shell: Shell, x: Array, direction: Array, fraction: float = 1.0) -> Array:
@@ -179,15 +228,16 @@ def mixed_newton(
         if residual < best.residual:
             stalled = stalled + 1 if residual > 0.5 * best.residual else 0
             accepted = max(ACCEPTED, goal, rounding_residual(hessian, x, scale))
-            best = NewtonResult(x, residual, iteration, residual <= accepted)
+            best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor)
         else:
             stalled += 1
         if residual <= goal or iteration == limit or (best.converged and stalled >= 1) or stalled >= 8:
             break
         try:
-            direction = factorise(hessian, definite=False).solve(-gradient)
+            best.factor = problem.factor(hessian)
         except SolverError:
             break
+        direction = problem.step(best.factor, gradient)
         if not np.isfinite(direction).all():
             break
         moved, step = warped_step(shell, x, direction, _LARGEST_TURN)
@@ -208,12 +258,12 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
         accepted = max(ACCEPTED, rounding_residual(hessian, x, scale))
         if residual <= _GOAL or iteration == limit or not np.isfinite(residual):
             break
-        factor = _factor_or_none(hessian)
+        factor = problem.definite_factor(hessian)
         if factor is None:
-            factor = _factor_or_none(problem.linearise(x, PROJECTED)[1])
+            factor = problem.definite_factor(problem.linearise(x, PROJECTED)[1])
             if factor is None:
                 break
-        direction = factor.solve(-gradient)
+        direction = problem.step(factor, gradient)
         slope = float(direction @ gradient)
         turn = _LARGEST_TURN
         fraction = 1.0
@@ -230,26 +280,20 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
     return NewtonResult(x, residual, iteration, bool(residual <= accepted))
 
 
-def _factor_or_none(hessian: sps.csc_array) -> Factor | None:
-    """Factor of a positive definite Hessian, else None."""
-    try:
-        factor = factorise(hessian, definite=False)
-    except SolverError:
-        return None
-    negative = factor.negative_pivots()
-    return factor if negative == 0 else None
-
-
-def is_stable(problem: Potential, x: Array) -> bool:
-    """Whether x is a minimum: the exact Hessian there is positive definite."""
-    return _factor_or_none(problem.linearise(x, EXACT)[1]) is not None
+def is_minimum(problem: Potential, result: NewtonResult) -> bool:
+    """Whether a converged result is a minimum, by the last Hessian on the way (the exact one here if there is none)."""
+    if not result.converged:
+        return False
+    if result.factor is not None:
+        return result.factor.is_definite()
+    return problem.definite_factor(problem.linearise(result.positions, EXACT)[1]) is not None
 
 
 def leave_saddle(problem: Potential, x: Array) -> Array:
     """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
     _, hessian = problem.linearise(x, EXACT)
     start = np.random.default_rng(0).standard_normal(hessian.shape[0])
-    factor = factorise(hessian, definite=False)
+    factor = problem.factor(hessian)
     inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
     values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
     direction = vectors[:, int(np.argmin(values))]
@@ -274,7 +318,7 @@ def descend(problem: Potential, start: Array, scale: float) -> NewtonResult:
         iterations += polished.iterations
         value = problem.value(x)
         if polished.converged and problem.value(polished.positions) <= value + 1e-9 * abs(value):
-            if is_stable(problem, polished.positions):
+            if is_minimum(problem, polished):
                 downhill = polished
                 break
             x = leave_saddle(problem, polished.positions)
@@ -287,7 +331,7 @@ def descend(problem: Potential, start: Array, scale: float) -> NewtonResult:
 def solve(problem: Potential, start: Array, scale: float) -> NewtonResult:
     """Mixed Newton, and descent from its start where it fails or ends at a point that is no minimum."""
     result = mixed_newton(problem, start, scale)
-    if result.converged and is_stable(problem, result.positions):
+    if is_minimum(problem, result):
         return result
     fallback = descend(problem, start, scale)
     fallback.iterations += result.iterations

@@ -118,7 +118,7 @@ def stretch() -> Energy:
     twice_area = sp.sqrt(normal.dot(normal))
     # grad |n| = (b x n, n x a) / |n|: the gradient in closed form keeps the Hessian short.
     gradient = tuple(b.cross(normal) / twice_area / 2) + tuple(normal.cross(a) / twice_area / 2)
-    # Out of the plane a triangle's area grows by |z_a b - z_b a|^2 / (8 A); in the plane it is a product of coordinates,
+    # Out of the plane an area grows by |z_a b - z_b a|^2 / (8 A); in the plane it is a product of coordinates,
     # d.Hess A.d = da_u db_v - da_v db_u.
     unit = normal / twice_area
     along = a / sp.sqrt(a.dot(a))
