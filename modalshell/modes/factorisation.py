@@ -10,6 +10,7 @@ import functools
 import importlib.util
 import weakref
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -45,24 +46,57 @@ class Factor(ABC):
         return True
 
 
+@dataclass(frozen=True)
+class _Ordering:
+    """SuperLU's order of one pattern: the permuted pattern, and which entry of the matrix goes where in it."""
+
+    order: NDArray[np.int64]
+    permuted: sps.csc_array
+
+    @classmethod
+    def of(cls, matrix: sps.csc_array, column_places: NDArray[Any]) -> _Ordering:
+        order = np.argsort(column_places)
+        numbers = sps.csc_array((np.arange(1, matrix.data.size + 1), matrix.indices, matrix.indptr), matrix.shape)
+        permuted = sps.csc_array(numbers[order][:, order])
+        permuted.sort_indices()  # now: SuperLU would sort the shared indices in place, and leave the numbers behind
+        return cls(order, permuted)
+
+    def apply(self, matrix: sps.csc_array) -> sps.csc_matrix:
+        pattern = self.permuted
+        return sps.csc_matrix((matrix.data[pattern.data - 1], pattern.indices, pattern.indptr), shape=matrix.shape)
+
+
 class _SuperLU(Factor):
-    """SciPy's SuperLU in symmetric mode: minimum-degree order of A + A^T and diagonal pivots."""
+    """SciPy's SuperLU in symmetric mode: minimum-degree order of A + A^T, found once a pattern, and diagonal pivots."""
 
     backend = "superlu"
 
-    def __init__(self, matrix: sps.csc_array, analysis: object = None) -> None:  # noqa: ARG002 (SuperLU keeps none)
+    def __init__(self, matrix: sps.csc_array, analysis: _Ordering | None = None) -> None:
+        ordered = sps.csc_matrix(matrix) if analysis is None else analysis.apply(matrix)
         try:
             self._factor = spla.splu(
-                sps.csc_matrix(matrix),
-                permc_spec="MMD_AT_PLUS_A",
+                ordered,
+                permc_spec="MMD_AT_PLUS_A" if analysis is None else "NATURAL",
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
             )
         except RuntimeError as error:
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
+        self._order = None if analysis is None else analysis.order
+        self._matrix = matrix if analysis is None else None
+
+    @functools.cached_property
+    def analysis(self) -> _Ordering:
+        """The order, for the next matrix of the pattern."""
+        assert self._matrix is not None
+        return _Ordering.of(self._matrix, self._factor.perm_c)
 
     def solve(self, right_side: Array) -> Array:
-        return np.asarray(self._factor.solve(np.ascontiguousarray(right_side)))
+        if self._order is None:
+            return np.asarray(self._factor.solve(np.ascontiguousarray(right_side)))
+        solution = np.empty_like(right_side)
+        solution[self._order] = self._factor.solve(np.ascontiguousarray(right_side[self._order]))
+        return solution
 
     def is_definite(self) -> bool:
         # Off the diagonal pivots are taken only where the diagonal one vanishes, as it cannot in a definite matrix.
@@ -113,6 +147,7 @@ class _PardisoAnalysis:
         self.error: type[Exception] = pypardiso.pardiso_wrapper.PyPardisoError
         self.owner: object = None
         self.phase = 12
+        self.lower: sps.csc_array | None = None
 
     def run(self, phase: int, upper: sps.csr_matrix, right_side: Array) -> Array:
         """Call PARDISO itself: the wrapper's own solve() compares whole matrices before each call."""
@@ -127,9 +162,14 @@ class _Pardiso(Factor):
 
     def __init__(self, matrix: sps.csc_array, analysis: Any = None) -> None:
         self.analysis: _PardisoAnalysis = _PardisoAnalysis() if analysis is None else analysis
+        lower = self.analysis.lower
+        if lower is None:
+            entries = np.arange(1, matrix.data.size + 1)
+            numbered = sps.csc_array((entries, matrix.indices, matrix.indptr), shape=matrix.shape)
+            lower = self.analysis.lower = sps.csc_array(sps.tril(numbered, format="csc"))
+            lower.sort_indices()
         # The lower triangle by columns is the upper triangle by rows.
-        lower = sps.tril(matrix, format="csc")
-        self._upper = sps.csr_matrix((lower.data, lower.indices, lower.indptr), shape=matrix.shape)
+        self._upper = sps.csr_matrix((matrix.data[lower.data - 1], lower.indices, lower.indptr), shape=matrix.shape)
         self._zero = np.zeros((matrix.shape[0], 1), order="F")
         self.analysis.owner = self
         try:
@@ -180,7 +220,9 @@ class Factoriser:
         if backend is not None and backend not in present:
             raise OptionError(f"factorisation back end {backend!r} is not installed; present: {', '.join(present)}")
         self.backend = backend or present[0]
+        self._use = use
         self._analysis: Any = None
+        self._ordering: _Ordering | None = None
 
     def definite(self, matrix: sps.csc_array) -> Factor:
         """Factor of a positive definite matrix (both triangles stored); SolverError if it is found not to be.
@@ -189,7 +231,7 @@ class Factoriser:
         """
         _check_finite(matrix)
         if self.backend == "superlu":
-            return _SuperLU(matrix)
+            return self._superlu(matrix)
         factor = _OPTIONAL[self.backend][1](matrix, self._analysis)
         self._analysis = factor.analysis
         return factor
@@ -202,7 +244,13 @@ class Factoriser:
             except SolverError:
                 pass
         _check_finite(matrix)
-        return _SuperLU(matrix)
+        return self._superlu(matrix)
+
+    def _superlu(self, matrix: sps.csc_array) -> Factor:
+        factor = _SuperLU(matrix, self._ordering)
+        if self._use == "refactor" and self._ordering is None:
+            self._ordering = factor.analysis
+        return factor
 
 
 def _check_finite(matrix: sps.csc_array) -> None:

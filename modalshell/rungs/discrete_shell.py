@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import checked_number
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes import Factoriser, largest_eigenvalue
 from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState, Stopwatch, total_load
@@ -43,6 +44,8 @@ class DiscreteShell(Model):
         the positions (first order, the paper's choice for DS, stable below :meth:`stable_step` only).
     allow_unstable_step : bool
         Whether explicit Euler may go on above its stability estimate.
+    step_tolerance : float
+        Out-of-balance force at which an implicit step's Newton stops, as a share of its load and inertia.
     backend : str, optional
         Factorisation to use; see :func:`modalshell.modes.available_backends`.
 
@@ -60,6 +63,7 @@ class DiscreteShell(Model):
         *,
         integrator: Literal["implicit", "explicit"] = "implicit",
         allow_unstable_step: bool = False,
+        step_tolerance: float = 1e-6,
         backend: str | None = None,
     ) -> None:
         if integrator not in ("implicit", "explicit"):
@@ -68,6 +72,7 @@ class DiscreteShell(Model):
         self.integrator = integrator
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None
+        self.step_tolerance = checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2)
         self._factoriser = Factoriser(backend)
         self.costs = Costs()
 
@@ -209,5 +214,6 @@ class DiscreteShell(Model):
         push = load + shell.mass[:, None] * state.rates / dt
         problem = Potential(shell, push, x, self._factoriser, self.costs, quadratic)
         scale = problem.scale or float(np.linalg.norm(problem.residual(x))) or 1.0
-        result = solve(problem, self._held(x + dt * state.rates), scale)
+        stresses = shell.predicted_stresses(x, dt * state.rates)
+        result = solve(problem, self._held(x + dt * state.rates), scale, self.step_tolerance, stresses)
         return MotionState(result.positions, (result.positions - x) / dt), result.converged

@@ -328,9 +328,11 @@ def descend(problem: Potential, start: Array, scale: float) -> NewtonResult:
     return downhill
 
 
-def solve(problem: Potential, start: Array, scale: float) -> NewtonResult:
+def solve(
+    problem: Potential, start: Array, scale: float, goal: float = _GOAL, stresses: list[Array] | None = None
+) -> NewtonResult:
     """Mixed Newton, and descent from its start where it fails or ends at a point that is no minimum."""
-    result = mixed_newton(problem, start, scale)
+    result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
     if is_minimum(problem, result):
         return result
     fallback = descend(problem, start, scale)

@@ -75,7 +75,7 @@ def generate(energy: Energy) -> Kernel:
     outputs |= {f"hessian[{k}]": entry for k, entry in enumerate(hessian)}
     second_body, second_operations = _statements(outputs)
 
-    forms = {}
+    forms: dict[str, sp.Expr] = {}
     for j, (factor, form) in enumerate(energy.squares):
         forms |= {f"factors[{j}]": factor} | {f"squares[{j}, {k}]": entry for k, entry in enumerate(form)}
     for j, pair in enumerate(energy.products):
