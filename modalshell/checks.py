@@ -40,16 +40,18 @@ def checked_count(name: str, value: Any) -> int:
     return int(value)
 
 
-def checked_vectors(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return ``values`` as a contiguous float64 array of one vector a vertex, else raise LoadError."""
+def checked_vectors(
+    name: str, values: Any, shape: tuple[int, ...], error: type[ModalShellError] = LoadError
+) -> NDArray[np.float64]:
+    """Return ``values`` as a contiguous float64 array of one vector a vertex, else raise ``error``."""
     try:
         array = np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError) as fault:
-        raise LoadError(f"{name} must be numbers of shape {shape} (got {type(values).__name__}: {fault})") from fault
+        raise error(f"{name} must be numbers of shape {shape} (got {type(values).__name__}: {fault})") from fault
     if array.shape != shape:
-        raise LoadError(f"{name} must have shape {shape} (got {array.shape})")
+        raise error(f"{name} must have shape {shape} (got {array.shape})")
     finite = np.isfinite(array)
     if not finite.all():
         bad = int(np.flatnonzero(~finite.reshape(len(array), -1).all(axis=1))[0])
-        raise LoadError(f"{name} must be finite (got {array[bad]} at entry {bad}, counted from 0)")
+        raise error(f"{name} must be finite (got {array[bad]} at entry {bad}, counted from 0)")
     return array

@@ -1,9 +1,17 @@
-"""Scenes that several test files share."""
+"""Scenes that several test files share; one BLAS thread, since two on a busy machine take many times as long."""
+
+import contextlib
 
 import numpy as np
 import pytest
 
 from modalshell import Material, Shell, solve_modes, v_beam
+
+with contextlib.suppress(ImportError):
+    # Variables such as OPENBLAS_NUM_THREADS come too late here: pytest's warning filters have loaded NumPy already.
+    from threadpoolctl import threadpool_limits
+
+    _ONE_THREAD = threadpool_limits(1)
 
 
 @pytest.fixture(scope="session")

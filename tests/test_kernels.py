@@ -349,6 +349,32 @@ def test_projected_hessian_is_positive_semidefinite_and_above_the_exact_one(scen
     assert np.linalg.eigvalsh(projected - exact)[0] >= -1e-13 * largest
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("name", KERNELS)
+def test_convex_rows_bound_the_second_variation(name, sign):
+    """Their sum of squares lies above 0 and above sign Hess g, and not above |Hess g| by more than a small factor."""
+    kernel = KERNELS[name]
+    size = kernel.UNKNOWNS
+    triangle = np.tril_indices(size)
+    for relative in np.random.default_rng(11).standard_normal((50, size)):
+        gradient, packed = np.empty(size), np.empty(size * (size + 1) // 2)
+        kernel.second_derivatives(*relative, gradient, packed)
+        hessian = np.zeros((size, size))
+        hessian[triangle] = hessian.T[triangle] = sign * packed
+        squares, products = kernel.SQUARES, kernel.PRODUCTS
+        work = [np.empty(squares), *(np.empty((count, size)) for count in (squares, products, products))]
+        rows = np.empty((squares + products, size))
+        kernel.convex_rows(*relative, sign, *work, rows)
+        kept = rows.T @ rows
+        values, vectors = np.linalg.eigh(hessian)
+        largest = np.abs(values).max()
+        assert np.linalg.eigvalsh(kept - hessian)[0] >= -1e-12 * largest
+        positive = (vectors * np.maximum(values, 0.0)) @ vectors.T
+        assert np.trace(kept) <= 4.0 * np.abs(values).sum()
+        if name == "shear":  # |e| is convex: all of it is kept, or none
+            np.testing.assert_allclose(kept, positive, rtol=0, atol=1e-12 * largest)
+
+
 @pytest.mark.parametrize("energy", ENERGIES[:3])
 def test_projection_leaves_positive_elements_alone(energy):
     """One element at a time: EXACT where that is positive semi-definite, something else where it is not."""

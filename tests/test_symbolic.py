@@ -104,6 +104,33 @@ def test_second_derivatives_are_symmetric(all_energies, name):
                 assert abs(packed - mirror) <= sp.Float(10) ** (5 - DIGITS) * (1 + abs(mirror))
 
 
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("name", NAMES)
+def test_split_of_the_second_variation_adds_up(all_energies, name, seed):
+    """Hess g = sum a r r^T + sum (m n^T + n m^T), with a positive and m, n orthogonal."""
+    energy = all_energies[name]
+    size = len(energy.unknowns)
+    point = random_point(energy, seed)
+
+    def row(form):
+        return [evaluated(sp.sympify(entry), point) for entry in form]
+
+    squares = [(evaluated(factor, point), row(form)) for factor, form in energy.squares]
+    products = [(row(first), row(second)) for first, second in energy.products]
+    assert all(factor > 0 for factor, _ in squares)
+    tolerance = sp.Float(10) ** (6 - DIGITS)
+    for first, second in products:
+        lengths = sp.sqrt(sum(x * x for x in first) * sum(x * x for x in second))
+        assert abs(sum(x * y for x, y in zip(first, second, strict=True))) <= tolerance * (1 + lengths)
+    lower = iter(energy.hessian())
+    for i in range(size):
+        for j in range(i + 1):
+            total = sum(factor * form[i] * form[j] for factor, form in squares)
+            total += sum(m[i] * n[j] + n[i] * m[j] for m, n in products)
+            exact = evaluated(next(lower), point)
+            assert abs(total - exact) <= tolerance * (1 + abs(exact))
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_header_says_what_a_reader_needs(all_energies, name):
     source = committed()[f"{name}.py"].decode("utf-8")

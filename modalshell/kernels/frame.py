@@ -8,6 +8,7 @@ lives in a buffer of 8 kB. Every inner loop runs along the vertices of a tile an
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit, prange, types
@@ -81,20 +82,21 @@ THIRD_SINGLE = tuple(
 )
 
 # Not "nnan" nor "ninf": coordinates that are not finite must come out as such.
-_kernel = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
+_kernel = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
 
 
-def polynomials(squared):  # type: ignore[no-untyped-def]
+def polynomials(squared: Any) -> Any:
     """c2 and c3 at |w|^2 = ``squared`` in [0, (2 pi)^2], in the precision of ``squared``; for compiled code only."""
     raise NotImplementedError
 
 
-@overload(polynomials, jit_options={"fastmath": {"contract", "reassoc", "nsz", "arcp"}})
+@overload(polynomials, jit_options={"fastmath": _FASTMATH})
 def _polynomials_by_precision(squared):  # type: ignore[no-untyped-def]
-    if squared == types.float32:
-        middle, half_powers, third_powers = np.float32(MIDDLE), HALF_SINGLE, THIRD_SINGLE
-    else:
-        middle, half_powers, third_powers = np.float64(MIDDLE), HALF_DOUBLE, THIRD_DOUBLE
+    single = squared == types.float32
+    middle: Any = (np.float32 if single else np.float64)(MIDDLE)
+    half_powers: Any = HALF_SINGLE if single else HALF_DOUBLE
+    third_powers: Any = THIRD_SINGLE if single else THIRD_DOUBLE
     halves, thirds = len(half_powers), len(third_powers)
 
     def evaluate(squared):  # type: ignore[no-untyped-def]

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_count
+from modalshell.checks import checked_count, checked_vectors
 from modalshell.errors import FileFormatError
 from modalshell.mesh import TriangleMesh
 from modalshell.modes.eigenpairs import eigenpairs
+from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.shell import Material, Shell
 
@@ -96,22 +97,21 @@ class Basis:
         try:
             with np.load(path, allow_pickle=False) as stored:
                 data = {name: stored[name] for name in stored.files}
-        except Exception as error:  # zip, zlib, OS and value errors all mean the same to the user
-            raise FileFormatError(f"cannot read a basis from {Path(path)}: {error}") from error
-        if "modalshell_basis" not in data or int(data["modalshell_basis"]) != _FORMAT:
-            raise FileFormatError(f"{Path(path)} is not a basis that this version saved (format {_FORMAT} expected)")
-        stiffnesses = {name: data[name] for name in ("stretch", "shear", "flexure", "density")}
-        material = Material(**stiffnesses, correct_clamp=bool(data["correct_clamp"]))
-        shell = Shell(TriangleMesh(data["vertices"], data["faces"]), material, data["clamped"])
-        return cls(
-            shell,
-            data["eigenvalues"],
-            data["modes"],
-            data["rotations"],
-            int(data["rigid_modes"]),
-            float(data["residual"]),
-            str(data["backend"]),
-        )
+            if int(data["modalshell_basis"]) != _FORMAT:
+                raise ValueError(f"format {data['modalshell_basis']} (this version reads {_FORMAT})")
+            stiffnesses = {name: data[name] for name in ("stretch", "shear", "flexure", "density")}
+            material = Material(**stiffnesses, correct_clamp=bool(data["correct_clamp"]))
+            shell = Shell(TriangleMesh(data["vertices"], data["faces"]), material, data["clamped"])
+            values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
+            shape = (shell.rest_positions.size, values.size)
+            modes = checked_vectors("modes", data["modes"], shape)
+            rotations = checked_vectors("rotations", data["rotations"], shape)
+            if values.ndim != 1 or not 0 <= int(data["rigid_modes"]) <= values.size:
+                raise ValueError(f"{data['rigid_modes']} rigid modes of {values.size}")
+            counts = (int(data["rigid_modes"]), float(data["residual"]), str(data["backend"]))
+        except Exception as error:  # zip, zlib, OS, key, mesh and value errors all mean the same to the user
+            raise FileFormatError(f"cannot read a saved basis from {Path(path)}: {error}") from error
+        return cls(shell, values, modes, rotations, *counts)
 
 
 def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> Basis:
@@ -139,6 +139,7 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
         If the stiffness is singular beyond its rigid motions, or a mode fails the residual check.
     """
     count = checked_count("count", count)
+    Factoriser(backend)  # refuses an unknown back end before any work
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
     modes = np.zeros((shell.rest_positions.size, count))
     modes[shell.free_unknowns] = free_modes

@@ -18,7 +18,9 @@ from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 Array = NDArray[np.float64]
 
 _DENSE_BELOW = 150
-_REPEATED = 1e-6
+_REPEATED = 1e-9
+"""Relative gap below which eigenvalues count as one; further apart they are resolved and keep their own modes."""
+
 _RESIDUAL_LIMIT = 1e-8
 
 
@@ -72,10 +74,10 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             "the stiffness is too ill-conditioned; check for slivers and for stiffnesses many decades apart"
         )
     modes = vectors / root[:, None]
-    values = _strain_eigenvalues(shell, modes, values)
-    order = np.argsort(values, kind="stable")
-    eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), values[order]])
-    return eigenvalues, np.hstack([rigid, modes[:, order]]), rigid.shape[1], residual, name
+    # Already in order, to rounding: repeated ones must not change places by it.
+    values = np.maximum.accumulate(_strain_eigenvalues(shell, modes, values))
+    eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), values])
+    return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name
 
 
 def mass_scaled(shell: Shell, data: Array) -> tuple[sps.csc_array, Array]:
@@ -141,13 +143,13 @@ def _lanczos(
 def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
     """The first ``count`` pairs in a form that repeats: a fixed basis in each repeated eigenspace, fixed signs."""
     groups = np.concatenate([[0], np.cumsum(np.diff(values) > _REPEATED * np.abs(values[1:]))])
-    probes = np.random.default_rng(1).standard_normal((vectors.shape[0], vectors.shape[1]))
     fixed = vectors.copy()
     for group in range(int(groups[-1]) + 1):
         members = np.flatnonzero(groups == group)
         if members.size > 1:
             space = vectors[:, members]
-            fixed[:, members], _ = np.linalg.qr(space @ (space.T @ probes[:, : members.size]))
+            probes = np.random.default_rng(1).standard_normal((members.size, vectors.shape[0])).T
+            fixed[:, members], _ = np.linalg.qr(space @ (space.T @ probes))
     for column in fixed.T:
         magnitude = np.abs(column)
         # The first of the nearly largest entries: symmetric modes have several that differ by rounding alone.

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 _STEP_TURN = 0.8
 """Turn of a vertex [rad] that one load step may predict."""
+_LOAD_STEPS = 200
 _LOOSE = 1e-3
 _SMALLEST_TRUST = 1.0 / 300.0
 
@@ -100,7 +101,9 @@ class DiscreteShell(Model):
             iterations = result.iterations
             if problem.scale == 0.0:
                 return self._answer(descend(problem, first, scale), watch, iterations, before)
-        return self._answer(self._follow(load, problem.scale or 1.0), watch, iterations, before)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+            followed = self._follow(load, problem.scale or 1.0)
+        return self._answer(followed, watch, iterations, before)
 
     def _held(self, positions: Array) -> Array:
         held = positions.copy()
@@ -125,17 +128,21 @@ class DiscreteShell(Model):
     def _follow(self, load: Array, scale: float) -> NewtonResult:
         """Load continuation from rest along tangents, each step as long as :data:`_STEP_TURN` allows."""
         shell = self.shell
-        x, factor, trust, iterations = shell.rest_positions, 0.0, 1.0, 0
+        x, factor, trust, iterations, steps = shell.rest_positions, 0.0, 1.0, 0, 0
         while True:
+            steps += 1
+            if steps > _LOAD_STEPS:
+                trust = 0.0
             before = self._statics(factor * load)
             target, guess, stresses = factor, x, None
             try:
+                if trust < _SMALLEST_TRUST:
+                    raise SolverError("the branch has ended")
                 here = before.factor(before.linearise(x, EXACT)[1])
                 tangent = before.step(here, -load.ravel()[shell.free_unknowns])
                 iterations += 1
-                guess, moved = warped_step(shell, x, (1.0 - factor) * tangent, trust * _STEP_TURN)
-                longest = np.abs(moved).max() / max(np.abs(tangent).max(), 1e-300)
-                target = min(1.0, factor + longest) if longest < 0.999 * (1.0 - factor) else 1.0
+                guess, moved, share = warped_step(shell, x, (1.0 - factor) * tangent, trust * _STEP_TURN)
+                target = factor + share * (1.0 - factor) if share < 0.999 else 1.0
                 stresses = shell.predicted_stresses(x, moved)
             except SolverError:
                 trust = 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import abstractmethod
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from modalshell.modes import Basis
 from modalshell.rungs.model import Damping, Model, MotionState
@@ -38,7 +38,7 @@ class ModalModel(Model):
     def modal_force(self, q: Array, load: Array) -> Array:
         """Modal force p (m,) of the load (n, 3) at q."""
 
-    def coordinates_of(self, positions: Array) -> Array:
+    def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
         displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
         return np.asarray(self.basis.modes.T @ (self._mass * displacement))

@@ -172,7 +172,7 @@ def _moved(shell: Shell, x: Array, direction: Array, fraction: float = 1.0) -> A
     return moved
 
 
-def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array]:
+def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
     """Move along ``direction`` (N,), warped, as far as no vertex turns by more than ``largest_turn`` [rad].
 
     Returns
@@ -181,26 +181,25 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
         The new positions.
     step : ndarray, shape (n, 3)
         The straight step that was warped.
+    fraction : float
+        How much of ``direction`` that is.
     """
     step = _full(shell, direction)
     turns = np.empty_like(x)
     rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
     angle = rotations.largest_angle(turns)
+    fraction = 1.0
     if angle > largest_turn:
-        step *= largest_turn / angle
-        turns *= largest_turn / angle
+        fraction = largest_turn / angle
+        step *= fraction
+        turns *= fraction
     displacement = np.empty_like(x)
     rotations.warp(turns, step, 1.0, displacement)
-    return x + displacement, step
+    return x + displacement, step, fraction
 
 
 def _full(shell: Shell, direction: Array) -> Array:
     return _moved(shell, np.zeros_like(shell.rest_positions), direction)
-
-
-def _share(step: Array, whole: Array) -> float:
-    """How much of ``whole`` the shortened ``step`` is."""
-    return float(np.abs(step).max() / max(float(np.abs(whole).max()), 1e-300))
 
 
 def mixed_newton(
@@ -240,7 +239,7 @@ def mixed_newton(
         direction = problem.step(best.factor, gradient)
         if not np.isfinite(direction).all():
             break
-        moved, step = warped_step(shell, x, direction, _LARGEST_TURN)
+        moved, step, _ = warped_step(shell, x, direction, _LARGEST_TURN)
         stresses = shell.predicted_stresses(x, step)
         x = moved
         best.iterations = iteration + 1
@@ -265,13 +264,11 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
                 break
         direction = problem.step(factor, gradient)
         slope = float(direction @ gradient)
-        turn = _LARGEST_TURN
         fraction = 1.0
         while fraction > 1e-10:
-            trial, step = warped_step(problem.shell, x, fraction * direction, turn)
-            taken = fraction * _share(step, _full(problem.shell, fraction * direction))
+            trial, _, share = warped_step(problem.shell, x, fraction * direction, _LARGEST_TURN)
             trial_value = problem.value(trial)
-            if np.isfinite(trial_value) and trial_value <= value + 1e-4 * taken * slope:
+            if np.isfinite(trial_value) and trial_value <= value + 1e-4 * share * fraction * slope:
                 break
             fraction *= 0.5
         else:
@@ -281,11 +278,9 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
 
 
 def is_minimum(problem: Potential, result: NewtonResult) -> bool:
-    """Whether a converged result is a minimum, by the last Hessian on the way (the exact one here if there is none)."""
+    """Whether a converged result is a minimum: its exact Hessian is positive definite."""
     if not result.converged:
         return False
-    if result.factor is not None:
-        return result.factor.is_definite()
     return problem.definite_factor(problem.linearise(result.positions, EXACT)[1]) is not None
 
 
@@ -309,32 +304,42 @@ def descend(problem: Potential, start: Array, scale: float) -> NewtonResult:
     """
     x, iterations = start, 0
     for _ in range(_STRETCHES):
-        downhill = minimise(problem, x, scale, limit=_STRETCH)
-        iterations += downhill.iterations
-        x = downhill.positions
-        if downhill.residual <= _GOAL or not np.isfinite(downhill.residual):
+        result = minimise(problem, x, scale, limit=_STRETCH)
+        used = result.iterations
+        iterations += used
+        x, value = result.positions, problem.value(result.positions)
+        if not np.isfinite(result.residual):
             break
-        polished = mixed_newton(problem, x, scale, limit=15)
-        iterations += polished.iterations
-        value = problem.value(x)
-        if polished.converged and problem.value(polished.positions) <= value + 1e-9 * abs(value):
-            if is_minimum(problem, polished):
-                downhill = polished
+        if result.residual > _GOAL:
+            polished = mixed_newton(problem, x, scale, limit=15)
+            iterations += polished.iterations
+            if polished.converged and problem.value(polished.positions) <= value + 1e-9 * abs(value):
+                result = polished
+        if result.converged:
+            if is_minimum(problem, result):
                 break
-            x = leave_saddle(problem, polished.positions)
-        elif downhill.converged or downhill.iterations < _STRETCH:
+            result.converged = False
+            x = leave_saddle(problem, result.positions)
+        elif used < _STRETCH:
             break
-    downhill.iterations = iterations
-    return downhill
+    result.iterations = iterations
+    return result
 
 
 def solve(
     problem: Potential, start: Array, scale: float, goal: float = _GOAL, stresses: list[Array] | None = None
 ) -> NewtonResult:
-    """Mixed Newton, and descent from its start where it fails or ends at a point that is no minimum."""
+    """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum.
+
+    The last Hessian on the way stands for the one at the end: with inertia in it the two agree well enough, and a
+    factorisation is saved.
+    """
     result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
-    if is_minimum(problem, result):
-        return result
+    if result.converged:
+        # The first Hessian may have been without its geometric part, and says nothing of a minimum.
+        late = result.factor is not None and result.iterations > 1
+        if result.factor.is_definite() if late and result.factor is not None else is_minimum(problem, result):
+            return result
     fallback = descend(problem, start, scale)
     fallback.iterations += result.iterations
     if fallback.converged or not result.converged:

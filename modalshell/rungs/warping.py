@@ -70,7 +70,7 @@ class ModalWarping(ModalModel):
         # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
         y: Array = np.zeros(root.size)
         if start is not None:
-            y = root * self.coordinates_of(np.asarray(start, dtype=np.float64))[self._elastic]
+            y = root * self.coordinates_of(start)[self._elastic]
             y, residual, iterations, solved = self._newton(y, load, 1.0, root, scale)
         else:
             y, residual, iterations, solved = self._follow(load, root, scale)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import checked_vectors
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
 
@@ -53,10 +54,15 @@ def orient(mesh: TriangleMesh, direction: ArrayLike | None = None) -> Orientatio
     length, width, height = (float(extent) for extent in extents[order])
     flat = height <= _FLAT * length
     if direction is not None:
-        axis = np.asarray(direction, dtype=np.float64)
-        if axis.shape != (3,) or not np.isfinite(axis).all() or not axis.any():
-            raise MaterialError(f"direction must be a finite, non-zero vector of three numbers (got {direction!r})")
-        return Orientation(axis / np.linalg.norm(axis), length, width, flat, True)
+        axis = checked_vectors("direction", direction, (3,), MaterialError)
+        if not axis.any():
+            raise MaterialError(f"direction must not be the zero vector (got {direction!r})")
+        axis = axis / np.abs(axis).max()
+        axis /= np.linalg.norm(axis)
+        inside = np.sqrt(np.maximum(1.0 - (mesh.face_normals @ axis) ** 2, 0.0))
+        if inside.max() < 1e-3:
+            raise MaterialError(f"direction {direction!r} stands upright on the whole mesh; name one that lies in it")
+        return Orientation(axis, length, width, flat, True)
     if length >= _ELONGATED * width:
         return Orientation(axes[order[0]], length, width, flat, False)
     return Orientation(np.array([1.0, 0.0, 0.0]) if flat else np.zeros(3), length, width, flat, False)
