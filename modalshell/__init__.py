@@ -14,7 +14,7 @@ from modalshell.errors import (
 )
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, save_mesh, sheet, v_beam
 from modalshell.modes import Basis, solve_modes
-from modalshell.motion import Trajectory, simulate
+from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.rungs import DiscreteShell, LinearModal, ModalWarping
 from modalshell.shell import Material, Shell
 
@@ -36,6 +36,7 @@ __all__ = [
     "Shell",
     "SolverError",
     "SupportError",
+    "SupportPath",
     "Trajectory",
     "TriangleMesh",
     "cylinder_panel",

@@ -1,5 +1,6 @@
-"""Motion: time stepping of any rung."""
+"""Motion: time stepping of any rung, with moving supports."""
 
 from modalshell.motion.simulate import Trajectory, simulate
+from modalshell.motion.supports import SupportPath
 
-__all__ = ["Trajectory", "simulate"]
+__all__ = ["SupportPath", "Trajectory", "simulate"]

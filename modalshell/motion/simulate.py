@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_count, checked_number
-from modalshell.errors import OptionError
+from modalshell.errors import OptionError, SupportError
+from modalshell.motion.supports import SupportPath
 from modalshell.rungs import Damping, Model
 from modalshell.rungs.model import Stopwatch, total_load
 
@@ -50,6 +51,7 @@ def simulate(
     force: ArrayLike | None = None,
     damping: tuple[float, float] = (0.0, 0.0),
     start: ArrayLike | None = None,
+    supports: SupportPath | None = None,
     store_every: int = 1,
     on_step: Callable[[int, int], None] | None = None,
 ) -> Trajectory:
@@ -68,9 +70,13 @@ def simulate(
     force : array_like, shape (n, 3), optional
         Further force on every vertex [N].
     damping : (float, float)
-        Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness.
+        Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity in
+        the model's own frame: relative to the supports for modal models, absolute for full ones.
     start : array_like, shape (n, 3), optional
-        Positions at the start [m], at rest; the rest shape without them.
+        Positions at the start [m], at rest, with the supports in their rest pose; the rest shape without them.
+    supports : SupportPath, optional
+        Moves the held vertices. Full models hold them along the path; modal models feel it as inertial loads in their
+        own frame, with positions given in the world's.
     store_every : int
         Store every so many steps (explicit steps are short).
     on_step : callable, optional
@@ -87,6 +93,8 @@ def simulate(
         For a duration, step, damping or store_every out of range, or an explicit step above its stability estimate.
     LoadError
         For loads or positions of the wrong shape or not finite.
+    SupportError
+        If ``supports`` moves a shell that holds no vertex.
     """
     dt = checked_number("dt", dt, above=0.0, unit="s")
     duration = checked_number("duration", duration, at_least=dt, unit="s")
@@ -96,15 +104,32 @@ def simulate(
     rayleigh = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in damping))
     load = total_load(model.shell, gravity, force)
     model.check_step(dt, rayleigh)
-    state = model.start_motion(None if start is None else model.shell.checked_positions(start))
+    shell = model.shell
+    state = model.start_motion(None if start is None else shell.checked_positions(start))
+    if supports is not None and not shell.clamped.any():
+        raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
 
     watch = Stopwatch()
     total = int(np.ceil(duration / dt - 1e-9))
-    times, frames = [0.0], [model.positions(state).copy()]
+    current = model.positions(state)
+    before = current
+    times, frames = [0.0], [current.copy() if supports is None else supports.at(0.0).to_world(current)]
+    if supports is not None and not model.in_shell_frame:
+        state.coordinates = frames[0].copy()
     status, unconverged = "completed", 0
     for count in range(1, total + 1):
         with np.errstate(over="ignore", invalid="ignore"):
-            state, converged = model.step(state, dt, load, rayleigh)
+            if supports is None:
+                state, converged = model.step(state, dt, load, rayleigh)
+            else:
+                pose = supports.at(count * dt)
+                if model.in_shell_frame:
+                    felt = pose.shell_load(load, shell.mass, current, (current - before) / dt)
+                    state, converged = model.step(state, dt, felt, rayleigh)
+                    before, current = current, model.positions(state)
+                else:
+                    held = pose.to_world(shell.rest_positions[shell.clamped])
+                    state, converged = model.step(state, dt, load, rayleigh, held)
             unconverged += not converged
             # A sum is finite only if every entry is (or it overflows, which is no better).
             finite = np.isfinite(state.coordinates.sum() + state.rates.sum())
@@ -113,7 +138,10 @@ def simulate(
             break
         if count % store_every == 0 or count == total:
             times.append(count * dt)
-            frames.append(model.positions(state).copy())
+            if supports is None or not model.in_shell_frame:
+                frames.append(model.positions(state).copy())
+            else:
+                frames.append(pose.to_world(current))
         if on_step is not None:
             on_step(count, total)
     if status == "completed" and unconverged:

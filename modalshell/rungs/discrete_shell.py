@@ -105,10 +105,11 @@ class DiscreteShell(Model):
             followed = self._follow(load, problem.scale or 1.0)
         return self._answer(followed, watch, iterations, before)
 
-    def _held(self, positions: Array) -> Array:
-        held = positions.copy()
-        held[self.shell.clamped] = self.shell.rest_positions[self.shell.clamped]
-        return held
+    def _held(self, positions: Array, held: Array | None = None) -> Array:
+        """``positions`` with the held vertices where they belong: at ``held`` (h, 3), or at rest."""
+        placed = positions.copy()
+        placed[self.shell.clamped] = self.shell.rest_positions[self.shell.clamped] if held is None else held
+        return placed
 
     def _statics(self, load: Array) -> Potential:
         return Potential(self.shell, load, self.shell.rest_positions, self._factoriser, self.costs)
@@ -189,27 +190,34 @@ class DiscreteShell(Model):
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest."""
-        x = self.shell.rest_positions.copy() if positions is None else self.shell.checked_positions(positions)
-        return MotionState(self._held(x), np.zeros_like(x))
+        x = self._held(self.shell.rest_positions if positions is None else self.shell.checked_positions(positions))
+        return MotionState(x, np.zeros_like(x))
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m]: the coordinates themselves."""
         return state.coordinates
 
-    def step(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
         """One Euler step; for the implicit one, whether its Newton solve converged."""
-        return (self._implicit if self.integrator == "implicit" else self._explicit)(state, dt, load, damping)
+        advance = self._implicit if self.integrator == "implicit" else self._explicit
+        return advance(state, dt, load, damping, held)
 
-    def _explicit(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
+    def _explicit(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
+    ) -> tuple[MotionState, bool]:
         shell = self.shell
         force = load - shell.energy_gradient(state.coordinates)[1]
         if damping.stiffness_factor:
             force += damping.stiffness_factor * shell.damping_force(state.coordinates, state.rates)
         rates = state.rates * (1.0 - dt * damping.mass_factor) + dt * force / shell.mass[:, None]
-        rates[shell.clamped] = 0.0
+        rates[shell.clamped] = 0.0 if held is None else (held - state.coordinates[shell.clamped]) / dt
         return MotionState(state.coordinates + dt * rates, rates), True
 
-    def _implicit(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
+    def _implicit(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
+    ) -> tuple[MotionState, bool]:
         """Minimise ``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning."""
         shell = self.shell
         x = state.coordinates
@@ -221,6 +229,6 @@ class DiscreteShell(Model):
         push = load + shell.mass[:, None] * state.rates / dt
         problem = Potential(shell, push, x, self._factoriser, self.costs, quadratic)
         scale = problem.scale or float(np.linalg.norm(problem.residual(x))) or 1.0
-        stresses = shell.predicted_stresses(x, dt * state.rates)
-        result = solve(problem, self._held(x + dt * state.rates), scale, self.step_tolerance, stresses)
+        start = self._held(x + dt * state.rates, held)
+        result = solve(problem, start, scale, self.step_tolerance, shell.predicted_stresses(x, start - x))
         return MotionState(result.positions, (result.positions - x) / dt), result.converged

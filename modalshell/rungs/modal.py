@@ -25,6 +25,8 @@ class ModalModel(Model):
         Modes, eigenvalues and modal rotations of the shell.
     """
 
+    in_shell_frame = True
+
     def __init__(self, basis: Basis) -> None:
         self.basis = basis
         self.shell = basis.shell
@@ -55,7 +57,14 @@ class ModalModel(Model):
         q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
         return MotionState(q, np.zeros_like(q))
 
-    def step(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
+    def step(
+        self,
+        state: MotionState,
+        dt: float,
+        load: Array,
+        damping: Damping,
+        held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
+    ) -> tuple[MotionState, bool]:
         """Implicit Euler for every mode by itself, with the modal force of the step before."""
         stiffness = self.basis.eigenvalues
         p = self.modal_force(state.coordinates, load)

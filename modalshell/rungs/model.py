@@ -70,6 +70,8 @@ class Model(ABC):
 
     name: str
     shell: Shell
+    in_shell_frame = False
+    """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
 
     @abstractmethod
     def equilibrium(
@@ -102,8 +104,13 @@ class Model(ABC):
         """State at rest at ``positions`` (n, 3); at the rest shape without them."""
 
     @abstractmethod
-    def step(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[MotionState, bool]:
-        """Advance by ``dt`` [s] under ``load`` (n, 3) [N]; also returns whether the step's own solver converged."""
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under ``load`` (n, 3) [N]; also returns whether the step's own solver converged.
+
+        ``held`` (h, 3) [m] is where the held vertices are at the step's end, for models in the world's frame.
+        """
 
     @abstractmethod
     def positions(self, state: MotionState) -> Array:

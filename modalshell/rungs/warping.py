@@ -8,8 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.kernels import rotations
 from modalshell.modes import Basis
+from modalshell.rungs.frame import WarpFrame
 from modalshell.rungs.modal import RIGID_LOAD, ModalModel
-from modalshell.rungs.model import Equilibrium, Stopwatch, total_load
+from modalshell.rungs.model import Equilibrium, MotionState, Stopwatch, total_load
 
 Array = NDArray[np.float64]
 
@@ -36,6 +37,7 @@ class ModalWarping(ModalModel):
         self._elastic = slice(rigid, None)
         self._modes = np.ascontiguousarray(basis.modes[:, rigid:])
         self._rotations = np.ascontiguousarray(basis.rotations[:, rigid:])
+        self._frame: WarpFrame | None = None
 
     def rotation_vectors(self, q: Array) -> Array:
         """Rotation vectors of the vertices (n, 3) [rad]."""
@@ -47,6 +49,12 @@ class ModalWarping(ModalModel):
         out = np.empty_like(linear)
         rotations.warp(self.rotation_vectors(q), linear, 1.0, out)
         return out
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state, in one fused pass."""
+        if self._frame is None:  # at first use: it holds a second copy of the modal data
+            self._frame = WarpFrame(self.basis)
+        return self._frame.positions(state.coordinates)
 
     def modal_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,)."""

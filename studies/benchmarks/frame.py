@@ -40,7 +40,7 @@ def random_basis(n: int, m: int, seed: int = 0) -> tuple[Basis, Array]:
 
 
 def numpy_frame(rest: Array, modes: Array, rotations: Array, q: Array) -> Array:
-    """The frame written with NumPy as MATH.md 4 has it."""
+    """The frame written with NumPy as its formula reads."""
     u = (modes @ q).reshape(-1, 3)
     w = (rotations @ q).reshape(-1, 3)
     squared = np.einsum("ij,ij->i", w, w)

@@ -1,0 +1,133 @@
+"""Moving supports: a rigid path of the held vertices, and the loads it makes in the shell's own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation, RotationSpline
+
+from modalshell.checks import checked_number, checked_vectors
+from modalshell.errors import OptionError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the supports are at one time, and how they move.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        From the shell's frame to the world's.
+    translation : ndarray, shape (3,)
+        Of the pivot [m].
+    pivot : ndarray, shape (3,)
+        Point of the rest shape about which it turns [m].
+    acceleration : ndarray, shape (3,)
+        Of the pivot, in the shell's frame [m/s^2].
+    turn_rate, turn_acceleration : ndarray, shape (3,)
+        Angular velocity [rad/s] and acceleration [rad/s^2], in the shell's frame.
+    """
+
+    rotation: Array
+    translation: Array
+    pivot: Array
+    acceleration: Array
+    turn_rate: Array
+    turn_acceleration: Array
+
+    def to_world(self, positions: Array) -> Array:
+        """Positions (n, 3) [m] of the shell's frame in the world."""
+        return np.asarray((positions - self.pivot) @ self.rotation.T + self.pivot + self.translation)
+
+    def shell_load(self, load: Array, mass: Array, positions: Array, velocities: Array) -> Array:
+        """Load (n, 3) [N] in the shell's frame: the world's ``load`` and the inertial ones.
+
+        ``f = R^T f_world - m (a + alpha x r + omega x (omega x r) + 2 omega x v)``: the support's acceleration, Euler,
+        centrifugal and Coriolis forces at the deformed positions r (n, 3) and velocities v (n, 3) in the shell's frame.
+        """
+        arm = positions - self.pivot
+        felt = self.acceleration + np.cross(self.turn_acceleration, arm)
+        felt = felt + np.cross(self.turn_rate, np.cross(self.turn_rate, arm) + 2.0 * velocities)
+        return np.asarray(load @ self.rotation - mass[:, None] * felt)
+
+
+class SupportPath:
+    """A path of the supports through keyframes: a cubic spline of the translation, and of the rotation.
+
+    Before the first and after the last keyframe the supports rest there.
+
+    Parameters
+    ----------
+    times : array_like, shape (k,)
+        Times of the keyframes [s], increasing, at least two.
+    translations : array_like, shape (k, 3)
+        Displacement of the supports [m].
+    rotation_vectors : array_like, shape (k, 3), optional
+        Rotation of the supports from their rest orientation [rad]; none without it.
+    pivot : array_like, shape (3,)
+        Point of the rest shape about which they turn [m].
+
+    Raises
+    ------
+    OptionError
+        If the times do not increase, or an array is of the wrong shape or not finite.
+    """
+
+    def __init__(
+        self,
+        times: ArrayLike,
+        translations: ArrayLike,
+        rotation_vectors: ArrayLike | None = None,
+        *,
+        pivot: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        self.times = checked_vectors("times", times, np.shape(times), OptionError)
+        if self.times.ndim != 1 or self.times.size < 2 or (np.diff(self.times) <= 0).any():
+            raise OptionError(f"times must be at least two increasing numbers (got {times!r})")
+        shape = (self.times.size, 3)
+        self.pivot = checked_vectors("pivot", pivot, (3,), OptionError)
+        # Clamped ends: the supports start and stop at rest.
+        moved = checked_vectors("translations", translations, shape, OptionError)
+        self._translation = CubicSpline(self.times, moved, bc_type="clamped")
+        self._rotation: RotationSpline | None = None
+        if rotation_vectors is not None:
+            turned = checked_vectors("rotation_vectors", rotation_vectors, shape, OptionError)
+            self._rotation = RotationSpline(self.times, Rotation.from_rotvec(turned))
+
+    @classmethod
+    def from_function(
+        cls,
+        path: Callable[[float], tuple[ArrayLike, ArrayLike]],
+        duration: float,
+        *,
+        step: float = 1.0 / 120.0,
+        pivot: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> SupportPath:
+        """Path through ``path(t) -> (translation, rotation vector)``, sampled every ``step`` [s] up to ``duration``."""
+        duration = checked_number("duration", duration, above=0.0, unit="s")
+        step = checked_number("step", step, above=0.0, at_most=duration, unit="s")
+        times = np.linspace(0.0, duration, max(2, round(duration / step) + 1))
+        poses = [path(float(time)) for time in times]
+        moved, turned = (np.array([pose[k] for pose in poses], dtype=np.float64) for k in (0, 1))
+        return cls(times, moved, turned, pivot=pivot)
+
+    def at(self, time: float) -> Pose:
+        """Pose of the supports at ``time`` [s]."""
+        inside = float(np.clip(time, self.times[0], self.times[-1]))
+        moving = self.times[0] <= time <= self.times[-1]
+        none = np.zeros(3)
+        rotation, rate, turning = np.eye(3), none, none
+        if self._rotation is not None:
+            rotation = self._rotation(inside).as_matrix()
+            if moving:
+                # SciPy's rates are those in the turning frame, which is the shell's.
+                rate = np.asarray(self._rotation(inside, 1))
+                turning = np.asarray(self._rotation(inside, 2))
+        acceleration = np.asarray(self._translation(inside, 2)) @ rotation if moving else none
+        return Pose(rotation, np.asarray(self._translation(inside)), self.pivot, acceleration, rate, turning)

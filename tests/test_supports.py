@@ -1,0 +1,120 @@
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+
+def strip(flexure=0.05):
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(20, 2))
+    return ms.Shell(mesh, ms.Material(200.0, 20.0, flexure, 0.2), clamped=mesh.vertices[:, 0] < 0.08)
+
+
+def smooth(t, end):
+    """From 0 to 1 with three derivatives that vanish at both ends."""
+    s = np.clip(t / end, 0.0, 1.0)
+    return s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3)
+
+
+def test_spline_meets_its_keyframes_and_rests_outside():
+    times = [0.0, 0.5, 1.0]
+    moved = np.array([[0, 0, 0], [0.1, 0, 0.2], [0, 0.3, 0]])
+    turned = np.array([[0, 0, 0], [0, 0, 0.5], [0.2, 0, 0]])
+    path = ms.SupportPath(times, moved, turned)
+    for time, shift in zip(times, moved, strict=True):
+        np.testing.assert_allclose(path.at(time).translation, shift, atol=1e-14)
+    after = path.at(3.0)
+    np.testing.assert_allclose(after.translation, moved[-1], atol=1e-14)
+    for rate in (after.acceleration, after.turn_rate, after.turn_acceleration):
+        np.testing.assert_array_equal(rate, 0.0)
+
+
+def test_rates_are_the_derivatives_of_the_pose():
+    path = ms.SupportPath(
+        np.linspace(0, 1, 6),
+        np.random.default_rng(0).standard_normal((6, 3)),
+        np.random.default_rng(1).standard_normal((6, 3)),
+    )
+    time, h = 0.43, 1e-5
+    here, before, after = path.at(time), path.at(time - h), path.at(time + h)
+    spin = (after.rotation - before.rotation) / (2 * h) @ here.rotation.T
+    world_rate = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
+    np.testing.assert_allclose(here.rotation @ here.turn_rate, world_rate, rtol=1e-5)
+    rates = [pose.rotation @ pose.turn_rate for pose in (before, after)]
+    np.testing.assert_allclose(here.rotation @ here.turn_acceleration, (rates[1] - rates[0]) / (2 * h), rtol=1e-4)
+    bend = (before.translation - 2 * here.translation + after.translation) / h**2
+    np.testing.assert_allclose(here.rotation @ here.acceleration, bend, rtol=1e-3)
+
+
+def test_inertial_loads_keep_a_free_particle_straight():
+    """A particle at rest in the world: its motion in the shell's frame obeys the inertial load, to the last term."""
+    path = ms.SupportPath(
+        np.linspace(0, 1, 6),
+        0.3 * np.random.default_rng(2).standard_normal((6, 3)),
+        0.5 * np.random.default_rng(3).standard_normal((6, 3)),
+        pivot=(0.1, 0.2, 0.3),
+    )
+    point = np.array([0.7, -0.4, 0.9])
+
+    def seen(time):
+        pose = path.at(time)
+        return (point - pose.pivot - pose.translation) @ pose.rotation + pose.pivot
+
+    time, h = 0.37, 1e-4
+    velocity = (seen(time + h) - seen(time - h)) / (2 * h)
+    acceleration = (seen(time + h) - 2 * seen(time) + seen(time - h)) / h**2
+    load = path.at(time).shell_load(np.zeros((1, 3)), np.ones(1), seen(time)[None], velocity[None])
+    np.testing.assert_allclose(load[0], acceleration, rtol=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["translation", "rotation"])
+def test_modal_models_and_discrete_shells_agree_for_small_motion(kind):
+    shell = strip()
+    basis = ms.solve_modes(shell, 12)
+    size = 1e-3
+
+    def path(time):
+        value = size * smooth(time, 0.6)
+        return ([0, 0, value], [0, 0, 0]) if kind == "translation" else ([0, 0, 0], [0, 0.5 * value, value])
+
+    supports = ms.SupportPath.from_function(path, 0.6, step=0.01, pivot=(0.0, 0.0, 0.0))
+    options = {"duration": 0.9, "dt": 1 / 300, "supports": supports, "damping": (0.0, 1e-3)}
+    truth = ms.simulate(ms.DiscreteShell(shell), **options)
+    assert truth.status == "completed"
+    scale = np.abs(truth.positions - shell.rest_positions).max()
+    for model in (ms.LinearModal(basis), ms.ModalWarping(basis)):
+        run = ms.simulate(model, **options)
+        np.testing.assert_allclose(run.positions, truth.positions, rtol=0, atol=0.02 * scale)
+
+
+def test_held_vertices_follow_the_path():
+    shell = strip()
+    supports = ms.SupportPath([0, 0.2, 0.4], [[0, 0, 0], [0.1, 0, 0.1], [0, 0.2, 0]], [[0, 0, 0], [0, 0, 1], [1, 0, 0]])
+    for model in (ms.DiscreteShell(shell), ms.ModalWarping(ms.solve_modes(shell, 6))):
+        run = ms.simulate(model, duration=0.4, dt=0.02, supports=supports)
+        for time, frame in zip(run.times, run.positions, strict=True):
+            expected = supports.at(time).to_world(shell.rest_positions[shell.clamped])
+            np.testing.assert_allclose(frame[shell.clamped], expected, atol=1e-12)
+
+
+def test_explicit_steps_follow_the_path_too():
+    shell = strip()
+    supports = ms.SupportPath.from_function(lambda t: ([0, 0, 0.05 * smooth(t, 0.1)], [0, 0, 0]), 0.1, step=0.005)
+    model = ms.DiscreteShell(shell, integrator="explicit")
+    dt = 0.5 * model.stable_step()
+    explicit = ms.simulate(model, duration=0.1, dt=dt, supports=supports, store_every=10**6)
+    implicit = ms.simulate(ms.DiscreteShell(shell), duration=0.1, dt=1e-3, supports=supports, store_every=10**6)
+    np.testing.assert_allclose(explicit.positions[-1], implicit.positions[-1], atol=2e-3)
+
+
+def test_refusals():
+    shell = strip()
+    with pytest.raises(ms.OptionError, match="increasing"):
+        ms.SupportPath([0.0, 0.0], np.zeros((2, 3)))
+    with pytest.raises(ms.OptionError, match="translations"):
+        ms.SupportPath([0.0, 1.0], np.zeros((3, 3)))
+    with pytest.raises(ms.OptionError, match="finite"):
+        ms.SupportPath([0.0, 1.0], np.full((2, 3), np.nan))
+    free = ms.Shell(shell.mesh, shell.material)
+    path = ms.SupportPath([0.0, 1.0], np.zeros((2, 3)))
+    with pytest.raises(ms.SupportError, match="holds none"):
+        ms.simulate(ms.DiscreteShell(free), duration=0.1, supports=path)
