@@ -11,6 +11,7 @@ from modalshell.study import load_script
 
 FIGURES: dict[str, tuple[str, ...]] = {
     "flat_vs_v_beam": ("figure_4",),
+    "large_mesh": ("figure_3",),
     "v_beam_accuracy": ("figure_5", "figure_6a", "figure_6b"),
 }
 """Which figure scripts read which study's result."""
@@ -44,5 +45,6 @@ def reproduce(
     page = f"# {name}\n\n{title}\n\nMade by `{command}`.\n\n{study.table(result)}\n"
     written.append(write_text(results / f"{name}.md", page))
     for script in FIGURES[name]:
-        written.append(load_script("paper_figures", script).draw(results, figures))
+        drawn = load_script("paper_figures", script).draw(results, figures)
+        written += drawn if isinstance(drawn, list) else [drawn]
     return written

@@ -82,15 +82,21 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"no JSON form for {type(value).__name__}")
 
 
-def load_script(folder: str, name: str) -> ModuleType:
-    """Import ``folder/name.py`` (``studies`` or ``paper_figures``), from a checkout or from an installed copy."""
+def repository_file(name: str) -> Path:
+    """Path of a file such as ``meshes/creature.ply``, in a checkout or in an installed copy; else FileFormatError."""
     package = Path(__file__).resolve().parent
     for root in (package.parent, package / "bundled"):
-        path = root / folder / f"{name}.py"
-        if path.is_file():
-            spec = importlib.util.spec_from_file_location(f"modalshell_{folder}_{name}", path)
-            if spec is not None and spec.loader is not None:
-                module = importlib.util.module_from_spec(spec)
-                spec.loader.exec_module(module)
-                return module
-    raise FileFormatError(f"{folder}/{name}.py is neither beside the package nor inside it; reinstall modalshell")
+        if (root / name).is_file():
+            return root / name
+    raise FileFormatError(f"{name} is neither beside the package nor inside it; reinstall modalshell")
+
+
+def load_script(folder: str, name: str) -> ModuleType:
+    """Import ``folder/name.py`` (of ``studies`` or ``paper_figures``)."""
+    path = repository_file(f"{folder}/{name}.py")
+    spec = importlib.util.spec_from_file_location(f"modalshell_{folder.replace('/', '_')}_{name}", path)
+    if spec is None or spec.loader is None:
+        raise FileFormatError(f"{path} cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module

@@ -46,6 +46,12 @@ def out_of_balance(shell, x, load):
     return np.linalg.norm((shell.force(x) + load)[shell.free]) / np.linalg.norm(load[shell.free])
 
 
+def rounding(shell, x, load):
+    """What the rounding of the positions alone puts out of balance: a millimetre sheet is stiff, and weighs little."""
+    diagonal = shell.stiffness(x).diagonal()[shell.free_unknowns]
+    return np.finfo(float).eps * np.abs(x).max() * np.linalg.norm(diagonal) / np.linalg.norm(load[shell.free])
+
+
 def lowest_tangent_eigenvalue(shell, x):
     free = shell.free_unknowns
     return np.linalg.eigvalsh(shell.stiffness(x).toarray()[np.ix_(free, free)])[0]
@@ -93,7 +99,8 @@ def check_strip(ratio, cells, thickness, family, gammas):
         assert answer.converged
         assert answer.status == "converged"
         assert answer.iterations < 80
-        assert out_of_balance(shell, answer.positions, shell.gravity_force(gravity)) < 1e-6
+        load = shell.gravity_force(gravity)
+        assert out_of_balance(shell, answer.positions, load) < max(1e-6, rounding(shell, answer.positions, load))
         np.testing.assert_array_equal(answer.positions[shell.clamped], shell.rest_positions[shell.clamped])
         row = next(row for key, row in ELASTICA.items() if np.isclose(key, gamma, rtol=1e-3))
         drop = -answer.positions[tip, 2].mean() / free

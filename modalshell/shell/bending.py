@@ -156,9 +156,10 @@ def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
         local = axis if axis.any() else tangents[hinges[0]]
         angles = _turn(rows[hinges], tangents[hinges], normals[hinges], local)
         if movable.size:
-            root = np.sqrt(weights[hinges])[:, None]
             fluctuation = operator[hinges][:, movable].toarray()
-            angles = angles - fluctuation @ np.linalg.lstsq(root * fluctuation, root * angles, rcond=None)[0]
+            weighted = weights[hinges][:, None] * fluctuation
+            # Definite, as the outermost two rings are held.
+            angles = angles - fluctuation @ np.linalg.solve(weighted.T @ fluctuation, weighted.T @ angles)
         total += np.einsum("h,hi,hj->ij", share * weights[hinges], angles, angles)
         area += float(mesh.face_areas[measured].sum())
     if area == 0.0:
