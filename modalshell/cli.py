@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from cyclopts import App, CycloptsError, Parameter
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -22,6 +23,7 @@ from modalshell.reproduce import chosen_studies
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.rungs import Model
 from modalshell.selection import select_vertices
+from modalshell.study import load_script
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 _console = Console()
@@ -62,6 +64,25 @@ def reproduce(
             written = reproduce_study(name, out, figures or out / "figures", quick=quick, on_step=on_step)
         for path in written:
             print(path)
+
+
+@app.command
+def bench(
+    *,
+    only: Annotated[str | None, Parameter(help="One benchmark instead of all.")] = None,
+    out: Annotated[Path, Parameter(help="Folder of the tables and the picture.")] = Path("results"),
+    quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
+) -> None:
+    """Measure this machine: frames, modes, assembly and implicit steps against plain NumPy and SciPy."""
+    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps")
+    if only is not None and only not in names:
+        raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
+    run = load_script("studies/benchmarks", "run").main
+    with _progress("benchmarks") as on_step:
+        written = run(out, quick=quick, only=only, on_step=on_step)
+    _console.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
+    for path in written:
+        print(path)
 
 
 @Parameter(name="*")

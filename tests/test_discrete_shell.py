@@ -480,6 +480,19 @@ def test_free_fall_is_the_discrete_solution():
     np.testing.assert_allclose(run.positions, shell.rest_positions + fallen[:, None], rtol=0, atol=2e-12 * 20.0)
 
 
+@pytest.mark.parametrize(("speed", "dt"), [(20.0, 1e-3), (20.0, 1e-6), (200.0, 1e-5)])
+def test_short_steps_of_a_fast_shell_feel_gravity(speed, dt):
+    """The inertia of a step grows as speed over dt; what counts as balanced must not swallow the load for it."""
+    shell = Shell(leaf(cells=(6, 4)), Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2))
+    rung = DiscreteShell(shell)
+    state = rung.start_motion()
+    state.rates = np.tile((0.0, 0.0, -speed), (len(shell.mass), 1))
+    for _ in range(20):
+        state, _ = rung.step(state, dt, shell.gravity_force((0.0, 0.0, -9.81)), Damping())
+    gained = -(state.rates[:, 2].mean() + speed)
+    assert gained == pytest.approx(9.81 * dt * 20, rel=1e-3)
+
+
 @pytest.mark.parametrize("integrator", ["implicit", "explicit"])
 def test_a_thrown_shell_keeps_its_momentum(integrator):
     """Linear momentum in both integrators; angular momentum exactly in the explicit one, and ever less in the other."""

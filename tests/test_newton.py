@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from modalshell import DiscreteShell, Material, Shell, flat_beam, v_beam
+from modalshell import DiscreteShell, Material, Shell, TriangleMesh, flat_beam, v_beam
 from modalshell.modes import Factoriser
 from modalshell.rungs import newton
 from modalshell.rungs.newton import Costs, Potential, descend, is_minimum, minimise, mixed_newton, solve, warped_step
@@ -74,7 +74,7 @@ def test_potential_scale_is_the_load_on_free_vertices():
     assert potential_of(shell, load).scale == pytest.approx(np.sqrt(3 * shell.free.size))
 
 
-@pytest.mark.parametrize("turn", [0.05, 0.4, 10.0])
+@pytest.mark.parametrize("turn", [0.05, 0.4, 0.8, 10.0])
 def test_warped_steps_keep_their_bounds(turn):
     shell = v_shell()
     x = shell.rest_positions + noise(shell, 0.05)
@@ -232,6 +232,19 @@ def test_equilibrium_from_a_start_near_a_saddle_is_a_minimum(share):
         start = straight.positions + noise(shell, size)
         answer = DiscreteShell(shell).equilibrium(force=problem.load, start=start)
         assert not answer.converged or lowest(shell, answer.positions, problem) > 0
+
+
+@pytest.mark.parametrize("push", [0.01, 0.2, 1.0])
+def test_a_single_free_vertex_buckles_too(push):
+    """The smallest shell there is, three unknowns: the tip of a kite, pushed in its plane towards the held side."""
+    mesh = TriangleMesh([[0, -0.5, 0], [0, 0.5, 0], [-1, 0, 0], [1, 0, 0]], [[0, 1, 2], [1, 0, 3]])
+    shell = Shell(mesh, Material(stretch=10.0, shear=10.0, flexure=0.01, density=1.0), [0, 1, 2])
+    force = np.zeros((4, 3))
+    force[3, 0] = -push
+    answer = DiscreteShell(shell).equilibrium(force=force)
+    assert answer.converged
+    assert lowest(shell, answer.positions) > 0
+    assert (abs(answer.positions[3, 2]) > 0.1) == (push > 0.1)
 
 
 def test_the_snap_of_a_fold_ends_in_a_minimum():

@@ -57,8 +57,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         values, vectors = np.empty(0), np.empty((size, 0))
         rigid = rigid[:, :count]
     else:
-        # Two modes more show whether the last one asked for is part of a repeated eigenvalue.
-        wanted = min(elastic + 2, size - rigid.shape[1])
+        # One mode more shows whether the last one asked for is part of a repeated eigenvalue.
+        wanted = min(elastic + 1, size - rigid.shape[1])
         if size <= max(_DENSE_BELOW, 3 * wanted):
             values, vectors = _dense(scaled.toarray(), root[:, None] * rigid, wanted)
         else:

@@ -37,8 +37,8 @@ class Panel:
         What is drawn.
     title, x_label, y_label : str
         Texts.
-    log : bool
-        Whether the y axis is logarithmic.
+    log, log_x : bool
+        Whether the y axis, or the x axis, is logarithmic.
     band : (float, float), optional
         Stretch of the x axis to shade from its middle to the right end, with ``band_label`` (where models break).
     """
@@ -48,6 +48,7 @@ class Panel:
     x_label: str
     y_label: str
     log: bool = False
+    log_x: bool = False
     band: tuple[float, float] | None = None
     band_label: str = ""
 
@@ -73,6 +74,8 @@ def draw_curves(panels: Sequence[Panel], path: str | Path) -> Path:
             )
         if panel.log:
             axes.set_yscale("log")
+        if panel.log_x:
+            axes.set_xscale("log")
         if panel.band is not None:
             right = max(float(np.max(curve.x)) for curve in panel.curves)
             axes.axvspan(0.5 * sum(panel.band), right, color="0.85", zorder=0, label=panel.band_label)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.modes import Basis
+from modalshell.modes.rigid import rigid_motions
 from modalshell.rungs.model import Damping, Model, MotionState
 
 Array = NDArray[np.float64]
@@ -49,8 +50,10 @@ class ModalModel(Model):
         """Share of the load, in the modes' norm, that pushes on rigid modes: nothing holds it in statics."""
         if self.basis.rigid_modes == 0 or not load.any():
             return 0.0
-        rigid = self.basis.modes[:, : self.basis.rigid_modes].T @ load.ravel()
-        return float(np.linalg.norm(rigid) / np.sqrt(np.sum(load.ravel() ** 2 / self._mass)))
+        # All of them: the basis may have been asked for fewer modes.
+        free = self.shell.free_unknowns
+        pushed = rigid_motions(self.shell).T @ load.ravel()[free]
+        return float(np.linalg.norm(pushed) / np.sqrt(np.sum(load.ravel()[free] ** 2 / self._mass[free])))
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """Modal state at rest."""

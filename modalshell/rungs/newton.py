@@ -227,10 +227,17 @@ def mixed_newton(
         if residual < best.residual:
             stalled = stalled + 1 if residual > 0.5 * best.residual else 0
             accepted = max(ACCEPTED, goal, rounding_residual(hessian, x, scale))
+            if iteration == 0 and problem.quadratic is not None:
+                accepted = _GOAL  # a step must be taken, or a small load on a fast shell would never act
             best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor)
         else:
             stalled += 1
-        if residual <= goal or iteration == limit or (best.converged and stalled >= 1) or stalled >= 8:
+        if (
+            (residual <= goal and best.converged)
+            or iteration == limit
+            or (best.converged and stalled >= 1)
+            or stalled >= 8
+        ):
             break
         try:
             best.factor = problem.factor(hessian)
@@ -287,10 +294,16 @@ def is_minimum(problem: Potential, result: NewtonResult) -> bool:
 def leave_saddle(problem: Potential, x: Array) -> Array:
     """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
     _, hessian = problem.linearise(x, EXACT)
-    start = np.random.default_rng(0).standard_normal(hessian.shape[0])
-    factor = problem.factor(hessian)
-    inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
-    values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
+    if hessian.shape[0] < 30:  # Lanczos needs room
+        values, vectors = np.linalg.eigh(hessian.toarray())
+    else:
+        start = np.random.default_rng(0).standard_normal(hessian.shape[0])
+        try:
+            factor = problem.factor(hessian)
+            inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
+            values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
+        except (SolverError, spla.ArpackError):
+            return x
     direction = vectors[:, int(np.argmin(values))]
     direction *= float(np.ptp(problem.shell.rest_positions, axis=0).max()) / float(np.abs(direction).max())
     trials = [_moved(problem.shell, x, direction, sign * size) for size in (3e-2, 1e-2, 1e-3) for sign in (1, -1)]

@@ -20,6 +20,8 @@ WOUND_UP = 2.0 * np.pi
 _TOLERANCE = 1e-9
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
 _NEWTON_LIMIT = 12
+_LOAD_TURN = 0.5
+"""Turn of a vertex [rad] that one load step may predict."""
 
 
 class ModalWarping(ModalModel):
@@ -137,11 +139,15 @@ class ModalWarping(ModalModel):
             y = y - np.linalg.solve(jacobian, balance)
         return y, residual, iteration, False
 
+    def _turn(self, y: Array, root: Array) -> float:
+        """Largest turn of a vertex [rad] at y."""
+        return float(rotations.largest_angle((self._rotations @ (y / root)).reshape(-1, 3)))
+
     def _follow(self, load: Array, root: Array, scale: float) -> tuple[Array, float, int, bool]:
         """Follow the branch from rest with load steps that halve where Newton fails and double where it does not.
 
-        A step is also refused if it moves farther than twice what the tangent at its beginning says, which is how
-        Newton jumps to another branch.
+        A step is also refused if it moves farther than twice what the tangent at its beginning says, or turns a vertex
+        far: Newton would jump to another branch.
         """
         y = np.zeros(root.size)
         factor, step, iterations = 0.0, 0.25, 0
@@ -150,10 +156,12 @@ class ModalWarping(ModalModel):
             # dy/dfactor = J^-1 p / sqrt(lambda), and p / sqrt(lambda) = y / factor on the branch.
             tangent = y / factor if factor > 0 else -self._balance(y, load, root)
             tangent = np.asarray(np.linalg.solve(self._jacobian(y, factor * load, root), tangent))
+            step = min(step, _LOAD_TURN / max(self._turn(tangent, root), 1e-300))
             trial, _, used, solved = self._newton(y + step * tangent, load, factor + step, root, scale)
             iterations += used
             reach = step * float(np.linalg.norm(tangent))
-            if solved and np.linalg.norm(trial - y - step * tangent) <= reach:
+            near = np.linalg.norm(trial - y - step * tangent) <= reach
+            if solved and near and self._turn(trial - y, root) <= 2.0 * _LOAD_TURN:
                 y, factor, step = np.asarray(trial), factor + step, 2.0 * step
                 continue
             step *= 0.5

@@ -1,0 +1,89 @@
+"""What the modes of a large mesh cost: with each back end, against SciPy's ``eigsh`` as it comes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+
+import modalshell as ms
+from modalshell.modes import available_backends
+from modalshell.modes.eigenpairs import eigenpairs
+from modalshell.study import load_script
+
+interleaved = load_script("studies/benchmarks", "timing").interleaved
+
+PLAIN = "eigsh(K, M=M, sigma=0)"
+
+
+def large_shell(n: int) -> ms.Shell:
+    """A leaf-like shell of about ``n`` vertices: a doubly curved sheet clamped along one side."""
+    side = round(n**0.5)
+    flat = ms.sheet(cells=(side - 1, side - 1), family="alternating")
+    x, y, _ = flat.vertices.T
+    curved = np.column_stack([x, y, 0.2 * x**2 - 0.15 * y**2])
+    mesh = ms.TriangleMesh(curved, flat.faces)
+    return ms.Shell(mesh, ms.Material(1000.0, 1000.0 / side, 0.01, 0.2), mesh.vertices[:, 0] < 1.5 / (side - 1))
+
+
+def solvers(shell: ms.Shell, count: int) -> dict[str, Any]:
+    """Each way to the ``count`` lowest eigenpairs, ready to call."""
+    data = shell.energy_gradient_hessian(shell.rest_positions, 0)[2]
+    stiffness = sps.csc_matrix(shell.pattern.free_matrix(data))
+    mass = sps.diags(np.repeat(shell.mass[shell.free], 3), format="csc")
+    ways: dict[str, Any] = {PLAIN: lambda: spla.eigsh(stiffness, k=count, M=mass, sigma=0)[0]}
+    for backend in available_backends():
+        ways[backend] = lambda backend=backend: eigenpairs(shell, count, backend)[0]
+    return ways
+
+
+def benchmark(sizes: tuple[int, ...] = (13117,), count: int = 4, repeats: int = 3) -> list[dict[str, Any]]:
+    """Rows of seconds, ratio to plain eigsh, peak memory and its share, for each size and way."""
+    rows = []
+    for n in sizes:
+        shell = large_shell(n)
+        ways = solvers(shell, count)
+        values = {name: solve() for name, solve in ways.items()}
+        seconds = interleaved(ways, repeats=repeats, sample_seconds=0.0)
+        memory = {name: peak_memory(n, count, name) for name in ways}
+        for name in ways:
+            rows.append(
+                {
+                    "n": len(shell.rest_positions),
+                    "modes": count,
+                    "way": name,
+                    "seconds": seconds[name],
+                    "times_faster": seconds[PLAIN] / seconds[name],
+                    "megabytes": memory[name],
+                    "memory_share": memory[name] / memory[PLAIN],
+                    "difference": float(np.abs(values[name] / values[PLAIN] - 1.0).max()),
+                }
+            )
+    return rows
+
+
+def peak_memory(n: int, count: int, way: str) -> float:
+    """Megabytes by which one solve raises the resident memory of a process of its own at its peak (Linux)."""
+    program = (
+        "from modalshell.study import load_script\n"
+        "bench = load_script('studies/benchmarks', 'modes')\n"
+        f"bench.solvers(bench.large_shell(400), {count})[{way!r}]()\n"
+        f"solve = bench.solvers(bench.large_shell({n}), {count})[{way!r}]\n"
+        "open('/proc/self/clear_refs', 'w').write('5')\n"
+        "before = bench.resident('VmRSS')\n"
+        "solve()\n"
+        "print(bench.resident('VmHWM') - before)\n"
+    )
+    answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return float(answer.stdout.split()[-1])
+
+
+def resident(field: str) -> float:
+    """A field of this process's memory status [megabytes]."""
+    with open("/proc/self/status", encoding="ascii") as file:
+        line = next(line for line in file if line.startswith(field))
+    return int(line.split()[1]) / 1024.0

@@ -1,0 +1,84 @@
+"""All benchmarks: tables in Markdown, rows in JSON, and a log-log picture of a frame's cost (``modalshell bench``)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from modalshell.files import write_text
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.study import load_script, run_record
+
+COLORS = {4: "#2b5fc8", 8: "#2f9e44", 32: "#c8802b", 128: "#c8322b"}
+
+
+def main(
+    out: Path, quick: bool = False, only: str | None = None, on_step: Callable[[int, int], None] | None = None
+) -> list[Path]:
+    """Run the benchmarks into ``out``; ``quick`` leaves out the largest sizes, ``only`` names one of them."""
+    frame, modes, truth = (load_script("studies/benchmarks", name) for name in ("frame", "modes", "discrete_shell"))
+    sizes = (1000, 13117) if quick else (1000, 13117, 100000)
+    jobs: dict[str, Callable[[], Any]] = {
+        "frame": lambda: frame.benchmark(sizes, (4, 32) if quick else (4, 8, 32, 128)),
+        "frame_scaling": lambda: frame.scaling(),
+        "hinge_kernel": lambda: [frame.hinge_kernel()],
+        "modes": lambda: modes.benchmark((13117,) if quick else (13117, 100000)),
+        "assembly": lambda: [truth.assembly()],
+        "implicit_steps": lambda: truth.implicit_steps((50,) if quick else (50, 100, 150)),
+    }
+    if only is not None:
+        jobs = {name: job for name, job in jobs.items() if name == only}
+    rows: dict[str, list[dict[str, Any]]] = {}
+    for done, (name, job) in enumerate(jobs.items(), start=1):
+        rows[name] = job()
+        if on_step is not None:
+            on_step(done, len(jobs))
+    record = run_record({"quick": quick, "only": only})
+    stem = "benchmarks" if only is None else f"benchmarks_{only}"
+    written = [write_text(out / f"{stem}.json", json.dumps({"record": record, "rows": rows}, indent=1) + "\n")]
+    pages = "\n\n".join(f"## {name}\n\n{table(found)}" for name, found in rows.items())
+    written.append(write_text(out / f"{stem}.md", f"# Benchmarks\n\nMade by `modalshell bench`.\n\n{pages}\n"))
+    if "frame" in rows and "frame_scaling" in rows:
+        written.append(draw(rows["frame"], rows["frame_scaling"], out / "benchmarks.png"))
+    return written
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Rows as a Markdown table."""
+    names = list(rows[0])
+    lines = ["| " + " | ".join(names) + " |", "|" + "---|" * len(names)]
+    lines += ["| " + " | ".join(_text(row[name]) for name in names) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {100 * share:.0f} %" for name, share in value.items())
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def draw(frames: list[dict[str, Any]], scaling: list[dict[str, Any]], path: Path) -> Path:
+    """Cost of a frame against n for each m, and its distance from a straight line."""
+    plain = [row for row in frames if row["dtype"] == "float64" and row["threads"] == 1]
+    curves = []
+    for m in sorted({row["m"] for row in plain}):
+        chosen = [row for row in plain if row["m"] == m]
+        n = [row["n"] for row in chosen]
+        curves.append(Curve(n, [row["seconds_frame"] for row in chosen], f"m = {m}", COLORS[m]))
+        curves.append(Curve(n, [row["seconds_numpy"] for row in chosen], f"m = {m}, NumPy", COLORS[m], dashed=True))
+    n = [row["n"] for row in scaling]
+    fit = [row["seconds_call"] + row["seconds_vertex"] * row["n"] for row in scaling]
+    lines = [
+        Curve(n, [row["seconds_frame"] for row in scaling], "m = 4, data from memory", "#2b5fc8"),
+        Curve(n, fit, "line through all sizes", "#555555", dashed=True),
+    ]
+    labels = ("vertices n", "seconds a frame (float64, one thread)")
+    return draw_curves(
+        [
+            Panel(curves, "a frame, back to back", *labels, log=True, log_x=True),
+            Panel(lines, "linear in n", *labels, log=True, log_x=True),
+        ],
+        path,
+    )
