@@ -43,10 +43,11 @@ def assembly(side: int = 100) -> dict[str, Any]:
     return counts | {f"{name} [ms]": 1e3 * value for name, value in seconds.items()}
 
 
-def implicit_steps(sides: tuple[int, ...] = (50, 100, 150), steps: int = 10) -> list[dict[str, Any]]:
+def implicit_steps(sides: tuple[int, ...] = (50, 100, 150)) -> list[dict[str, Any]]:
     """Simulated seconds per CPU second, the share of each part, and the energy error that the tolerance leaves."""
     rows = []
     for side in sides:
+        steps = max(3, round(10 * (50 / side)))
         shell = hanging_sheet(side)
         for backend in available_backends("refactor"):
             model = ms.DiscreteShell(shell, backend=backend)
