@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -62,6 +63,15 @@ def test_modes_prints_frequencies_and_draws_shapes(capsys, tmp_path, leaf):
     assert ms.Basis.load(tmp_path / "leaf_basis.npz").rigid_modes == 6
 
 
+def test_bench_prints_and_saves_its_rows(capsys, tmp_path):
+    status, out, _ = run(capsys, "bench", "--only", "assembly", "--out", str(tmp_path))
+    assert status == 0
+    assert "10000" in out
+    document = json.loads((tmp_path / "benchmarks_assembly.json").read_text())
+    assert document["rows"]["assembly"][0]["faces"] == 19602
+    assert (tmp_path / "benchmarks_assembly.md").read_text().startswith("# Benchmarks")
+
+
 @pytest.mark.parametrize("path", BAD, ids=lambda path: path.name)
 def test_bad_meshes_give_one_line_and_status_2(capsys, path):
     status, out, err = run(capsys, "simulate", str(path))
@@ -84,6 +94,7 @@ def test_bad_meshes_give_one_line_and_status_2(capsys, path):
         (("simulate", "LEAF", "--modes", "0"), "count"),
         (("simulate", "LEAF", "--gravity", "0", "0"), "gravity"),
         (("reproduce", "--only", "nothing"), "nothing"),
+        (("bench", "--only", "nothing"), "nothing"),
         (("fly",), "fly"),
     ],
 )
