@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
-import scipy.sparse as sps
 
 from modalshell import Basis, Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, solve_modes, v_beam
-from modalshell.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError, SolverError
-from modalshell.modes import Factoriser, available_backends, eigenpairs
+from modalshell.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError
+from modalshell.modes import available_backends, eigenpairs
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.rigid import rigid_motions
-from modalshell.shell import EXACT
 
 DATA = json.loads((Path(__file__).parent / "data" / "plate_and_beam_frequencies.json").read_text(encoding="utf-8"))
 PLAIN = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
@@ -441,89 +439,3 @@ def test_files_that_lack_an_array_are_refused(saved, name):
 def test_files_with_arrays_that_do_not_fit_are_refused(saved, name, value):
     rewritten(saved, **{name: value})
     refused(saved)
-
-
-# ---- factorisation
-
-
-def definite_matrix(size=30, seed=0):
-    rng = np.random.default_rng(seed)
-    half = sps.random_array((size, size), density=0.2, rng=rng) + sps.diags_array(np.full(size, 2.0))
-    return sps.csc_array(half @ half.T)
-
-
-def tangent(squeeze):
-    """Stiffness of the free unknowns of a V-beam squeezed along its ridge."""
-    shell = cantilever()
-    x = shell.rest_positions.copy()
-    x[:, 0] *= squeeze
-    return shell.pattern.free_matrix(shell.energy_gradient_hessian(x, EXACT)[2])
-
-
-@pytest.mark.parametrize("use", ["solve", "refactor"])
-def test_superlu_is_always_there(use):
-    assert available_backends(use)[-1] == "superlu"
-    assert Factoriser(use=use).backend == available_backends(use)[0]
-
-
-@pytest.mark.parametrize("backend", available_backends())
-def test_factors_solve(backend):
-    factoriser = Factoriser(backend)
-    rng = np.random.default_rng(1)
-    for seed in range(3):  # the same pattern again and again, as Newton has it
-        matrix = definite_matrix()
-        matrix.data *= 1.0 + seed
-        for kind in ("definite", "symmetric"):
-            factor = getattr(factoriser, kind)(matrix)
-            assert factor.backend == backend
-            assert factor.is_definite()
-            for shape in ((30,), (30, 4)):
-                expected = rng.standard_normal(shape)
-                np.testing.assert_allclose(factor.solve(matrix @ expected), expected, rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize("backend", available_backends())
-def test_an_overtaken_factor_does_not_answer_for_another_matrix(backend):
-    factoriser, matrix = Factoriser(backend), definite_matrix()
-    expected = np.ones(30)
-    first = factoriser.definite(matrix)
-    factoriser.definite(sps.csc_array(3.0 * matrix))
-    try:
-        solution = first.solve(matrix @ expected)
-    except SolverError:
-        return
-    np.testing.assert_allclose(solution, expected, rtol=0, atol=1e-10)
-
-
-@pytest.mark.parametrize("backend", available_backends())
-@pytest.mark.parametrize("squeeze", [1.0, 0.9999, 0.99, 0.7])
-def test_definite_means_positive_definite(backend, squeeze):
-    """On the matrices it is asked about: tangent stiffnesses, definite or not; and solved right in either case."""
-    matrix = tangent(squeeze)
-    definite = bool(np.linalg.eigvalsh(matrix.toarray())[0] > 0)
-    assert definite == (squeeze > 0.995)
-    factoriser = Factoriser(backend)
-    expected = np.random.default_rng(2).standard_normal(matrix.shape[0])
-    for _ in range(4):  # what is kept of the pattern must not spoil the next factor
-        factor = factoriser.symmetric(matrix)
-        assert factor.is_definite() == definite
-        solution = factor.solve(matrix @ expected)
-        np.testing.assert_allclose(solution, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
-    try:
-        claimed = Factoriser(backend).definite(matrix).is_definite()
-    except SolverError:
-        claimed = False
-    assert claimed == definite
-
-
-@pytest.mark.parametrize("backend", available_backends())
-def test_factorisation_refuses_by_name(backend):
-    broken = definite_matrix()
-    broken.data[3] = np.nan
-    for kind in ("definite", "symmetric"):
-        with pytest.raises(SolverError, match="finite"):
-            getattr(Factoriser(backend), kind)(broken)
-    with pytest.raises(SolverError, match="singular"):
-        Factoriser(backend).symmetric(sps.csc_array((5, 5)))
-    with pytest.raises(OptionError, match="no-such-backend"):
-        Factoriser("no-such-backend")

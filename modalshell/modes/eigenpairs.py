@@ -48,9 +48,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         raise OptionError(f"count must be at most {size}, the number of free unknowns (got {count})")
     # At rest the exact Hessian is its Gauss-Newton part: positive semi-definite to the last bit.
     _, _, data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)
-    stiffness = shell.pattern.free_matrix(data)
-    scaled, root = mass_scaled(shell, data)
-    norm = float(spla.norm(scaled, 1))
+    root = np.sqrt(mass)
 
     name = "dense"
     if elastic <= 0:
@@ -60,12 +58,16 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         # One mode more shows whether the last one asked for is part of a repeated eigenvalue.
         wanted = min(elastic + 1, size - rigid.shape[1])
         if size <= max(_DENSE_BELOW, 3 * wanted):
-            values, vectors = _dense(scaled.toarray(), root[:, None] * rigid, wanted)
+            values, vectors = _dense(mass_scaled(shell, data)[0].toarray(), root[:, None] * rigid, wanted)
         else:
-            solver = RigidFreeSolver(stiffness, rigid, mass, backend)
+            # The factor is the peak of memory: no matrix but its own stands beside it.
+            solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid, mass, backend)
             name = solver.factor.backend
-            values, vectors = _lanczos(scaled, solver, root, root[:, None] * rigid, wanted)
+            values, vectors = _lanczos(solver, root, root[:, None] * rigid, wanted)
+            del solver
         values, vectors = _canonical(values, vectors, elastic)
+    scaled, _ = mass_scaled(shell, data)
+    norm = float(spla.norm(scaled, 1))
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
     residual = float(residuals.max(initial=0.0))
     if residual > _RESIDUAL_LIMIT:
@@ -116,20 +118,20 @@ def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
     return values[:wanted], basis @ vectors[:, :wanted]
 
 
-def _lanczos(
-    matrix: sps.csc_array, solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int
-) -> tuple[Array, Array]:
+def _lanczos(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
     """Shift-invert at zero in the mass-scaled problem, whose mass matrix is the identity."""
     size = root.size
     inverse = spla.LinearOperator(
         (size, size), matvec=lambda b: root * solver.solve(root * np.ravel(b)), dtype=np.float64
     )
+    # With its inverse at hand, Lanczos asks of the matrix itself nothing but its shape.
+    shape_only = spla.LinearOperator((size, size), matvec=lambda b: np.full_like(b, np.nan), dtype=np.float64)
     start = np.random.default_rng(0).standard_normal(size)
     start -= rigid @ (rigid.T @ start)
     subspace = min(size, max(wanted * 3 // 2 + 8, wanted + 2))
     try:
         values, vectors = spla.eigsh(
-            matrix, k=wanted, sigma=0.0, which="LM", OPinv=inverse, v0=start, ncv=subspace, tol=0.0
+            shape_only, k=wanted, sigma=0.0, which="LM", OPinv=inverse, v0=start, ncv=subspace, tol=0.0
         )
     except spla.ArpackNoConvergence as error:
         raise SolverError(

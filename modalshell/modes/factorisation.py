@@ -91,6 +91,10 @@ class _SuperLU(Factor):
         assert self._matrix is not None
         return _Ordering.of(self._matrix, self._factor.perm_c)
 
+    def forget_matrix(self) -> None:
+        """Let go of the matrix, which only the order needs."""
+        self._matrix = None
+
     def solve(self, right_side: Array) -> Array:
         if self._order is None:
             return np.asarray(self._factor.solve(np.ascontiguousarray(right_side)))
@@ -250,6 +254,7 @@ class Factoriser:
         factor = _SuperLU(matrix, self._ordering)
         if self._use == "refactor" and self._ordering is None:
             self._ordering = factor.analysis
+        factor.forget_matrix()
         return factor
 
 

@@ -24,7 +24,7 @@ def main(
         "frame": lambda: frame.benchmark(sizes, (4, 32) if quick else (4, 8, 32, 128)),
         "frame_scaling": lambda: frame.scaling(),
         "hinge_kernel": lambda: [frame.hinge_kernel()],
-        "modes": lambda: modes.benchmark((13117,) if quick else (13117, 100000)),
+        "modes": lambda: modes.benchmark((13000,) if quick else (13000, 100000)),
         "assembly": lambda: [truth.assembly()],
         "implicit_steps": lambda: truth.implicit_steps((50,) if quick else (50, 100, 150)),
     }
