@@ -41,8 +41,7 @@ def displacement_error(
     elif isinstance(shape, Shell):
         weights = shape.mass
     else:
-        weights = np.zeros(len(mesh.vertices))
-        np.add.at(weights, mesh.faces, mesh.face_areas[:, None] / 3.0)
+        weights = mesh.shared_among_corners(mesh.face_areas)
     moved = float(np.sum(weights[:, None] * (b - mesh.vertices) ** 2))
     if moved == 0.0:
         raise OptionError("the reference does not move, so no relative error exists (got reference = rest positions)")

@@ -139,6 +139,12 @@ class TriangleMesh:
         _, labels = connected_components(graph, directed=False)
         return _frozen(labels.astype(np.int64))
 
+    def shared_among_corners(self, face_values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum at each vertex (n,) of a third of every adjacent triangle's value (T,), as lumped masses are made."""
+        total = np.zeros(len(self.vertices))
+        np.add.at(total, self.faces, face_values[:, None] / 3.0)
+        return total
+
     def weld(self, tolerance: float | None = None) -> TriangleMesh:
         """Return the mesh with coincident vertices merged.
 

@@ -130,18 +130,20 @@ class DiscreteShell(Model):
         """Load continuation from rest along tangents, each step as long as :data:`_STEP_TURN` allows."""
         shell = self.shell
         x, factor, trust, iterations, steps = shell.rest_positions, 0.0, 1.0, 0, 0
+        push = load.ravel()[shell.free_unknowns]
+        tangent: Array | None = None
         while True:
             steps += 1
             if steps > _LOAD_STEPS:
                 trust = 0.0
-            before = self._statics(factor * load)
             target, guess, stresses = factor, x, None
             try:
                 if trust < _SMALLEST_TRUST:
                     raise SolverError("the branch has ended")
-                here = before.factor(before.linearise(x, EXACT)[1])
-                tangent = before.step(here, -load.ravel()[shell.free_unknowns])
-                iterations += 1
+                if tangent is None:  # at rest; later the factor that showed a minimum gives it
+                    problem = self._statics(load)
+                    tangent = problem.step(problem.factor(problem.linearise(x, EXACT)[1]), -push)
+                    iterations += 1
                 guess, moved, share = warped_step(shell, x, (1.0 - factor) * tangent, trust * _STEP_TURN)
                 target = factor + share * (1.0 - factor) if share < 0.999 else 1.0
                 stresses = shell.predicted_stresses(x, moved)
@@ -165,6 +167,8 @@ class DiscreteShell(Model):
             x, factor, trust = result.positions, target, min(1.0, 2.0 * trust)
             if last:
                 return NewtonResult(x, result.residual, iterations, True)
+            if result.factor is not None:  # a dead load leaves the Hessian alone: the minimum's serves the next step
+                tangent = problem.step(result.factor, -push)
 
     def stable_step(self, damping: Damping | None = None) -> float:
         """Largest stable step of explicit Euler at the rest shape [s].

@@ -156,7 +156,7 @@ class NewtonResult:
     converged : bool
         Whether the residual met :data:`ACCEPTED`, or :func:`rounding_residual` where that is larger.
     factor : Factor or None
-        Of the last Hessian, a step before the end.
+        Of the last Hessian, a step before the end; of the one at the end where :func:`is_minimum` has found it so.
     """
 
     positions: Array
@@ -285,10 +285,11 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
 
 
 def is_minimum(problem: Potential, result: NewtonResult) -> bool:
-    """Whether a converged result is a minimum: its exact Hessian is positive definite."""
+    """Whether a converged result is a minimum: its exact Hessian, whose factor it then keeps, is positive definite."""
     if not result.converged:
         return False
-    return problem.definite_factor(problem.linearise(result.positions, EXACT)[1]) is not None
+    result.factor = problem.definite_factor(problem.linearise(result.positions, EXACT)[1])
+    return result.factor is not None
 
 
 def leave_saddle(problem: Potential, x: Array) -> Array:

@@ -189,7 +189,7 @@ def _cantilever(mesh: TriangleMesh, axis: Array) -> float:
     sides and the clamp, near which the strip cannot curve across. The mean over clamping either end.
     """
     operator = hinge_operator(mesh)
-    vertex_area = np.bincount(mesh.faces.ravel(), np.repeat(mesh.face_areas / 3.0, 3), minlength=len(mesh.vertices))
+    vertex_area = mesh.shared_among_corners(mesh.face_areas)
     constants = []
     for direction in (axis, -axis):
         along = mesh.vertices @ direction

@@ -65,8 +65,7 @@ class Shell:
             len(mesh.vertices), [elements.stencils for elements in self.elements], self.free
         )
         face_mass = material.area_density(mesh) * mesh.face_areas
-        self.mass = np.zeros(len(mesh.vertices))
-        np.add.at(self.mass, mesh.faces, face_mass[:, None] / 3.0)
+        self.mass = mesh.shared_among_corners(face_mass)
 
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
