@@ -6,10 +6,13 @@ SuperLU comes with SciPy and needs no dependency. CHOLMOD (scikit-sparse) solves
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import importlib.util
 import weakref
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -109,10 +112,27 @@ class _SuperLU(Factor):
 
 
 @functools.cache
-def _openmp() -> Any:
-    from threadpoolctl import ThreadpoolController
+def _openmp() -> list[ctypes.CDLL]:
+    from threadpoolctl import threadpool_info
 
-    return ThreadpoolController().select(user_api="openmp")
+    return [ctypes.CDLL(library["filepath"]) for library in threadpool_info() if library["user_api"] == "openmp"]
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep OpenMP to one thread: CHOLMOD asks for four by number, which only the depth of nesting can refuse."""
+    before = [(library, library.omp_get_max_active_levels()) for library in _openmp()]
+    for library, _ in before:
+        library.omp_set_max_active_levels(0)
+    try:
+        yield
+    finally:
+        for library, levels in before:
+            library.omp_set_max_active_levels(levels)
+
+
+_DISSECT_FROM = 120_000
+"""Unknowns from which nested dissection, slower to find than a minimum-degree order, pays by its smaller factor."""
 
 
 class _Cholmod(Factor):
@@ -123,17 +143,20 @@ class _Cholmod(Factor):
     def __init__(self, matrix: sps.csc_array, analysis: Any = None) -> None:
         from sksparse import cholmod
 
-        whole = sps.csc_matrix(matrix)
+        lower = sps.csc_matrix(sps.tril(matrix, format="csc"))
         try:
             # Analysing and factorising apart: cholesky() in one call is simplicial, 2.5 times slower here.
-            with _openmp().limit(limits=1):
-                self.analysis = cholmod.analyze(whole, mode="supernodal") if analysis is None else analysis
-                self._factor = self.analysis.cholesky(whole)
+            with _one_thread():
+                if analysis is None:
+                    ordering = "amd" if matrix.shape[0] < _DISSECT_FROM else "nesdis"
+                    analysis = cholmod.analyze(lower, mode="supernodal", ordering_method=ordering)
+                self.analysis = analysis
+                self._factor = self.analysis.cholesky(lower)
         except cholmod.CholmodError as error:
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is not positive definite: {error}") from error
 
     def solve(self, right_side: Array) -> Array:
-        with _openmp().limit(limits=1):
+        with _one_thread():
             return np.asarray(self._factor(right_side))
 
 

@@ -45,10 +45,14 @@ def _remeshed(n: int) -> ms.TriangleMesh:
 
 def solvers(shell: ms.Shell, count: int) -> dict[str, Any]:
     """Each way to the ``count`` lowest eigenpairs, ready to call."""
-    data = shell.energy_gradient_hessian(shell.rest_positions, 0)[2]
-    stiffness = sps.csc_matrix(shell.pattern.free_matrix(data))
-    mass = sps.diags(np.repeat(shell.mass[shell.free], 3), format="csc")
-    ways: dict[str, Any] = {PLAIN: lambda: spla.eigsh(stiffness, k=count, M=mass, sigma=0)[0]}
+
+    def plain() -> Any:
+        data = shell.energy_gradient_hessian(shell.rest_positions, 0)[2]
+        stiffness = sps.csc_matrix(shell.pattern.free_matrix(data))
+        mass = sps.diags(np.repeat(shell.mass[shell.free], 3), format="csc")
+        return spla.eigsh(stiffness, k=count, M=mass, sigma=0)[0]
+
+    ways: dict[str, Any] = {PLAIN: plain}
     for backend in available_backends():
         ways[backend] = lambda backend=backend: eigenpairs(shell, count, backend)[0]
     return ways
