@@ -15,7 +15,14 @@ from modalshell.errors import (
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, save_mesh, sheet, v_beam
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
-from modalshell.rungs import DiscreteShell, LinearModal, ModalWarping
+from modalshell.rungs import (
+    DiscreteShell,
+    LinearModal,
+    ModalWarping,
+    OrientationConstraint,
+    PositionConstraint,
+    RotationStrain,
+)
 from modalshell.shell import Material, Shell
 
 __version__ = "0.1.0"
@@ -33,6 +40,9 @@ __all__ = [
     "ModalShellWarning",
     "ModalWarping",
     "OptionError",
+    "OrientationConstraint",
+    "PositionConstraint",
+    "RotationStrain",
     "Shell",
     "SolverError",
     "SupportError",

@@ -100,6 +100,73 @@ def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no
 
 
 @_kernel
+def _slopes(squared, second, third):  # type: ignore[no-untyped-def]
+    """``(dc2/dphi) / phi`` and ``(dc3/dphi) / phi`` at phi^2 = ``squared``, given c2 and c3 there."""
+    if squared < 1.0:
+        # sum (-1)^k 2k phi^(2k-2) / (2k+2)!, and with (2k+3)!: the factorials as a running product.
+        term = 0.5
+        slope_second = slope_third = 0.0
+        for k in range(1, 11):
+            term *= -1.0 / ((2.0 * k + 1.0) * (2.0 * k + 2.0))
+            slope_second += 2.0 * k * term
+            slope_third += 2.0 * k * term / (2.0 * k + 3.0)
+            term *= squared
+        return slope_second, slope_third
+    return (1.0 - squared * third - 2.0 * second) / squared, (second - 3.0 * third) / squared
+
+
+@_kernel
+def _warp_slope(w, v, jacobian):  # type: ignore[no-untyped-def]
+    """``d(Rt(w) v)/dw`` at fixed v for one vertex, into (3, 3)."""
+    squared = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+    _, second, third = coefficients(squared)
+    slope_second, slope_third = _slopes(squared, second, third)
+    cx = w[1] * v[2] - w[2] * v[1]
+    cy = w[2] * v[0] - w[0] * v[2]
+    cz = w[0] * v[1] - w[1] * v[0]
+    radial = (
+        slope_second * cx + slope_third * (w[1] * cz - w[2] * cy),
+        slope_second * cy + slope_third * (w[2] * cx - w[0] * cz),
+        slope_second * cz + slope_third * (w[0] * cy - w[1] * cx),
+    )
+    along = w[0] * v[0] + w[1] * v[1] + w[2] * v[2]
+    for row in range(3):
+        for column in range(3):
+            jacobian[row, column] = radial[row] * w[column] + third * (w[row] * v[column] - 2.0 * v[row] * w[column])
+        jacobian[row, row] += third * along
+    # d(w x v)/dw = -[v]
+    jacobian[0, 1] += second * v[2]
+    jacobian[0, 2] -= second * v[1]
+    jacobian[1, 0] -= second * v[2]
+    jacobian[1, 2] += second * v[0]
+    jacobian[2, 0] += second * v[1]
+    jacobian[2, 1] -= second * v[0]
+
+
+@_kernel
+def warp_jacobian(rotation_vectors, vectors, jacobians):  # type: ignore[no-untyped-def]
+    """``jacobians_i = d(Rt(w_i) v_i)/dw_i`` at fixed v, written into (n, 3, 3)."""
+    for i in range(vectors.shape[0]):
+        _warp_slope(rotation_vectors[i], vectors[i], jacobians[i])
+
+
+@_kernel
+def warped_work(rotation_vectors, vectors, load, averaged, slope):  # type: ignore[no-untyped-def]
+    """``sum f_i . Rt(w_i) v_i``, with its derivatives by v and by w written into ``averaged`` and ``slope`` (n, 3)."""
+    total = 0.0
+    jacobian = np.empty((3, 3))
+    for i in range(vectors.shape[0]):
+        w, v, f = rotation_vectors[i], vectors[i], load[i]
+        _, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        _apply(w, f, -second, third, averaged[i])  # Rt(w)^T = Rt(-w)
+        _warp_slope(w, v, jacobian)
+        for axis in range(3):
+            total += averaged[i, axis] * v[axis]
+            slope[i, axis] = f[0] * jacobian[0, axis] + f[1] * jacobian[1, axis] + f[2] * jacobian[2, axis]
+    return total
+
+
+@_kernel
 def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-untyped-def]
     """Rotation vectors (n, 3) that fit small ``displacements`` (n, 3) about ``positions`` best, into ``out``.
 

@@ -1,6 +1,8 @@
-"""Motion: time stepping of any rung, with moving supports."""
+"""Motion: time stepping of any rung, with moving supports and constraints."""
 
-from modalshell.motion.simulate import Trajectory, simulate
+from modalshell.motion.simulate import simulate
+from modalshell.motion.stepping import Motion
 from modalshell.motion.supports import SupportPath
+from modalshell.motion.trajectory import Trajectory
 
-__all__ = ["SupportPath", "Trajectory", "simulate"]
+__all__ = ["Motion", "SupportPath", "Trajectory", "simulate"]

@@ -2,44 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.checks import checked_count, checked_number
-from modalshell.errors import OptionError, SupportError
+from modalshell.errors import OptionError
+from modalshell.motion.stepping import Motion
 from modalshell.motion.supports import SupportPath
-from modalshell.rungs import Damping, Model
-from modalshell.rungs.model import Stopwatch, total_load
+from modalshell.motion.trajectory import Trajectory
+from modalshell.rungs import Constraint, Model
+from modalshell.rungs.modal import CONSTRAINT_MET
+from modalshell.rungs.model import Stopwatch
 
 Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Trajectory:
-    """A simulated motion.
-
-    Attributes
-    ----------
-    times : ndarray, shape (F,)
-        Times of the stored frames [s], the start at 0 included.
-    positions : ndarray, shape (F, n, 3)
-        Vertex positions [m]; every one finite.
-    status : str
-        "completed", or what went wrong and when; then the frames up to there are kept.
-    unconverged_steps : int
-        Steps whose own solver did not converge.
-    seconds : float
-        Wall time.
-    """
-
-    times: Array
-    positions: Array
-    status: str
-    unconverged_steps: int
-    seconds: float
+_QUARTER_DECAY = 0.5
+"""Share of its energy that a damped motion must be bound to lose in a quarter of the run before it is judged."""
 
 
 def simulate(
@@ -52,7 +32,9 @@ def simulate(
     damping: tuple[float, float] = (0.0, 0.0),
     start: ArrayLike | None = None,
     supports: SupportPath | None = None,
+    constraints: Sequence[Constraint] | None = None,
     store_every: int = 1,
+    dtype: DTypeLike = np.float64,
     on_step: Callable[[int, int], None] | None = None,
 ) -> Trajectory:
     """Step a model from rest under a dead load.
@@ -77,8 +59,13 @@ def simulate(
     supports : SupportPath, optional
         Moves the held vertices. Full models hold them along the path; modal models feel it as inertial loads in their
         own frame, with positions given in the world's.
+    constraints : sequence of PositionConstraint or OrientationConstraint, optional
+        Where patches of vertices shall be, and how they shall be turned, in the world. Modal models are moved there by
+        the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.
     store_every : int
         Store every so many steps (explicit steps are short).
+    dtype : {float64, float32}
+        Of the stored positions.
     on_step : callable, optional
         Called after each step with the steps done and their total.
 
@@ -86,6 +73,8 @@ def simulate(
     -------
     Trajectory
         The stored frames. A motion that leaves the finite numbers stops with the status "diverged at ...".
+        A motion that has wound up, that keeps cycling although damped, whose constraints were not met or whose steps
+        did not all converge says so in its status.
 
     Raises
     ------
@@ -99,51 +88,100 @@ def simulate(
     dt = checked_number("dt", dt, above=0.0, unit="s")
     duration = checked_number("duration", duration, at_least=dt, unit="s")
     store_every = checked_count("store_every", store_every)
-    if np.shape(damping) != (2,):
-        raise OptionError(f"damping must be two Rayleigh factors xi, zeta (got {damping!r})")
-    rayleigh = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in damping))
-    load = total_load(model.shell, gravity, force)
-    model.check_step(dt, rayleigh)
-    shell = model.shell
-    state = model.start_motion(None if start is None else shell.checked_positions(start))
-    if supports is not None and not shell.clamped.any():
-        raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
-
+    if np.dtype(dtype) not in (np.dtype(np.float64), np.dtype(np.float32)):
+        raise OptionError(f"dtype must be float64 or float32 (got {dtype!r})")
+    motion = Motion(
+        model,
+        dt=dt,
+        gravity=gravity,
+        force=force,
+        damping=damping,
+        start=start,
+        supports=supports,
+        constraints=constraints,
+    )
     watch = Stopwatch()
-    total = int(np.ceil(duration / dt - 1e-9))
-    current = model.positions(state)
-    before = current
-    times, frames = [0.0], [current.copy() if supports is None else supports.at(0.0).to_world(current)]
-    if supports is not None and not model.in_shell_frame:
-        state.coordinates = frames[0].copy()
-    status, unconverged = "completed", 0
-    for count in range(1, total + 1):
-        with np.errstate(over="ignore", invalid="ignore"):
-            if supports is None:
-                state, converged = model.step(state, dt, load, rayleigh)
-            else:
-                pose = supports.at(count * dt)
-                if model.in_shell_frame:
-                    felt = pose.shell_load(load, shell.mass, current, (current - before) / dt)
-                    state, converged = model.step(state, dt, felt, rayleigh)
-                    before, current = current, model.positions(state)
-                else:
-                    held = pose.to_world(shell.rest_positions[shell.clamped])
-                    state, converged = model.step(state, dt, load, rayleigh, held)
-            unconverged += not converged
-            # A sum is finite only if every entry is (or it overflows, which is no better).
-            finite = np.isfinite(state.coordinates.sum() + state.rates.sum())
-        if not finite:
-            status = f"diverged at {count * dt:.6g} s: positions left the finite numbers"
+    total = step_count(duration, dt)
+    observer = Observer(motion)
+    times, frames, residuals = [0.0], [motion.positions().astype(dtype)], [motion.constraint_residuals]
+    observer.look()
+    while motion.count < total:
+        motion.advance()
+        if not motion.finite:
             break
-        if count % store_every == 0 or count == total:
-            times.append(count * dt)
-            if supports is None or not model.in_shell_frame:
-                frames.append(model.positions(state).copy())
-            else:
-                frames.append(pose.to_world(current))
+        if motion.count % store_every == 0 or motion.count == total:
+            times.append(motion.time)
+            frames.append(motion.positions().astype(dtype))
+            residuals.append(motion.constraint_residuals)
+            observer.look()
         if on_step is not None:
-            on_step(count, total)
-    if status == "completed" and unconverged:
-        status = f"completed, but {unconverged} of {total} steps did not converge"
-    return Trajectory(np.array(times), np.array(frames), status, unconverged, watch())
+            on_step(motion.count, total)
+    return Trajectory(
+        np.array(times),
+        np.array(frames),
+        observer.status(total),
+        motion.unconverged,
+        watch(),
+        np.array(observer.energies),
+        np.array(residuals),
+    )
+
+
+def step_count(duration: float, dt: float) -> int:
+    """Whole steps of ``dt`` that cover ``duration``."""
+    return int(np.ceil(duration / dt - 1e-9))
+
+
+class Observer:
+    """Watches a motion at its stored frames, and names its outcome."""
+
+    def __init__(self, motion: Motion) -> None:
+        self.motion = motion
+        self.energies: list[Array] = []
+        self.times: list[float] = []
+        self.fault: str | None = None
+        self.worst_residual = 0.0
+
+    def look(self) -> None:
+        """Take note of the present state."""
+        motion = self.motion
+        self.energies.append(motion.energies())
+        self.times.append(motion.time)
+        self.worst_residual = max(self.worst_residual, float(motion.constraint_residuals.max(initial=0.0)))
+        if self.fault is None and (fault := motion.model.fault(motion.state)) is not None:
+            self.fault = f"{fault} at {motion.time:.6g} s"
+
+    def status(self, total: int) -> str:
+        """The outcome in words, "completed" where there is nothing to say."""
+        motion = self.motion
+        if not motion.finite:
+            return f"diverged at {motion.time:.6g} s: positions left the finite numbers"
+        notes = []
+        if self.fault is not None:
+            notes.append(self.fault)
+        if self._cycles():
+            notes.append("bounded cycle: the motion does not settle although it is damped")
+        size = float(np.ptp(motion.model.shell.rest_positions, axis=0).max())
+        if self.worst_residual > CONSTRAINT_MET * max(size, 1.0):
+            notes.append(f"constraints were missed by up to {self.worst_residual:.2e}")
+        if motion.unconverged:
+            notes.append(f"{motion.unconverged} of {total} steps did not converge")
+        return "completed" + (", but " + "; ".join(notes) if notes else "")
+
+    def _cycles(self) -> bool:
+        """Whether kinetic energy has stopped falling although damping, under a constant load, must have eaten it."""
+        motion = self.motion
+        steady = motion.supports is None and not motion.constraints
+        if not steady or len(self.times) < 40:
+            return False
+        times, energies = np.array(self.times), np.array(self.energies)
+        decay = motion.damping.mass_factor
+        expected = np.exp(-decay * times[-1] / 4.0)
+        if expected > _QUARTER_DECAY:
+            return False
+        third, last = (
+            float(energies[(times >= a * times[-1]) & (times <= b * times[-1]), 0].max())
+            for a, b in ((0.5, 0.75), (0.75, 1.0))
+        )
+        scale = float(np.abs(energies[:, 1:]).max())
+        return third > 1e-12 * scale and last > np.sqrt(expected) * third and last > 1e-9 * scale

@@ -45,6 +45,10 @@ class Pose:
         """Positions (n, 3) [m] of the shell's frame in the world."""
         return np.asarray((positions - self.pivot) @ self.rotation.T + self.pivot + self.translation)
 
+    def to_shell(self, positions: Array) -> Array:
+        """Positions (n, 3) [m] of the world in the shell's frame."""
+        return np.asarray((positions - self.pivot - self.translation) @ self.rotation + self.pivot)
+
     def shell_load(self, load: Array, mass: Array, positions: Array, velocities: Array) -> Array:
         """Load (n, 3) [N] in the shell's frame: the world's ``load`` and the inertial ones.
 

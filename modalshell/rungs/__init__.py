@@ -1,8 +1,24 @@
 """The ladder: models that answer the same scene, cheapest first."""
 
+from modalshell.rungs.constraints import Constraint, OrientationConstraint, PositionConstraint
 from modalshell.rungs.discrete_shell import DiscreteShell
 from modalshell.rungs.linear import LinearModal
+from modalshell.rungs.modal_derivatives import ModalDerivatives
 from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState
+from modalshell.rungs.rotation_strain import RotationStrain
 from modalshell.rungs.warping import ModalWarping
 
-__all__ = ["Damping", "DiscreteShell", "Equilibrium", "LinearModal", "ModalWarping", "Model", "MotionState"]
+__all__ = [
+    "Constraint",
+    "Damping",
+    "DiscreteShell",
+    "Equilibrium",
+    "LinearModal",
+    "ModalDerivatives",
+    "ModalWarping",
+    "Model",
+    "MotionState",
+    "OrientationConstraint",
+    "PositionConstraint",
+    "RotationStrain",
+]

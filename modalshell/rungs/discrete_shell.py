@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -10,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.checks import checked_number
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes import Factoriser, largest_eigenvalue
+from modalshell.rungs.boundary_motion import lead
+from modalshell.rungs.constraints import Constraint, checked_constraints, held_patches
 from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState, Stopwatch, total_load
 from modalshell.rungs.newton import (
     ACCEPTED,
@@ -25,6 +29,7 @@ from modalshell.rungs.newton import (
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 _STEP_TURN = 0.8
 """Turn of a vertex [rad] that one load step may predict."""
@@ -70,7 +75,7 @@ class DiscreteShell(Model):
         if integrator not in ("implicit", "explicit"):
             raise OptionError(f"integrator must be 'implicit' or 'explicit' (got {integrator!r})")
         self.shell = shell
-        self.integrator = integrator
+        self.integrator: Literal["implicit", "explicit"] = integrator
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None
         self.step_tolerance = checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2)
@@ -78,17 +83,25 @@ class DiscreteShell(Model):
         self.costs = Costs()
 
     def equilibrium(
-        self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
     ) -> Equilibrium:
         """Static equilibrium by Newton; ``residual`` is the out-of-balance force over the load, accepted at 1e-7.
 
         From ``start`` (a cheaper model's answer, say) the whole load is tried at once. Without it, or where that fails,
         the load is applied in steps that grow and shrink with the solver's success; where a step ends at no minimum
-        (the shell snaps) the potential is minimised from the last stable state instead.
+        (the shell snaps) the potential is minimised from the last stable state instead. Patches under ``constraints``
+        are then led to their targets as moving boundaries; ``residual`` there is relative to load and reactions.
         """
         watch = Stopwatch()
         shell = self.shell
         load = total_load(shell, gravity, force)
+        if given := checked_constraints(constraints, shell):
+            return self._constrained(load, start, given, watch)
         problem = self._statics(load)
         before = dict(self.costs)
         iterations = 0
@@ -104,6 +117,27 @@ class DiscreteShell(Model):
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             followed = self._follow(load, problem.scale or 1.0)
         return self._answer(followed, watch, iterations, before)
+
+    def _constrained(
+        self, load: Array, start: ArrayLike | None, constraints: Sequence[Constraint], watch: Stopwatch
+    ) -> Equilibrium:
+        before = dict(self.costs)
+        patches = held_patches(constraints, self.shell)
+        first = self.shell.rest_positions if start is None else self._held(self.shell.checked_positions(start))
+        # The load comes with the first step: a loose shell may have no rest of its own under it.
+        found = lead(self.shell, load, first, patches, Factoriser(self._factoriser.backend), self.costs)
+        answer = self._answer(found, watch, 0, before)
+        return replace(answer, constraint_residuals=np.zeros(len(constraints)))
+
+    def holding(self, vertices: Index) -> DiscreteShell:
+        """The same model, with further vertices held."""
+        return DiscreteShell(
+            self.shell.holding(vertices),
+            integrator=self.integrator,
+            allow_unstable_step=self.allow_unstable_step,
+            step_tolerance=self.step_tolerance,
+            backend=self._factoriser.backend,
+        )
 
     def _held(self, positions: Array, held: Array | None = None) -> Array:
         """``positions`` with the held vertices where they belong: at ``held`` (h, 3), or at rest."""

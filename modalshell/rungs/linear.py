@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.rungs.modal import RIGID_LOAD, ModalModel
-from modalshell.rungs.model import Equilibrium, Stopwatch, total_load
+from modalshell.rungs.constraints import Constraint
+from modalshell.rungs.modal import ModalModel
+from modalshell.rungs.model import Equilibrium
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 class LinearModal(ModalModel):
@@ -24,21 +28,27 @@ class LinearModal(ModalModel):
         """Modal force ``Phi^T f`` (m,)."""
         return np.asarray(self.basis.modes.T @ load.ravel())
 
+    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
+        rows = self._patch_rows(self.basis.modes, vertices).mean(axis=0)
+        return self.shell.rest_positions[vertices].mean(axis=0) + rows @ q, rows
+
     def equilibrium(
         self,
         *,
         gravity: ArrayLike | None = None,
         force: ArrayLike | None = None,
-        start: ArrayLike | None = None,  # noqa: ARG002 (a linear answer does not depend on it)
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
     ) -> Equilibrium:
-        """``q = Lambda^-1 Phi^T f``; not converged if the load pushes a free shell, ``residual`` is then that share."""
-        watch = Stopwatch()
-        load = total_load(self.shell, gravity, force)
+        """``q = Lambda^-1 Phi^T f``; not converged if the load pushes a free shell, ``residual`` is then that share.
+
+        With ``constraints`` the modal forces of least work are added that meet them, or come nearest.
+        """
+        return self._statics(gravity, force, start, constraints)
+
+    def _free_statics(self, load: Array, start: Array | None) -> tuple[Array, float, int, str | None]:  # noqa: ARG002
         rigid = self.basis.rigid_modes
         q = np.zeros(self.basis.count)
         q[rigid:] = self.modal_force(q, load)[rigid:] / self.basis.eigenvalues[rigid:]
-        residual = self.rigid_load(load)
-        held = residual <= RIGID_LOAD
-        status = "converged" if held else "no equilibrium: the load pushes a shell that its supports leave free"
-        positions = self.shell.rest_positions + self.displacement(q)
-        return Equilibrium(positions, held, 1, residual, watch(), status, q)
+        return q, 0.0, 1, None

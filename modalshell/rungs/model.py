@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_vectors
+from modalshell.errors import OptionError
 from modalshell.shell import Shell
 
 Array = NDArray[np.float64]
@@ -37,6 +40,8 @@ class Equilibrium:
         Modal coordinates (m,) of reduced models.
     costs : dict
         Seconds of each part of the solver (assembly, factorisation, solution) of full models.
+    constraint_residuals : ndarray, shape (k,)
+        How far each constraint is from its target: [m] for positions, [rad] for orientations.
     """
 
     positions: Array
@@ -47,14 +52,28 @@ class Equilibrium:
     status: str
     coordinates: Array | None = None
     costs: dict[str, float] = field(default_factory=dict)
+    constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass
 class MotionState:
-    """State of a model in motion: coordinates and their rates, in the model's own unknowns."""
+    """State of a model in motion: coordinates and their rates, in the model's own unknowns.
+
+    ``carried`` is what a model whose positions depend on the path takes along besides.
+    """
 
     coordinates: Array
     rates: Array
+    carried: Array | None = None
+
+
+@dataclass(frozen=True)
+class ResolvedTarget:
+    """A constraint at one time, in the model's own frame: the patch, and its position [m] or rotation vector [rad]."""
+
+    kind: Literal["position", "orientation"]
+    vertices: NDArray[np.int64]
+    value: Array
 
 
 @dataclass(frozen=True)
@@ -115,6 +134,30 @@ class Model(ABC):
     @abstractmethod
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
+
+    def meet_constraints(
+        self,
+        state: MotionState,  # noqa: ARG002 (for models that can)
+        before: MotionState,  # noqa: ARG002
+        dt: float,  # noqa: ARG002
+        damping: Damping,  # noqa: ARG002
+        targets: Sequence[ResolvedTarget],  # noqa: ARG002
+    ) -> tuple[MotionState, Array]:
+        """Move ``state``, a step of ``dt`` after ``before``, onto the targets; also returns each one's residual."""
+        raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy [J]."""
+        return self.shell.raw_energy(self.positions(state))
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J], in the model's own frame."""
+        mass = self.shell.mass[:, None] if state.rates.ndim == 2 else 1.0
+        return float(0.5 * np.sum(mass * state.rates**2))
+
+    def fault(self, state: MotionState) -> str | None:  # noqa: ARG002 (most rungs have none)
+        """What is wrong with a state that has left what the model can describe, in words; None if nothing is."""
+        return None
 
     def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)
         """Raise OptionError if this model cannot step by ``dt``."""

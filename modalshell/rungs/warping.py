@@ -2,39 +2,76 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Literal
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.errors import OptionError
 from modalshell.kernels import rotations
 from modalshell.modes import Basis
+from modalshell.rungs.constraints import Constraint
 from modalshell.rungs.frame import WarpFrame
-from modalshell.rungs.modal import RIGID_LOAD, ModalModel
-from modalshell.rungs.model import Equilibrium, MotionState, Stopwatch, total_load
+from modalshell.rungs.modal import Integrator, ModalModel
+from modalshell.rungs.model import Equilibrium, MotionState
+from modalshell.rungs.potential_statics import WOUND_UP, least_potential
 
 Array = NDArray[np.float64]
-
-WOUND_UP = 2.0 * np.pi
-"""Rotation of a vertex [rad] from which a state has left the branch that grows from rest."""
+Index = NDArray[np.int64]
 
 _TOLERANCE = 1e-9
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
 _NEWTON_LIMIT = 12
+_DIFFERENCE = 1e-5
+"""Turn [rad] over which the modal force is differenced."""
 _LOAD_TURN = 0.5
 """Turn of a vertex [rad] that one load step may predict."""
+
+
+def averaged_rotation(rotation_vector: Array) -> Array:
+    """``Rt(w)`` (3, 3), the average of the rotations from 0 to w (3,)."""
+    columns = np.empty((3, 3))
+    rotations.warp(np.tile(rotation_vector, (3, 1)), np.eye(3), 1.0, columns)
+    return columns.T
 
 
 class ModalWarping(ModalModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 
-    The closed form of the warp is used, so a state depends on q alone and nothing drifts. ``Phi^T R^T f`` is the
-    gradient of no potential: static equilibria need not exist, and :meth:`equilibrium` says so where it finds none.
+    The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist, and
+    :meth:`equilibrium` says so where it finds none.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes, eigenvalues and modal rotations of the shell.
+    integrator : {"implicit_euler", "implicit_midpoint"}
+        See :class:`ModalModel`.
+    warp : {"closed_form", "sum"}
+        How [choi2007, eq. 16] is read. The closed form depends on q alone, so nothing drifts. The sum adds
+        ``R(w) Phi dq`` step by step: it depends on the path, and is here to be compared. It moves, but has no statics.
+    consistent_force : bool
+        Take ``J^T f``, J = du/dq of the closed form, for the modal force instead: the gradient of the load's work.
+        Equilibria then are the minima of a potential, and always exist.
     """
 
     name = "MWTS"
 
-    def __init__(self, basis: Basis) -> None:
-        super().__init__(basis)
+    def __init__(
+        self,
+        basis: Basis,
+        *,
+        integrator: Integrator = "implicit_euler",
+        warp: Literal["closed_form", "sum"] = "closed_form",
+        consistent_force: bool = False,
+    ) -> None:
+        super().__init__(basis, integrator=integrator)
+        if warp not in ("closed_form", "sum"):
+            raise OptionError(f"warp must be 'closed_form' or 'sum' (got {warp!r})")
+        self.warp = warp
+        self.consistent_force = consistent_force
         rigid = basis.rigid_modes
         self._elastic = slice(rigid, None)
         self._modes = np.ascontiguousarray(basis.modes[:, rigid:])
@@ -54,51 +91,114 @@ class ModalWarping(ModalModel):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state, in one fused pass."""
+        if state.carried is not None:
+            return self.shell.rest_positions + state.carried
         if self._frame is None:  # at first use: it holds a second copy of the modal data
             self._frame = WarpFrame(self.basis)
         return self._frame.positions(state.coordinates)
 
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """Modal state at rest."""
+        state = super().start_motion(positions)
+        if self.warp == "sum":
+            state.carried = self.displacement(state.coordinates)
+        return state
+
+    def advanced(self, state: MotionState, q: Array, rates: Array) -> MotionState:
+        """State at q (m,) after ``state``; the summed warp grows by ``R(w) Phi dq``."""
+        if state.carried is None:
+            return MotionState(q, rates)
+        change = np.asarray(self.basis.modes @ (q - state.coordinates)).reshape(-1, 3)
+        turned = np.empty_like(change)
+        rotations.rotate(self.rotation_vectors(q), change, 1.0, turned)
+        return MotionState(q, rates, state.carried + turned)
+
+    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
+        modes = self._patch_rows(self.basis.modes, vertices)
+        turns = self._patch_rows(self.basis.rotations, vertices)
+        w, linear = turns @ q, modes @ q
+        warped = np.empty_like(linear)
+        rotations.warp(w, linear, 1.0, warped)
+        slopes = np.empty((len(vertices), 3, 3))
+        rotations.warp_jacobian(w, linear, slopes)
+        averages = np.array([averaged_rotation(vector) for vector in w])
+        jacobian = (averages @ modes + slopes @ turns).mean(axis=0)
+        return (self.shell.rest_positions[vertices] + warped).mean(axis=0), jacobian
+
     def modal_force(self, q: Array, load: Array) -> Array:
-        """Modal force ``Phi^T R(q)^T f`` (m,)."""
+        """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
+        if self.consistent_force:
+            return self.work(q, load)[1]
         rotated = np.empty_like(load)
         rotations.rotate(self.rotation_vectors(q), load, -1.0, rotated)
         return np.asarray(self.basis.modes.T @ rotated.ravel())
 
     def equilibrium(
-        self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
     ) -> Equilibrium:
         """Solve ``Lambda q = Phi^T R(q)^T f`` by Newton along a growing load, from rest or from ``start``.
 
         ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Three ways to fail are told apart:
         "no fixed point" (the branch ends), "wound up" (a vertex turned by more than 2 pi) and "unstable" (a fixed
-        point that the damped motion leaves).
+        point that the damped motion leaves). With ``constraints``, the least modal work that meets them.
         """
-        watch = Stopwatch()
-        load = total_load(self.shell, gravity, force)
+        if self.warp == "sum":
+            raise OptionError("the summed warp depends on the path, so it has no statics: take warp='closed_form'")
+        return self._statics(gravity, force, start, constraints)
+
+    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
+        w = self.rotation_vectors(q)
+        linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
+        averaged, slope = np.empty_like(load), np.empty_like(load)
+        work = rotations.warped_work(w, linear, load, averaged, slope)
+        return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
+
+    def work_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of the work, by central differences of its gradient."""
+        curvature = np.empty((q.size, q.size))
+        turns = np.abs(self.basis.rotations).max(axis=0)
+        for k in range(q.size):
+            step = np.zeros_like(q)
+            step[k] = _DIFFERENCE / max(float(turns[k]), 1e-300)
+            forward, backward = (self.work(q + sign * step, load)[1] for sign in (1.0, -1.0))
+            curvature[k] = (forward - backward) / (2.0 * step[k])
+        return 0.5 * (curvature + curvature.T)
+
+    def largest_turn(self, q: Array) -> float:
+        """Largest rotation of a vertex [rad] at q."""
+        return float(rotations.largest_angle(self.rotation_vectors(q)))
+
+    def _free_statics(self, load: Array, start: Array | None) -> tuple[Array, float, int, str | None]:
+        if self.consistent_force:
+            return least_potential(self, load, start)
         root = np.sqrt(self.basis.eigenvalues[self._elastic])
         scale = float(np.linalg.norm((self._modes.T @ load.ravel()) / root)) or 1.0
         # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
-        y: Array = np.zeros(root.size)
         if start is not None:
-            y = root * self.coordinates_of(start)[self._elastic]
-            y, residual, iterations, solved = self._newton(y, load, 1.0, root, scale)
+            y, residual, iterations, solved = self._newton(root * start[self._elastic], load, 1.0, root, scale)
         else:
             y, residual, iterations, solved = self._follow(load, root, scale)
         q = np.zeros(self.basis.count)
         q[self._elastic] = y / root
-        if (rigid := self.rigid_load(load)) > RIGID_LOAD:
-            solved, residual = False, rigid
-            status = "no equilibrium: the load pushes a shell that its supports leave free"
-        elif not solved:
-            status = "no fixed point: the branch from rest ends before this load"
-        elif rotations.largest_angle(self.rotation_vectors(q)) > WOUND_UP:
-            solved, status = False, "wound up: a vertex has turned by more than 2 pi"
+        fault = None
+        if not solved:
+            fault = "no fixed point: the branch from rest ends before this load"
+        elif self.largest_turn(q) > WOUND_UP:
+            fault = "wound up: a vertex has turned by more than 2 pi"
         elif not self._stable(y, load, root):
-            solved, status = False, "unstable: a fixed point that damped motion leaves"
-        else:
-            status = "converged"
-        positions = self.shell.rest_positions + self.displacement(q)
-        return Equilibrium(positions, solved, iterations, residual, watch(), status, q)
+            fault = "unstable: a fixed point that damped motion leaves"
+        return q, residual, iterations, fault
+
+    def fault(self, state: MotionState) -> str | None:
+        """Say where the state has wound up: a vertex turned by more than 2 pi."""
+        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def _balance(self, y: Array, load: Array, root: Array) -> Array:
         """Out-of-balance ``y - p / sqrt(lambda)``."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
@@ -57,15 +59,24 @@ class Shell:
         self.mesh = mesh
         self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
-        self.clamped = held_vertices(clamped, len(mesh.vertices))
-        self.free = np.flatnonzero(~self.clamped)
-        self.free_unknowns = (3 * self.free[:, None] + np.arange(3)).ravel()
-        self.elements: list[ElementSet] = element_sets(mesh, material, self.clamped)
-        self.pattern, self._slots = build_pattern(
-            len(mesh.vertices), [elements.stencils for elements in self.elements], self.free
-        )
+        clamped = held_vertices(clamped, len(mesh.vertices))
+        self.elements: list[ElementSet] = element_sets(mesh, material, clamped)
+        self._hold(clamped)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = mesh.shared_among_corners(face_mass)
+
+    def _hold(self, clamped: NDArray[np.bool_]) -> None:
+        self.clamped = clamped
+        self.free = np.flatnonzero(~clamped)
+        self.free_unknowns = (3 * self.free[:, None] + np.arange(3)).ravel()
+        stencils = [elements.stencils for elements in self.elements]
+        self.pattern, self._slots = build_pattern(len(clamped), stencils, self.free)
+
+    def holding(self, vertices: ArrayLike) -> Shell:
+        """The same shell, with the same energies, that also holds ``vertices`` (bool (n,) or indices)."""
+        further = copy.copy(self)
+        further._hold(self.clamped | held_vertices(vertices, len(self.clamped)))
+        return further
 
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"

@@ -1,0 +1,158 @@
+"""One motion, step by step: what changes from step to step is a few arrays, which can be put away and taken up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from modalshell.checks import checked_number
+from modalshell.errors import OptionError, SupportError
+from modalshell.motion.supports import Pose, SupportPath
+from modalshell.rungs import Constraint, Damping, DiscreteShell, Model, MotionState
+from modalshell.rungs.constraints import HeldPatch, checked_constraints, held_patches
+from modalshell.rungs.model import ResolvedTarget, total_load
+
+Array = NDArray[np.float64]
+
+
+class Motion:
+    """A model in motion under a dead load, moving supports and constraints; see :func:`simulate` for the parameters.
+
+    Attributes
+    ----------
+    count : int
+        Steps done.
+    state : MotionState
+        The model's state after them.
+    unconverged : int
+        Steps whose own solver did not converge.
+    finite : bool
+        Whether the state still consists of finite numbers.
+    constraint_residuals : ndarray, shape (k,)
+        What is left to each constraint's target.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        *,
+        dt: float,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        damping: tuple[float, float] = (0.0, 0.0),
+        start: ArrayLike | None = None,
+        supports: SupportPath | None = None,
+        constraints: Sequence[Constraint] | None = None,
+    ) -> None:
+        self.dt = checked_number("dt", dt, above=0.0, unit="s")
+        if np.shape(damping) != (2,):
+            raise OptionError(f"damping must be two Rayleigh factors xi, zeta (got {damping!r})")
+        self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in damping))
+        self.load = total_load(model.shell, gravity, force)
+        model.check_step(self.dt, self.damping)
+        shell = model.shell
+        if supports is not None and not shell.clamped.any():
+            raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
+        self.supports = supports
+        self.constraints = checked_constraints(constraints, shell)
+        self._patches: list[HeldPatch] = []
+        if self.constraints and isinstance(model, DiscreteShell):
+            self._patches = held_patches(self.constraints, shell)
+            model = model.holding(np.concatenate([patch.vertices for patch in self._patches]))
+        self.model = model
+        self.state = model.start_motion(None if start is None else shell.checked_positions(start))
+        if supports is not None and not model.in_shell_frame:
+            self.state.coordinates = supports.at(0.0).to_world(self.state.coordinates)
+        self._before = self.state
+        self.count, self.unconverged, self.finite = 0, 0, True
+        self.constraint_residuals = np.zeros(len(self.constraints))
+
+    @property
+    def time(self) -> float:
+        """Time reached [s]."""
+        return self.count * self.dt
+
+    def pose(self) -> Pose | None:
+        """Where the supports are now."""
+        return None if self.supports is None else self.supports.at(self.time)
+
+    def positions(self) -> Array:
+        """Vertex positions (n, 3) [m] in the world."""
+        own = self.model.positions(self.state)
+        if self.supports is None or not self.model.in_shell_frame:
+            return own
+        return self.supports.at(self.time).to_world(own)
+
+    def energies(self) -> Array:
+        """Kinetic and elastic energy and potential of the load (3,) [J]."""
+        moved = self.model.positions(self.state) - self.model.shell.rest_positions
+        model, state = self.model, self.state
+        return np.array([model.kinetic_energy(state), model.elastic_energy(state), -float(np.vdot(self.load, moved))])
+
+    def advance(self) -> None:
+        """Take one step."""
+        model, dt, time = self.model, self.dt, (self.count + 1) * self.dt
+        load, held, pose = self.load, None, None
+        if self.supports is not None:
+            pose = self.supports.at(time)
+            if model.in_shell_frame:
+                current = model.positions(self.state).copy()  # the next line may use the model's one buffer
+                velocities = (current - model.positions(self._before)) / dt
+                load = pose.shell_load(load, model.shell.mass, current, velocities)
+        if not model.in_shell_frame and (pose is not None or self._patches):
+            held = self._held_positions(time, pose)
+        with np.errstate(over="ignore", invalid="ignore"):
+            state, converged = model.step(self.state, dt, load, self.damping, held)
+            if self.constraints and model.in_shell_frame:
+                targets = [_resolved(constraint, time, pose) for constraint in self.constraints]
+                state, self.constraint_residuals = model.meet_constraints(state, self.state, dt, self.damping, targets)
+            # A sum is finite only if every entry is (or it overflows, which is no better).
+            self.finite = bool(np.isfinite(state.coordinates.sum() + state.rates.sum()))
+        self.unconverged += not converged
+        self._before, self.state = self.state, state
+        self.count += 1
+
+    def snapshot(self) -> dict[str, Array]:
+        """Everything that the next step depends on, as arrays; :meth:`restore` takes up from there, to the last bit."""
+        counts = np.array([self.count, self.unconverged], dtype=np.float64)
+        arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals}
+        for name, state in (("now", self.state), ("before", self._before)):
+            arrays[f"{name}_coordinates"], arrays[f"{name}_rates"] = state.coordinates, state.rates
+            if state.carried is not None:
+                arrays[f"{name}_carried"] = state.carried
+        return arrays
+
+    def restore(self, arrays: dict[str, Array]) -> None:
+        """Go on from a :meth:`snapshot` of the same motion."""
+        self.count, self.unconverged = (int(number) for number in arrays["counts"])
+        self.constraint_residuals = np.array(arrays["constraint_residuals"])
+        self.state, self._before = (
+            MotionState(*(np.array(arrays[f"{name}_{part}"]) for part in ("coordinates", "rates")))
+            for name in ("now", "before")
+        )
+        for name, state in (("now", self.state), ("before", self._before)):
+            if f"{name}_carried" in arrays:
+                state.carried = np.array(arrays[f"{name}_carried"])
+
+    def _held_positions(self, time: float, pose: Pose | None) -> Array:
+        """Where supports and patches are at ``time``, in the order of the held vertices."""
+        shell = self.model.shell
+        placed = shell.rest_positions if pose is None else pose.to_world(shell.rest_positions)
+        placed = placed.copy()
+        for patch in self._patches:
+            placed[patch.vertices] = patch.at(time)
+        return np.asarray(placed[shell.clamped])
+
+
+def _resolved(constraint: Constraint, time: float, pose: Pose | None) -> ResolvedTarget:
+    """The constraint's target at ``time``, in the frame of the supports."""
+    value = constraint.at(time)
+    if pose is not None:
+        if constraint.kind == "position":
+            value = pose.to_shell(value)
+        else:
+            value = (Rotation.from_matrix(pose.rotation).inv() * Rotation.from_rotvec(value)).as_rotvec()
+    return ResolvedTarget(constraint.kind, constraint.vertices, value)

@@ -1,0 +1,43 @@
+"""The stored frames of a motion, with what the solver has to say about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A simulated motion.
+
+    Attributes
+    ----------
+    times : ndarray, shape (F,)
+        Times of the stored frames [s], the start at 0 included.
+    positions : ndarray of float64 or float32, shape (F, n, 3)
+        Vertex positions [m]; every one finite.
+    status : str
+        "completed", or what went wrong and when. A motion that diverges keeps the frames up to there; one that wound
+        up, cycles, missed its constraints or had steps that did not converge is kept whole.
+    unconverged_steps : int
+        Steps whose own solver did not converge.
+    seconds : float
+        Wall time.
+    energies : ndarray, shape (F, 3)
+        Kinetic and elastic energy and potential of the load [J] of each stored frame, in the model's own frame; the
+        load's potential is zero at rest.
+    constraint_residuals : ndarray, shape (F, k)
+        How far each constraint is from its target: [m] for positions, [rad] for orientations.
+    """
+
+    times: Array
+    positions: NDArray[np.floating]
+    status: str
+    unconverged_steps: int
+    seconds: float
+    energies: Array = field(default_factory=lambda: np.empty((0, 3)))
+    constraint_residuals: Array = field(default_factory=lambda: np.empty((0, 0)))

@@ -1,0 +1,88 @@
+"""Statics of modal models whose modal force is the gradient of the load's work: a minimisation, always solvable."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.modes import Basis
+from modalshell.rungs.reduced import minimise
+
+Array = NDArray[np.float64]
+
+WOUND_UP = 2.0 * np.pi
+"""Rotation of a vertex or triangle [rad] from which a state has left the branch that grows from rest."""
+
+_TOLERANCE = 1e-9
+_FIRST_TURN = 0.5
+"""Turn [rad] that the first step towards an equilibrium may predict."""
+
+
+class Workable(Protocol):
+    """A model that knows the work ``f . u(q)`` of a dead load f and its derivatives."""
+
+    basis: Basis
+
+    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work [J] and its gradient (m,), the modal force."""
+
+    def work_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of the work."""
+
+    def largest_turn(self, q: Array) -> float:
+        """Largest rotation [rad] at q."""
+
+
+def least_potential(model: Workable, load: Array, start: Array | None) -> tuple[Array, float, int, str | None]:
+    """Minimise ``q . Lambda q / 2 - f . u(q)`` over the elastic modes, rigid ones staying at zero.
+
+    Parameters
+    ----------
+    model : Workable
+        The model.
+    load : ndarray, shape (n, 3)
+        Dead load f [N].
+    start : ndarray, shape (m,), optional
+        Where to begin; at rest without it.
+
+    Returns
+    -------
+    q : ndarray, shape (m,)
+        Modal coordinates.
+    residual : float
+        ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``.
+    iterations : int
+        Steps of the minimiser.
+    fault : str or None
+        What went wrong, if anything did.
+    """
+    basis = model.basis
+    elastic = slice(basis.rigid_modes, None)
+    root = np.sqrt(basis.eigenvalues[elastic])
+    q = np.zeros(basis.count)
+
+    # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
+    def value_gradient(y: Array) -> tuple[float, Array]:
+        q[elastic] = y / root
+        work, push = model.work(q, load)
+        return 0.5 * float(y @ y) - work, y - push[elastic] / root
+
+    def hessian(y: Array) -> Array:
+        q[elastic] = y / root
+        return np.asarray(np.eye(root.size) - model.work_curvature(q, load)[elastic, elastic] / root[:, None] / root)
+
+    push = model.work(q, load)[1][elastic] / root
+    scale = float(np.linalg.norm(push)) or 1.0
+    first = np.zeros_like(root) if start is None else root * start[elastic]
+    q[elastic] = push / root
+    radius = scale * min(1.0, _FIRST_TURN / max(model.largest_turn(q), 1e-300))
+    found = minimise(value_gradient, hessian, first, _TOLERANCE, scale=scale, radius=radius)
+    q[elastic] = found.point / root
+    fault = None
+    if not found.converged:
+        fault = f"not converged: residual {found.residual:.1e} of {_TOLERANCE:.0e}"
+    elif model.largest_turn(q) > WOUND_UP:
+        fault = "wound up: a part of the shell has turned by more than 2 pi"
+    return q, found.residual, found.iterations, fault
