@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.rungs.constraints import Constraint
 from modalshell.rungs.modal import ModalModel
-from modalshell.rungs.model import Equilibrium
+from modalshell.rungs.model import Equilibrium, Statics
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -47,8 +47,8 @@ class LinearModal(ModalModel):
         """
         return self._statics(gravity, force, start, constraints)
 
-    def _free_statics(self, load: Array, start: Array | None) -> tuple[Array, float, int, str | None]:  # noqa: ARG002
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:  # noqa: ARG002
         rigid = self.basis.rigid_modes
         q = np.zeros(self.basis.count)
         q[rigid:] = self.modal_force(q, load)[rigid:] / self.basis.eigenvalues[rigid:]
-        return q, 0.0, 1, None
+        return Statics(q, 0.0, 1)

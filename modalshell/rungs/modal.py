@@ -20,6 +20,7 @@ from modalshell.rungs.model import (
     Model,
     MotionState,
     ResolvedTarget,
+    Statics,
     Stopwatch,
     total_load,
 )
@@ -47,8 +48,9 @@ class ModalModel(Model):
     basis : Basis
         Modes, eigenvalues and modal rotations of the shell.
     integrator : {"implicit_euler", "implicit_midpoint"}
-        Both are unconditionally stable. Implicit Euler is of first order and loses energy; the implicit midpoint rule
-        is of second order and keeps the energy of free linear motion, stiff modes ringing on.
+        Both are unconditionally stable under dead modal forces. Implicit Euler is of first order and loses energy; the
+        implicit midpoint rule is of second order, at two modal forces a step, and keeps the energy of linear motion,
+        stiff modes ringing on. Forces that turn with the shell can feed undamped motion, the midpoint rule's more so.
     """
 
     in_shell_frame = True
@@ -89,25 +91,31 @@ class ModalModel(Model):
         given = checked_constraints(constraints, self.shell)
         left = np.empty(0)
         if given:
-            q, residual, iterations, fault, left = self._constrained_statics(load, begin, given)
+            found, left = self._constrained_statics(load, begin, given)
         else:
-            q, residual, iterations, fault = self._free_statics(load, begin)
+            found = self._free_statics(load, begin)
             if (rigid := self.rigid_load(load)) > RIGID_LOAD:
-                residual, fault = rigid, "no equilibrium: the load pushes a shell that its supports leave free"
-        status = fault or "converged"
-        positions = self.shell.rest_positions + self.displacement(q)
+                status = "no equilibrium: the load pushes a shell that its supports leave free"
+                found = found._replace(residual=rigid, solved=False, status=status)
         return Equilibrium(
-            positions, fault is None, iterations, residual, watch(), status, q, constraint_residuals=left
+            self.shell.rest_positions + self.displacement(found.q),
+            found.solved,
+            found.iterations,
+            found.residual,
+            watch(),
+            found.status,
+            found.q,
+            constraint_residuals=left,
         )
 
     @abstractmethod
-    def _free_statics(self, load: Array, start: Array | None) -> tuple[Array, float, int, str | None]:
-        """Coordinates under a load, the residual, the iterations, and what went wrong if anything did."""
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:
+        """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any."""
 
     def _constrained_statics(
         self, load: Array, start: Array | None, constraints: Sequence[Constraint]
-    ) -> tuple[Array, float, int, str | None, Array]:
-        """Least modal energy under the constraints, the modal force iterated until it settles."""
+    ) -> tuple[Statics, Array]:
+        """Least modal energy under the constraints, the modal force iterated until it settles; and their residuals."""
         if self.basis.rigid_modes:
             raise OptionError(
                 "statics under constraints needs a shell that its supports hold; clamp some vertices, or let simulate "
@@ -127,12 +135,12 @@ class ModalModel(Model):
             if not load.any():  # no modal force that could still turn
                 change = 0.0
         left = self._residuals(targets, residual)
-        fault = None
+        solved, status = True, "converged"
         if change > _FIXED_POINT:
-            fault = "no fixed point: the modal force under these constraints does not settle"
+            solved, status = False, "no fixed point: the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
-            fault = f"constraint out of reach: {left.max():.2e} from its target"
-        return q, change, iterations, fault, left
+            solved, status = False, f"constraint out of reach: {left.max():.2e} from its target"
+        return Statics(q, change, iterations, solved, status), left
 
     def rigid_load(self, load: Array) -> float:
         """Share of the load, in the modes' norm, that pushes on rigid modes: nothing holds it in statics."""
@@ -156,7 +164,10 @@ class ModalModel(Model):
         damping: Damping,
         held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
     ) -> tuple[MotionState, bool]:
-        """One step of the integrator for every mode by itself, with the modal force of the step before."""
+        """One step of the integrator for every mode by itself.
+
+        Implicit Euler takes the modal force of the step before, the midpoint rule the one in a predicted middle.
+        """
         q, rates = state.coordinates, state.rates
         p = self.modal_force(q, load)
         stiffness = self.basis.eigenvalues
@@ -164,9 +175,12 @@ class ModalModel(Model):
         if self.integrator == "implicit_euler":
             rates = (rates + dt * (p - stiffness * q)) / (1.0 + dt * damp + dt**2 * stiffness)
             return self.advanced(state, q + dt * rates, rates), True
-        # Half an implicit Euler step to the middle, and as far again.
+        # Half an implicit Euler step to the middle, and as far again. The force at the step's beginning would feed
+        # energy into large motion: it only leads to where the middle is.
         half = 0.5 * dt
-        middle = (rates + half * (p - stiffness * q)) / (1.0 + half * damp + half**2 * stiffness)
+        inertia = 1.0 + half * damp + half**2 * stiffness
+        middle = (rates + half * (p - stiffness * q)) / inertia
+        middle = (rates + half * (self.modal_force(q + half * middle, load) - stiffness * q)) / inertia
         return self.advanced(state, q + dt * middle, 2.0 * middle - rates), True
 
     def advanced(self, state: MotionState, q: Array, rates: Array) -> MotionState:  # noqa: ARG002 (for overriding)
@@ -180,6 +194,22 @@ class ModalModel(Model):
         if self.integrator == "implicit_euler":
             return np.asarray(dt**2 / (1.0 + dt * damp + dt**2 * stiffness))
         return np.asarray(0.5 * dt**2 / (1.0 + 0.5 * dt * damp + 0.25 * dt**2 * stiffness))
+
+    def decay_rate(self, dt: float, damping: Damping) -> float:
+        """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
+        stiffness = self.basis.eigenvalues
+        damp = damping.mass_factor + damping.stiffness_factor * stiffness
+        # Half the trace, and the determinant, of the matrix that takes q and its rate over one step.
+        if self.integrator == "implicit_euler":
+            inertia = 1.0 + dt * damp + dt**2 * stiffness
+            half_trace, determinant = (1.0 + 0.5 * dt * damp) / inertia, 1.0 / inertia
+        else:
+            inertia = 1.0 + 0.5 * dt * damp + 0.25 * dt**2 * stiffness
+            half_trace = (1.0 - 0.25 * dt**2 * stiffness) / inertia
+            determinant = (1.0 - 0.5 * dt * damp + 0.25 * dt**2 * stiffness) / inertia
+        root = np.sqrt(np.asarray(half_trace**2 - determinant, dtype=np.complex128))
+        factor = float(np.maximum(np.abs(half_trace + root), np.abs(half_trace - root)).max())
+        return max(0.0, -2.0 * float(np.log(factor)) / dt)
 
     def meet_constraints(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, targets: Sequence[ResolvedTarget]

@@ -6,7 +6,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,6 +53,16 @@ class Equilibrium:
     coordinates: Array | None = None
     costs: dict[str, float] = field(default_factory=dict)
     constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
+
+
+class Statics(NamedTuple):
+    """A static answer in modal coordinates: q (m,), residual, iterations, whether it was solved, and what to say."""
+
+    q: Array
+    residual: float
+    iterations: int
+    solved: bool = True
+    status: str = "converged"
 
 
 @dataclass
@@ -154,6 +164,10 @@ class Model(ABC):
         """Kinetic energy [J], in the model's own frame."""
         mass = self.shell.mass[:, None] if state.rates.ndim == 2 else 1.0
         return float(0.5 * np.sum(mass * state.rates**2))
+
+    def decay_rate(self, dt: float, damping: Damping) -> float:  # noqa: ARG002 (for models that know it)
+        """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
+        return 0.0
 
     def fault(self, state: MotionState) -> str | None:  # noqa: ARG002 (most rungs have none)
         """What is wrong with a state that has left what the model can describe, in words; None if nothing is."""

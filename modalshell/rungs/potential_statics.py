@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.modes import Basis
+from modalshell.rungs.model import Statics
 from modalshell.rungs.reduced import minimise
 
 Array = NDArray[np.float64]
@@ -16,6 +17,8 @@ WOUND_UP = 2.0 * np.pi
 """Rotation of a vertex or triangle [rad] from which a state has left the branch that grows from rest."""
 
 _TOLERANCE = 1e-9
+_FAINT = 1e-3
+"""Modal force at rest, as a share of the most that the load's size allows, below which it is no measure of the load."""
 _FIRST_TURN = 0.5
 """Turn [rad] that the first step towards an equilibrium may predict."""
 
@@ -35,7 +38,7 @@ class Workable(Protocol):
         """Largest rotation [rad] at q."""
 
 
-def least_potential(model: Workable, load: Array, start: Array | None) -> tuple[Array, float, int, str | None]:
+def least_potential(model: Workable, load: Array, start: Array | None) -> Statics:
     """Minimise ``q . Lambda q / 2 - f . u(q)`` over the elastic modes, rigid ones staying at zero.
 
     Parameters
@@ -49,19 +52,17 @@ def least_potential(model: Workable, load: Array, start: Array | None) -> tuple[
 
     Returns
     -------
-    q : ndarray, shape (m,)
-        Modal coordinates.
-    residual : float
-        ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``.
-    iterations : int
-        Steps of the minimiser.
-    fault : str or None
-        What went wrong, if anything did.
+    Statics
+        Its residual is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``, unless p(0) is far less than the
+        load's size lets it be. A minimum that has wound up is the
+        model's answer all the same, and says so.
     """
     basis = model.basis
     elastic = slice(basis.rigid_modes, None)
     root = np.sqrt(basis.eigenvalues[elastic])
     q = np.zeros(basis.count)
+    if not root.size:
+        return Statics(q, 0.0, 0)
 
     # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
     def value_gradient(y: Array) -> tuple[float, Array]:
@@ -74,15 +75,18 @@ def least_potential(model: Workable, load: Array, start: Array | None) -> tuple[
         return np.asarray(np.eye(root.size) - model.work_curvature(q, load)[elastic, elastic] / root[:, None] / root)
 
     push = model.work(q, load)[1][elastic] / root
-    scale = float(np.linalg.norm(push)) or 1.0
+    # A load that no mode feels at rest may buckle the shell all the same: it needs a scale that is not rounding.
+    shell = basis.shell
+    most = float(np.sqrt(np.sum(load[shell.free] ** 2 / shell.mass[shell.free, None]))) / root.min()
+    scale = max(float(np.linalg.norm(push)), _FAINT * most) or 1.0
     first = np.zeros_like(root) if start is None else root * start[elastic]
     q[elastic] = push / root
     radius = scale * min(1.0, _FIRST_TURN / max(model.largest_turn(q), 1e-300))
     found = minimise(value_gradient, hessian, first, _TOLERANCE, scale=scale, radius=radius)
     q[elastic] = found.point / root
-    fault = None
+    status = "converged"
     if not found.converged:
-        fault = f"not converged: residual {found.residual:.1e} of {_TOLERANCE:.0e}"
+        status = f"not converged: residual {found.residual:.1e} of {_TOLERANCE:.0e}"
     elif model.largest_turn(q) > WOUND_UP:
-        fault = "wound up: a part of the shell has turned by more than 2 pi"
-    return q, found.residual, found.iterations, fault
+        status = "converged, but wound up: a part of the shell has turned by more than 2 pi"
+    return Statics(q, found.residual, found.iterations, found.converged, status)

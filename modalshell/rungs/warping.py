@@ -15,7 +15,7 @@ from modalshell.modes import Basis
 from modalshell.rungs.constraints import Constraint
 from modalshell.rungs.frame import WarpFrame
 from modalshell.rungs.modal import Integrator, ModalModel
-from modalshell.rungs.model import Equilibrium, MotionState
+from modalshell.rungs.model import Equilibrium, MotionState, Statics
 from modalshell.rungs.potential_statics import WOUND_UP, least_potential
 
 Array = NDArray[np.float64]
@@ -175,9 +175,11 @@ class ModalWarping(ModalModel):
         """Largest rotation of a vertex [rad] at q."""
         return float(rotations.largest_angle(self.rotation_vectors(q)))
 
-    def _free_statics(self, load: Array, start: Array | None) -> tuple[Array, float, int, str | None]:
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:
         if self.consistent_force:
             return least_potential(self, load, start)
+        if self.basis.count == self.basis.rigid_modes:
+            return Statics(np.zeros(self.basis.count), 0.0, 0)
         root = np.sqrt(self.basis.eigenvalues[self._elastic])
         scale = float(np.linalg.norm((self._modes.T @ load.ravel()) / root)) or 1.0
         # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
@@ -187,14 +189,14 @@ class ModalWarping(ModalModel):
             y, residual, iterations, solved = self._follow(load, root, scale)
         q = np.zeros(self.basis.count)
         q[self._elastic] = y / root
-        fault = None
+        status = "converged"
         if not solved:
-            fault = "no fixed point: the branch from rest ends before this load"
+            status = "no fixed point: the branch from rest ends before this load"
         elif self.largest_turn(q) > WOUND_UP:
-            fault = "wound up: a vertex has turned by more than 2 pi"
+            solved, status = False, "wound up: a vertex has turned by more than 2 pi"
         elif not self._stable(y, load, root):
-            fault = "unstable: a fixed point that damped motion leaves"
-        return q, residual, iterations, fault
+            solved, status = False, "unstable: a fixed point that damped motion leaves"
+        return Statics(q, residual, iterations, solved, status)
 
     def fault(self, state: MotionState) -> str | None:
         """Say where the state has wound up: a vertex turned by more than 2 pi."""
