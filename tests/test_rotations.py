@@ -117,6 +117,67 @@ def test_rotated_load_jacobian_passes_the_taylor_test(scale):
     assert np.polyfit(np.log(steps), np.log(remainders), 1)[0] == pytest.approx(2.0, abs=0.1)
 
 
+def jacobian_of_warp(w, v):
+    """d(Rt(w) v)/dw by Gauss-Legendre of d(e^{r[w]} v)/dw = -[e^{r[w]} v] r Rt(r w), in SciPy's rotations."""
+    nodes, weights = np.polynomial.legendre.leggauss(60)
+    inner = 0.5 * (nodes + 1.0)
+    total = np.zeros((3, 3))
+    for r, c in zip(inner, 0.5 * weights, strict=True):
+        average = np.tensordot(0.5 * weights, Rotation.from_rotvec(np.outer(inner, r * w)).as_matrix(), 1)
+        total -= c * r * cross_matrices(Rotation.from_rotvec(r * w).apply(v)) @ average
+    return total
+
+
+def warp_jacobian(w, v):
+    jacobians = np.empty((len(w), 3, 3))
+    rotations.warp_jacobian(w, v, jacobians)
+    return jacobians
+
+
+@pytest.mark.parametrize("angle", [0.0, *ANGLES, 1e-4, 0.9999999, 1.0000001, 3.0, 6.2])
+def test_warp_jacobian_is_the_derivative(angle):
+    v = np.random.default_rng(5).standard_normal((3, 3))
+    w = angle * directions()
+    for found, axis, vector in zip(warp_jacobian(w, v), w, v, strict=True):
+        np.testing.assert_allclose(found, jacobian_of_warp(axis, vector), rtol=0, atol=2e-14 * (1 + angle))
+
+
+def test_warp_jacobian_at_rest_is_half_the_cross_matrix():
+    v = np.random.default_rng(6).standard_normal((4, 3))
+    np.testing.assert_array_equal(warp_jacobian(np.zeros((4, 3)), v), -0.5 * cross_matrices(v))
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-3, 0.3, 0.999, 1.0, 1.001, math.pi, 2 * math.pi, 20.0])
+def test_warp_jacobian_passes_the_taylor_test(angle):
+    rng = np.random.default_rng(int(1000 * angle))
+    w, v, direction = rng.standard_normal((3, 6, 3))
+    w *= angle / np.linalg.norm(w, axis=1, keepdims=True)
+    change = np.einsum("nij,nj->ni", warp_jacobian(w, v), direction)
+
+    def warped(at):
+        out = np.empty_like(v)
+        rotations.warp(at, v, 1.0, out)
+        return out
+
+    steps = np.logspace(-1.5, -4.0, 6)
+    remainders = [np.linalg.norm(warped(w + h * direction) - warped(w) - h * change) for h in steps]
+    assert np.polyfit(np.log(steps), np.log(remainders), 1)[0] == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("angle", [1e-160, 1e-8, 1e-3, 0.5, 0.99999, 1.0, 1.00001, 2.0, math.pi, 2 * math.pi, 20.0])
+def test_slopes_of_the_coefficients_keep_their_digits(angle):
+    squared = angle**2
+    _, second, third = rotations.coefficients(squared)
+    with mpmath.workdps(700):
+        phi = mpmath.mpf(angle)
+        exact_second = (phi * mpmath.sin(phi) - 2 * (1 - mpmath.cos(phi))) / phi**4
+        exact_third = (3 * mpmath.sin(phi) - phi * (2 + mpmath.cos(phi))) / phi**5
+    found = rotations._slopes(squared, second, third)
+    # Where the closed form cancels, at angles of 1 and a little more, two digits go.
+    assert found[0] == pytest.approx(float(exact_second), rel=1e-13, abs=1e-17)
+    assert found[1] == pytest.approx(float(exact_third), rel=1e-13, abs=1e-17)
+
+
 def test_largest_angle():
     w = np.array([[0.1, 0.0, 0.0], [0.0, -3.0, 4.0], [1.0, 1.0, 1.0]])
     assert rotations.largest_angle(w) == pytest.approx(5.0, rel=1e-15)

@@ -118,3 +118,16 @@ def test_refusals():
     path = ms.SupportPath([0.0, 1.0], np.zeros((2, 3)))
     with pytest.raises(ms.SupportError, match="holds none"):
         ms.simulate(ms.DiscreteShell(free), duration=0.1, supports=path)
+
+
+def test_turns_start_and_stop_at_rest_and_rates_are_the_rotations_own():
+    path = ms.SupportPath([0.0, 1.0, 2.0], np.zeros((3, 3)), [[0, 0, 0], [1.0, 0.5, -0.3], [0.2, 2.0, 7.0]])
+    np.testing.assert_allclose(path.at(0.0).turn_rate, 0.0, atol=1e-12)
+    np.testing.assert_allclose(path.at(2.0).turn_rate, 0.0, atol=1e-12)
+    step = 1e-5
+    for time in (0.2, 0.9, 1.7):
+        before, now, after = (path.at(time + shift) for shift in (-step, 0.0, step))
+        spin = now.rotation.T @ (after.rotation - before.rotation) / (2 * step)
+        np.testing.assert_allclose([spin[2, 1], spin[0, 2], spin[1, 0]], now.turn_rate, rtol=1e-7, atol=1e-8)
+        change = (after.turn_rate - before.turn_rate) / (2 * step)
+        np.testing.assert_allclose(change, now.turn_acceleration, rtol=1e-7, atol=1e-6)

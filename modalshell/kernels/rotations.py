@@ -71,6 +71,21 @@ def warp(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def]
 
 
 @_kernel
+def averages(rotation_vectors, out):  # type: ignore[no-untyped-def]
+    """``out_i = Rt(w_i)`` (n, 3, 3)."""
+    unit = np.empty(3)
+    column = np.empty(3)
+    for i in range(rotation_vectors.shape[0]):
+        w = rotation_vectors[i]
+        _, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        for axis in range(3):
+            unit[:] = 0.0
+            unit[axis] = 1.0
+            _apply(w, unit, second, third, column)
+            out[i, :, axis] = column
+
+
+@_kernel
 def largest_angle(rotation_vectors):  # type: ignore[no-untyped-def]
     """Largest |w_i| over all vertices [rad]."""
     largest = 0.0

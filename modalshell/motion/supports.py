@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_number, checked_vectors
 from modalshell.errors import OptionError
+from modalshell.kernels import rotations
 
 Array = NDArray[np.float64]
 
@@ -61,8 +62,21 @@ class Pose:
         return np.asarray(load @ self.rotation - mass[:, None] * felt)
 
 
+def turn_rates(vector: Array, first: Array, second: Array) -> tuple[Array, Array]:
+    """Angular velocity and acceleration (3,) in the turning frame, from a rotation vector and its time derivatives.
+
+    ``omega = Rt(-w) w'``, Rt(-w) being the right Jacobian of SO(3), and its derivative along the path.
+    """
+    rate, along = np.empty((2, 1, 3))
+    slope = np.empty((1, 3, 3))
+    rotations.warp(-vector[None], first[None], 1.0, rate)
+    rotations.warp(-vector[None], second[None], 1.0, along)
+    rotations.warp_jacobian(-vector[None], first[None], slope)
+    return rate[0], along[0] - slope[0] @ first
+
+
 class SupportPath:
-    """A path of the supports through keyframes: a cubic spline of the translation, and of the rotation.
+    """A path of the supports through keyframes: a cubic spline of the translation, and of the rotation vector.
 
     Before the first and after the last keyframe the supports rest there.
 
@@ -73,7 +87,7 @@ class SupportPath:
     translations : array_like, shape (k, 3)
         Displacement of the supports [m].
     rotation_vectors : array_like, shape (k, 3), optional
-        Rotation of the supports from their rest orientation [rad]; none without it.
+        Rotation of the supports from their rest orientation [rad], more than one turn if need be; none without it.
     pivot : array_like, shape (3,)
         Point of the rest shape about which they turn [m].
 
@@ -99,10 +113,10 @@ class SupportPath:
         # Clamped ends: the supports start and stop at rest.
         moved = checked_vectors("translations", translations, shape, OptionError)
         self._translation = CubicSpline(self.times, moved, bc_type="clamped")
-        self._rotation: RotationSpline | None = None
+        self._rotation: CubicSpline | None = None
         if rotation_vectors is not None:
             turned = checked_vectors("rotation_vectors", rotation_vectors, shape, OptionError)
-            self._rotation = RotationSpline(self.times, Rotation.from_rotvec(turned))
+            self._rotation = CubicSpline(self.times, turned, bc_type="clamped")
 
     @classmethod
     def from_function(
@@ -128,10 +142,9 @@ class SupportPath:
         none = np.zeros(3)
         rotation, rate, turning = np.eye(3), none, none
         if self._rotation is not None:
-            rotation = self._rotation(inside).as_matrix()
+            vector = self._rotation(inside)
+            rotation = Rotation.from_rotvec(vector).as_matrix()
             if moving:
-                # SciPy's rates are those in the turning frame, which is the shell's.
-                rate = np.asarray(self._rotation(inside, 1))
-                turning = np.asarray(self._rotation(inside, 2))
+                rate, turning = turn_rates(vector, self._rotation(inside, 1), self._rotation(inside, 2))
         acceleration = np.asarray(self._translation(inside, 2)) @ rotation if moving else none
         return Pose(rotation, np.asarray(self._translation(inside)), self.pivot, acceleration, rate, turning)

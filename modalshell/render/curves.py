@@ -18,13 +18,14 @@ MODEL_COLORS = {"LMA": "#c8322b", "MWTS": "#2b5fc8", "DS": "#2f9e44"}
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a panel: values ``y`` over ``x`` with a label and a colour."""
+    """One line of a panel: values ``y`` over ``x`` with a label and a colour; a guide has no points."""
 
     x: ArrayLike
     y: ArrayLike
     label: str
     color: str
     dashed: bool = False
+    points: bool = True
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,11 @@ class Panel:
     band_label: str = ""
 
 
-def draw_curves(panels: Sequence[Panel], path: str | Path) -> Path:
-    """Draw panels side by side into a PNG; OptionError for values not finite, or <= 0 on a logarithmic axis."""
+def draw_curves(panels: Sequence[Panel], path: str | Path, *, columns: int | None = None) -> Path:
+    """Draw panels into a PNG, side by side or in rows of ``columns``.
+
+    OptionError for values not finite, or <= 0 on a logarithmic axis.
+    """
     for panel in panels:
         for curve in panel.curves:
             values = np.concatenate([np.ravel(curve.x), np.ravel(curve.y)]).astype(float)
@@ -65,13 +69,15 @@ def draw_curves(panels: Sequence[Panel], path: str | Path) -> Path:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6.4 * len(panels), 4.6), layout="constrained", dpi=150)
+    across = columns or len(panels)
+    rows = -(-len(panels) // across)
+    figure = Figure(figsize=(6.4 * across, 4.6 * rows), layout="constrained", dpi=150)
     FigureCanvasAgg(figure)
-    for axes, panel in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
+    for place, panel in enumerate(panels, start=1):
+        axes = figure.add_subplot(rows, across, place)
         for curve in panel.curves:
-            axes.plot(
-                curve.x, curve.y, "--" if curve.dashed else "-", marker="o", ms=4, color=curve.color, label=curve.label
-            )
+            style, marker = "--" if curve.dashed else "-", "o" if curve.points else None
+            axes.plot(curve.x, curve.y, style, marker=marker, ms=4, color=curve.color, label=curve.label)
         if panel.log:
             axes.set_yscale("log")
         if panel.log_x:

@@ -97,6 +97,7 @@ def draw_maps(panels: Sequence[MapPanel], colors: Mapping[str, str], path: str |
         )
         if panel.log_x:
             axes.set_xscale("log")
+        axes.set_xlim(*np.exp(edges[[0, -1]]) if panel.log_x else edges[[0, -1]])
         if panel.boundary is not None:
             at = np.asarray(panel.boundary, dtype=float)
             for row in np.flatnonzero(np.isfinite(at)):

@@ -30,13 +30,6 @@ _LOAD_TURN = 0.5
 """Turn of a vertex [rad] that one load step may predict."""
 
 
-def averaged_rotation(rotation_vector: Array) -> Array:
-    """``Rt(w)`` (3, 3), the average of the rotations from 0 to w (3,)."""
-    columns = np.empty((3, 3))
-    rotations.warp(np.tile(rotation_vector, (3, 1)), np.eye(3), 1.0, columns)
-    return columns.T
-
-
 class ModalWarping(ModalModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 
@@ -118,13 +111,11 @@ class ModalWarping(ModalModel):
         modes = self._patch_rows(self.basis.modes, vertices)
         turns = self._patch_rows(self.basis.rotations, vertices)
         w, linear = turns @ q, modes @ q
-        warped = np.empty_like(linear)
-        rotations.warp(w, linear, 1.0, warped)
-        slopes = np.empty((len(vertices), 3, 3))
+        averages, slopes = np.empty((2, len(vertices), 3, 3))
+        rotations.averages(w, averages)
         rotations.warp_jacobian(w, linear, slopes)
-        averages = np.array([averaged_rotation(vector) for vector in w])
-        jacobian = (averages @ modes + slopes @ turns).mean(axis=0)
-        return (self.shell.rest_positions[vertices] + warped).mean(axis=0), jacobian
+        value = self.shell.rest_positions[vertices] + np.einsum("vij,vj->vi", averages, linear)
+        return value.mean(axis=0), (averages @ modes + slopes @ turns).mean(axis=0)
 
     def modal_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
@@ -146,7 +137,8 @@ class ModalWarping(ModalModel):
 
         ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Three ways to fail are told apart:
         "no fixed point" (the branch ends), "wound up" (a vertex turned by more than 2 pi) and "unstable" (a fixed
-        point that the damped motion leaves). With ``constraints``, the least modal work that meets them.
+        point that even heavily damped motion leaves; lightly damped motion may cycle about others). With
+        ``constraints``, the least modal work that meets them.
         """
         if self.warp == "sum":
             raise OptionError("the summed warp depends on the path, so it has no statics: take warp='closed_form'")

@@ -1,0 +1,114 @@
+"""The discrete-shell energy of displacements ``u = U z``: over all elements, or over a weighted few of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.kernels.blocks import multiply
+from modalshell.shell import EXACT, Shell
+from modalshell.shell.elements import ElementSet
+from modalshell.shell.pattern import build_pattern
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class ReducedEnergy:
+    """``E(z) = sum_e xi_e w_e (g_e(X + U z) - g_e(X))^2`` with its derivatives in z [barbic2005; an2008].
+
+    Parameters
+    ----------
+    shell : Shell
+        Gives the elements, and X.
+    vectors : ndarray, shape (3n, r)
+        U, displacement fields [1/sqrt(kg)] for coordinates z [m sqrt(kg)].
+    chosen : sequence of int arrays, optional
+        Which elements of each of the shell's element sets to sum; all without it.
+    factors : sequence of arrays, optional
+        xi, the factor of each chosen element; one without it.
+
+    Attributes
+    ----------
+    elements : list of ElementSet
+        The summed elements, on their own numbering of the vertices that they touch.
+    vertices : ndarray of int
+        Those vertices of the shell.
+    """
+
+    def __init__(
+        self,
+        shell: Shell,
+        vectors: Array,
+        chosen: Sequence[Index] | None = None,
+        factors: Sequence[Array] | None = None,
+    ) -> None:
+        if chosen is None:
+            chosen = [np.arange(e.rest.size) for e in shell.elements]
+        if factors is None:
+            factors = [np.ones(picked.size) for picked in chosen]
+        stencils = [e.stencils[picked] for e, picked in zip(shell.elements, chosen, strict=True)]
+        self.vertices = np.unique(np.concatenate([stencil.ravel() for stencil in stencils]))
+        local = np.zeros(len(shell.rest_positions), np.int64)
+        local[self.vertices] = np.arange(self.vertices.size)
+        self.elements: list[ElementSet] = [
+            replace(e, stencils=local[stencil], rest=e.rest[picked], weight=e.weight[picked] * factor)
+            for e, stencil, picked, factor in zip(shell.elements, stencils, chosen, factors, strict=True)
+        ]
+        self._rest = shell.rest_positions[self.vertices]
+        rows = (3 * self.vertices[:, None] + np.arange(3)).ravel()
+        self._vectors = np.ascontiguousarray(vectors[rows])
+        count = self.vertices.size
+        self._pattern, self._slots = build_pattern(count, [e.stencils for e in self.elements], np.arange(count))
+        self._product = np.empty_like(self._vectors)
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates r."""
+        return int(self._vectors.shape[1])
+
+    def positions(self, z: Array) -> Array:
+        """Positions (k, 3) [m] of the touched vertices."""
+        return np.asarray(self._rest + (self._vectors @ z).reshape(-1, 3))
+
+    def value(self, z: Array) -> float:
+        """Energy [J]; not finite at collapsed elements."""
+        x = self.positions(z)
+        return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in self.elements))
+
+    def gradient(self, z: Array) -> tuple[float, Array]:
+        """Energy [J] and its gradient ``U^T grad E`` (r,)."""
+        x = self.positions(z)
+        gradient = np.zeros_like(x)
+        total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in self.elements)
+        return float(total), np.asarray(gradient.ravel() @ self._vectors)
+
+    def hessian(
+        self, z: Array, geometric: int = EXACT, stresses: Sequence[Array] | None = None
+    ) -> tuple[float, Array, Array]:
+        """Energy, gradient (r,) and Hessian ``U^T K U`` (r, r); options as for a shell's Hessian."""
+        x = self.positions(z)
+        gradient = np.zeros_like(x)
+        data = np.zeros(self._pattern.indices.size)
+        total = 0.0
+        none = np.empty(0)
+        for index, e in enumerate(self.elements):
+            stress = none if stresses is None else stresses[index]
+            place = (self._slots[index], self._pattern.strides, data, gradient)
+            total += e.kernel.add_stiffness(x, e.stencils, e.rest, e.weight, stress, geometric, *place)
+        multiply(self._pattern.indptr, self._pattern.indices, data, self._vectors, self._product)
+        reduced = self._vectors.T @ self._product
+        return float(total), np.asarray(gradient.ravel() @ self._vectors), np.asarray(0.5 * (reduced + reduced.T))
+
+    def predicted_stresses(self, z: Array, step: Array) -> list[Array]:
+        """Stress of every element after ``step`` (r,) by the measures linearised at ``z`` (mixed Newton)."""
+        x, moved = self.positions(z), (self._vectors @ step).reshape(-1, 3)
+        stresses = []
+        for e in self.elements:
+            stress = np.empty(e.rest.size)
+            e.kernel.linear_stress(x, moved, e.stencils, e.rest, e.weight, stress)
+            stresses.append(stress)
+        return stresses

@@ -1,0 +1,52 @@
+"""Maps of the cheapest rung that a strip needs (reads the study ``validity_map``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from modalshell.render.maps import MapPanel, draw_maps
+from modalshell.study import StudyResult, load_script
+
+COLORS = {
+    "LMA": "#f4c7a1",
+    "MWTS": "#8fb3e8",
+    "RSW": "#5bb98b",
+    "MD-ROM": "#2c7a7b",
+    "coarse DS": "#d9a6c2",
+    "DS": "#b0304f",
+    "no answer": "#bbbbbb",
+}
+AXES = {
+    "fold": ("fold [degrees]", "fold, membrane {membrane:g} N/m"),
+    "membrane": ("membrane stiffness [N/m]", "membrane, fold {fold:g}°"),
+}
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    result = StudyResult.load(results, "validity_map")
+    found = result.findings
+    cheapest = load_script("studies", "validity_map").cheapest
+    panels = []
+    for axis, (label, title) in AXES.items():
+        rows = found["maps"][axis]["rows"]
+        snaps = [np.nan if case["snap"] is None else case["snap"] for case in rows]
+        for tolerance in found["tolerances"]:
+            panels.append(
+                MapPanel(
+                    found["gammas"],
+                    found["maps"][axis]["values"],
+                    [cheapest(case, tolerance) for case in rows],
+                    f"within {100 * tolerance:g} %: " + title.format(**result.record["parameters"]["fixed"]),
+                    "Γ",
+                    label,
+                    log_x=True,
+                    boundary=snaps,
+                    boundary_label="DS snaps",
+                )
+            )
+    present = {name for panel in panels for row in panel.classes for name in row}
+    colors = {name: color for name, color in COLORS.items() if name in present}
+    return draw_maps(panels, colors, folder / "validity_map.png", columns=3)

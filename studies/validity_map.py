@@ -1,0 +1,128 @@
+"""Which rung does a strip need? Errors of the ladder over fold angle, membrane stiffness and load, against DS.
+
+A strip, folded along its middle by more or less, hangs under growing gravity. For every fold (at one membrane
+stiffness) and for every membrane stiffness (at one fold) each rung's equilibrium is held against DS on the same mesh;
+the map shows the cheapest rung that stays within 1, 5 and 20 % of its displacement. Where DS jumps, the snap boundary
+is drawn: beyond it no rung on rest modes is of use, and DS on a coarse mesh takes over.
+
+Gravity is given as ``Gamma = 8 x (linear drop of the free end) / (free length)``; see ``v_beam_accuracy``.
+
+Run it alone with ``modalshell reproduce --only validity_map``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import modalshell as ms
+from modalshell.study import StudyResult, load_script, run_record
+
+LENGTH, WIDTH = 1.0, 0.2
+FLEXURE, DENSITY, MODES = 0.05, 0.2, 8
+FOLDS = (0.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)
+"""Angles between the flanges' normals [degrees]; 0 is flat."""
+MEMBRANES = (2.0, 10.0, 50.0, 250.0, 1250.0, 6250.0, 31250.0)
+"""Stretch and shear stiffness [N/m, N]."""
+FIXED = {"fold": 30.0, "membrane": 250.0}
+GAMMAS = tuple(np.geomspace(1.0 / 16.0, 64.0, 11))
+TOLERANCES = (0.01, 0.05, 0.2)
+LADDER = ("LMA", "MWTS", "RSW", "MD-ROM", "coarse DS")
+"""Rungs below DS, cheapest first."""
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Solve both maps; ``quick`` takes fewer cases on a coarser mesh."""
+    cells = (16, 4) if quick else (30, 6)
+    folds, membranes = (FOLDS[::4], MEMBRANES[1::4]) if quick else (FOLDS, MEMBRANES)
+    gammas = np.array(GAMMAS[::3] if quick else GAMMAS)
+    cases = [("fold", fold, fold, FIXED["membrane"]) for fold in folds]
+    cases += [("membrane", membrane, FIXED["fold"], membrane) for membrane in membranes]
+    found: dict[str, Any] = {name: {"values": [], "rows": []} for name in ("fold", "membrane")}
+    for done, (axis, value, fold, membrane) in enumerate(cases, start=1):
+        found[axis]["values"].append(value)
+        found[axis]["rows"].append(row(cells, fold, membrane, gammas))
+        if on_step is not None:
+            on_step(done, len(cases))
+    parameters = {"length": LENGTH, "width": WIDTH, "flexure": FLEXURE, "density": DENSITY, "modes": MODES}
+    parameters |= {"cells": cells, "family": "alternating", "fixed": FIXED}
+    findings = {"maps": found, "gammas": gammas, "tolerances": TOLERANCES, "ladder": LADDER}
+    return StudyResult("validity_map", findings, {}, run_record(parameters))
+
+
+def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray) -> dict[str, Any]:
+    """Errors of every rung at each load of one strip, and the load at which DS jumps (None if it does not)."""
+    mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=cells)
+    material = ms.Material(membrane, membrane, FLEXURE, DENSITY)
+    shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
+    coarse = ms.coarse_shell(shell, coarse_mesh(fold, cells))
+    loads = load_script("studies", "v_beam_accuracy")
+    gamma_per_gravity = loads.gamma_per_gravity(shell)
+    basis = ms.solve_modes(shell, MODES)
+    rungs = (
+        ms.LinearModal(basis),
+        ms.ModalWarping(basis),
+        ms.RotationStrain(basis),
+        ms.ModalDerivatives(shell, count=MODES),
+        ms.CoarseDiscreteShell(shell, coarse),
+    )
+    truth, last, last_gravity, snap = ms.DiscreteShell(shell), mesh.vertices, 0.0, None
+    errors: dict[str, list[float | None]] = {rung.name: [] for rung in rungs}
+    statuses = []
+    for gamma in gammas:
+        gravity = gamma / gamma_per_gravity
+        exact = truth.equilibrium(gravity=(0, 0, -gravity), start=last)
+        statuses.append(exact.status)
+        if snap is None and exact.converged:
+            jump = loads.find_jump(truth, last, last_gravity, exact.positions, gravity)
+            snap = None if jump is None else gamma_per_gravity * jump["gravity"][1]
+        for rung in rungs:
+            answer = rung.equilibrium(gravity=(0, 0, -gravity))
+            error = ms.measure.displacement_error(answer.positions, exact.positions, shell)
+            # Without an equilibrium, or without a truth, there is no error to state.
+            errors[rung.name].append(error if answer.converged and exact.converged else None)
+        last, last_gravity = exact.positions, gravity
+    return {"errors": errors, "snap": snap, "ds_statuses": statuses}
+
+
+def coarse_mesh(fold: float, cells: tuple[int, int]) -> ms.TriangleMesh:
+    """The strip with half the cells along it, its second row of vertices where the fine one's is: both are held."""
+    half, held = cells[0] // 2, LENGTH / cells[0]
+    mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=(half, 4 if cells[1] > 4 else 2))
+    vertices = np.array(mesh.vertices)
+    x, cell = vertices[:, 0], LENGTH / half
+    beyond = held + (x - cell) * (LENGTH - held) / (LENGTH - cell)
+    vertices[:, 0] = np.where(x < 0.5 * cell, 0.0, beyond)
+    return ms.TriangleMesh(vertices, mesh.faces)
+
+
+def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
+    """Cheapest rung within ``tolerance`` at each load of one row; "DS" where none is, "no answer" without a truth."""
+    names = []
+    for place, status in enumerate(found["ds_statuses"]):
+        good = [rung for rung in LADDER if (error := found["errors"][rung][place]) is not None and error <= tolerance]
+        names.append("no answer" if status != "converged" else good[0] if good else "DS")
+    return names
+
+
+def table(result: StudyResult) -> str:
+    """Largest Gamma up to which each rung stays within each tolerance, one row a strip."""
+    found = result.findings
+    lines = ["| strip | snap at Γ | " + " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in LADDER) + " |"]
+    lines.append("|---|---|" + "---|" * len(LADDER))
+    words = {"fold": "fold {:g}°", "membrane": "membrane {:g} N/m"}
+    for axis, text in words.items():
+        for value, case in zip(found["maps"][axis]["values"], found["maps"][axis]["rows"], strict=True):
+            snap = "no" if case["snap"] is None else f"{case['snap']:.1f}"
+            reach = [" / ".join(_reach(case, rung, t, found["gammas"]) for t in TOLERANCES) for rung in LADDER]
+            lines.append(f"| {text.format(value)} | {snap} | " + " | ".join(reach) + " |")
+    lines += ["", "Numbers are the largest Γ of the sweep up to which the rung stays within; – for none."]
+    return "\n".join(lines)
+
+
+def _reach(case: dict[str, Any], rung: str, tolerance: float, gammas: np.ndarray) -> str:
+    errors = [np.inf if error is None else error for error in case["errors"][rung]]
+    within = np.cumprod(np.array(errors) <= tolerance).sum()
+    return f"{gammas[int(within) - 1]:.2g}" if within else "–"
