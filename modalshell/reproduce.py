@@ -10,8 +10,13 @@ from modalshell.files import write_text
 from modalshell.study import load_script
 
 FIGURES: dict[str, tuple[str, ...]] = {
+    "dancing_character": ("figure_8",),
     "flat_vs_v_beam": ("figure_4",),
+    "integrator_drift": ("integrator_drift",),
     "large_mesh": ("figure_3",),
+    "manipulation": ("figure_7",),
+    "tradeoff": ("tradeoff",),
+    "validity_map": ("validity_map",),
     "v_beam_accuracy": ("figure_5", "figure_6a", "figure_6b"),
 }
 """Which figure scripts read which study's result."""

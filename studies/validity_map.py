@@ -49,7 +49,11 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     parameters = {"length": LENGTH, "width": WIDTH, "flexure": FLEXURE, "density": DENSITY, "modes": MODES}
     parameters |= {"cells": cells, "family": "alternating", "fixed": FIXED}
     findings = {"maps": found, "gammas": gammas, "tolerances": TOLERANCES, "ladder": LADDER}
-    return StudyResult("validity_map", findings, {}, run_record(parameters))
+    arrays = {
+        f"{axis}_errors": np.array([[case["errors"][rung] for rung in LADDER] for case in found[axis]["rows"]], float)
+        for axis in found
+    }
+    return StudyResult("validity_map", findings, arrays, run_record(parameters))
 
 
 def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray) -> dict[str, Any]:

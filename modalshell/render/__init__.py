@@ -4,8 +4,8 @@ Importing this package imports neither library: both are loaded when something i
 """
 
 from modalshell.render.backend import choose_backend
-from modalshell.render.film import write_film
+from modalshell.render.film import write_film, write_scene_film
 from modalshell.render.scene import ShadedSurface, View
 from modalshell.render.views import draw_views
 
-__all__ = ["ShadedSurface", "View", "choose_backend", "draw_views", "write_film"]
+__all__ = ["ShadedSurface", "View", "choose_backend", "draw_views", "write_film", "write_scene_film"]

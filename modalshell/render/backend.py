@@ -33,6 +33,15 @@ plotter.close()
 print("modalshell-probe", "ok" if image.max() > image.min() and image.std() > 1.0 else "blank")
 """
 PROBE_COMMAND: tuple[str, ...] = (sys.executable, "-c", _PROBE)
+_WINDOW_PROBE = """
+import pyvista
+plotter = pyvista.Plotter(window_size=(64, 64))
+plotter.show(interactive=False, auto_close=False)
+# Without a display that answers VTK turns to a window that nobody sees.
+shown = not plotter.render_window.GetClassName().startswith(("vtkEGL", "vtkOSOpenGL"))
+plotter.close()
+print("modalshell-probe", "ok" if shown else "unseen")
+"""
 _lock = threading.Lock()
 
 
@@ -85,6 +94,13 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
         stacklevel=2,
     )
     return "matplotlib"
+
+
+def opens_windows(*, timeout: float = PROBE_SECONDS) -> bool:
+    """Tell whether a window can be shown to the user; asked in a child process, as VTK without a display crashes."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        return False
+    return _renders((sys.executable, "-c", _WINDOW_PROBE), None, timeout)
 
 
 def _window_candidates() -> list[str | None]:

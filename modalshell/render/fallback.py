@@ -91,7 +91,7 @@ class MatplotlibPainter:
         if surface.style == "wireframe" or (surface.edges and surface.style == "surface"):
             opacity = surface.opacity
             pieces.append(_lines(pixels, nearness, table.edges, color, MESH_LINE_WIDTH * SUPERSAMPLING, opacity))
-        if surface.style != "wireframe":
+        if surface.style != "wireframe" and (surface.lined or surface.style == "outline"):
             edges = table.edges[table.outline(vertices, faces, camera)]
             pieces.append(_lines(pixels, nearness, edges, color, LINE_WIDTH * SUPERSAMPLING, line_opacity(surface)))
         return pieces

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -80,34 +80,89 @@ def write_film(
         The file written.
     """
     positions = checked_positions(frames_positions, "frames_positions", frames=True)
-    size = checked_size(size, even=True)
-    if not (math.isfinite(fps) and 0.0 < fps <= 1000.0):
-        raise OptionError(f"fps must lie in (0, 1000] (got {fps!r})")
-    if not (math.isfinite(zoom) and zoom > 0.0):
-        raise OptionError(f"zoom must be a positive number (got {zoom!r})")
     surfaces = [ShadedSurface(positions[0], faces, color, smooth=smooth, edges=edges)]
-    cloud = positions.reshape(-1, 3)
+    motions: list[ArrayLike | None] = [positions]
     if rest is not None:
         outline = checked_positions(rest, "rest")
         if outline.shape != positions.shape[1:]:
             raise OptionError(f"rest must have shape {positions.shape[1:]}, as each frame (got {outline.shape})")
         surfaces.append(ShadedSurface(outline, faces, "0.55", opacity=0.6, style="outline"))
-        cloud = np.concatenate([cloud, outline])
+        motions.append(None)
+    return write_scene_film(
+        path, surfaces, motions, fps=fps, size=size, title=title, camera=camera, zoom=zoom, parallel=parallel,
+        on_frame=on_frame,
+    )  # fmt: skip
+
+
+def write_scene_film(
+    path: str | Path,
+    surfaces: Sequence[ShadedSurface],
+    motions: Sequence[ArrayLike | None],
+    *,
+    fps: float = 30.0,
+    size: tuple[int, int] = (960, 720),
+    title: str | None = None,
+    camera: tuple[float, float, float] = DEFAULT_CAMERA,
+    zoom: float = 1.0,
+    parallel: bool = False,
+    on_frame: Callable[[int, int], None] | None = None,
+) -> Path:
+    """
+    Write a film of several surfaces, moving or not; the parameters not named here are those of `write_film`.
+
+    Parameters
+    ----------
+    path : str or Path
+        File to write, ending in ``.mp4``.
+    surfaces : sequence of ShadedSurface
+        What is seen.
+    motions : sequence of array_like or None
+        For each surface its positions in every frame, shape (F, n, 3) [m], or None where it stands still.
+
+    Returns
+    -------
+    Path
+        The file written.
+    """
+    shown = list(surfaces)
+    moves = [None if motion is None else checked_positions(motion, "motions", frames=True) for motion in motions]
+    counts = {len(motion) for motion in moves if motion is not None}
+    if len(moves) != len(shown) or len(counts) != 1:
+        raise OptionError(
+            f"motions must hold one entry a surface, all of the same number of frames (got {len(moves)} for "
+            f"{len(shown)} surfaces, with {sorted(counts)} frames)"
+        )
+    for surface, motion in zip(shown, moves, strict=True):
+        if motion is not None and motion.shape[1:] != np.shape(surface.vertices):
+            raise OptionError(f"a surface of {len(np.asarray(surface.vertices))} vertices moves by {motion.shape}")
+    size = checked_size(size, even=True)
+    if not (math.isfinite(fps) and 0.0 < fps <= 1000.0):
+        raise OptionError(f"fps must lie in (0, 1000] (got {fps!r})")
+    if not (math.isfinite(zoom) and zoom > 0.0):
+        raise OptionError(f"zoom must be a positive number (got {zoom!r})")
     target = checked_path(path, ".mp4")
     page = Page(size, [(title, None)], 1)
-    view = frame_points(cloud, checked_direction(camera), page.cell[0] / page.cell[1], zoom=zoom, parallel=parallel)
+    seen = [
+        np.asarray(surface.vertices) if motion is None else motion.reshape(-1, 3)
+        for surface, motion in zip(shown, moves, strict=True)
+    ]
+    aspect = page.cell[0] / page.cell[1]
+    view = frame_points(np.concatenate(seen), checked_direction(camera), aspect, zoom=zoom, parallel=parallel)
+    total = counts.pop()
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
         blank = np.full((page.cell[1], page.cell[0], 3), 255, dtype=np.uint8)
         canvas = page.paint([blank])
         with open_painter(page.cell) as painter:
-            painter.start(surfaces, view, None)
-            for frame in positions:
-                painter.move(0, frame)
+            painter.start(shown, view, None)
+            for frame in range(total):
+                for index, motion in enumerate(moves):
+                    if motion is not None:
+                        painter.move(index, motion[frame])
                 paste(canvas, page.corners[0], painter.image())
                 yield canvas
 
-    _encode(target, pictures(), size, fps, len(positions), on_frame)
+    _encode(target, pictures(), size, fps, total, on_frame)
     return target
 
 

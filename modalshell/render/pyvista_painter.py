@@ -129,6 +129,9 @@ class _Shown:
             # Faces step back a little so that lines on them are never half hidden.
             actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
             actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 1.0)
+        if surface.style == "surface" and not surface.lined:
+            self.move(vertices, camera)
+            return
         self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(vertices, camera))
         width = MESH_LINE_WIDTH if surface.style == "wireframe" else LINE_WIDTH
         plotter.add_mesh(

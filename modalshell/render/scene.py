@@ -45,6 +45,8 @@ class ShadedSurface:
         Shade with averaged vertex normals; leave off for folded shells, whose ridges it would blur.
     style : str
         ``"surface"``, ``"wireframe"`` (triangle sides only) or ``"outline"`` (border, creases and contour only).
+    lined : bool
+        Draw border, creases and contour over the style ``"surface"``; leave off for small things and shadows.
     """
 
     vertices: ArrayLike
@@ -56,6 +58,7 @@ class ShadedSurface:
     edges: bool = False
     smooth: bool = False
     style: Style = "surface"
+    lined: bool = True
 
     def __post_init__(self) -> None:
         """Check and convert the arrays."""

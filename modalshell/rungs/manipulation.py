@@ -14,11 +14,11 @@ Evaluate = Callable[[Array], tuple[Array, Array]]
 
 _MET = 1e-8
 """Residual, lengths as shares of the shell's size and angles in radians, at which constraints count as met."""
-_SOFTEST, _DECADE, _HARDEST = 1e-3, 0.1, 1e-14
+_SOFTEST, _HARDER, _HARDEST = 1e-3, 0.01, 1e-14
 _PASSES = 12
 _STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
 _STALLED = 0.7
-"""Share of the residual that a tenfold harder constraint must beat, or the target counts as out of reach."""
+"""Share of the residual that a harder constraint must beat, or the target counts as out of reach."""
 
 
 def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tuple[Array, Array]:
@@ -72,9 +72,9 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
             best, reached, stalls = z, residual, 0
         else:
             stalls += 1
-        if size <= _MET or stalls == 3:
+        if size <= _MET or stalls == 2:
             break
-        softness *= _DECADE
+        softness *= _HARDER
     return free + root * best, reached
 
 

@@ -1,0 +1,155 @@
+"""Error over cost: points of several groups with the front of those that none beats (matplotlib)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from modalshell.errors import OptionError
+from modalshell.files import write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+GROUP_COLORS = {
+    "LMA": "#c8322b",
+    "MWTS": "#2b5fc8",
+    "MWTS, consistent": "#7fa8ee",
+    "reduced RSW": "#c77cd6",
+    "RSW": "#7b2d8e",
+    "MD-ROM": "#d98200",
+    "coarse DS": "#66c2a5",
+    "DS": "#2f9e44",
+    "rigid": "#777777",
+}
+"""Colours of the rungs; other groups are grey."""
+
+_MARKERS = {
+    "LMA": "o",
+    "MWTS": "s",
+    "MWTS, consistent": "D",
+    "reduced RSW": "v",
+    "RSW": "^",
+    "MD-ROM": "P",
+    "rigid": "X",
+}
+
+
+@dataclass(frozen=True)
+class Mark:
+    """One point: cost ``x`` and error ``y``, both positive, its group, a short text, and whether none beats it."""
+
+    x: float
+    y: float
+    group: str
+    text: str
+    front: bool = False
+
+
+@dataclass(frozen=True)
+class ParetoPanel:
+    """One pair of logarithmic axes.
+
+    Attributes
+    ----------
+    marks : sequence of Mark
+        The points.
+    title, x_label, y_label : str
+        Texts.
+    truth : (float, str), optional
+        Cost of the truth, whose error is zero, and its name: drawn as a line.
+    """
+
+    marks: Sequence[Mark]
+    title: str
+    x_label: str = "milliseconds per frame"
+    y_label: str = "displacement error [%]"
+    truth: tuple[float, str] | None = None
+
+
+def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int | None = None) -> Path:
+    """Draw panels into a PNG, one legend below all; OptionError for values that are not finite and positive."""
+    for panel in panels:
+        values = np.array([[mark.x, mark.y] for mark in panel.marks], dtype=float)
+        if not values.size or not np.isfinite(values).all() or (values <= 0.0).any():
+            raise OptionError(
+                f"{panel.title!r} needs points with finite and positive values (got {values.tolist()!r:.80})"
+            )
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    across = columns or len(panels)
+    rows = -(-len(panels) // across)
+    figure = Figure(figsize=(5.6 * across, 4.4 * rows + 0.6), layout="constrained", dpi=150)
+    FigureCanvasAgg(figure)
+    for place, panel in enumerate(panels, start=1):
+        _draw_panel(figure.add_subplot(rows, across, place), panel)
+    groups = [name for name in GROUP_COLORS if any(mark.group == name for panel in panels for mark in panel.marks)]
+    groups += sorted({mark.group for panel in panels for mark in panel.marks} - set(groups))
+    entries = [
+        Line2D([], [], color=GROUP_COLORS.get(name, "0.5"), marker=_MARKERS.get(name, "h"), ls=":", label=name)
+        for name in groups
+    ]
+    if any(panel.truth for panel in panels):
+        name = next(panel.truth[1] for panel in panels if panel.truth)
+        entries.append(Line2D([], [], color=GROUP_COLORS.get(name, "0.5"), lw=2, label=f"{name}, the truth"))
+    entries.append(Line2D([], [], color="0.2", lw=5, alpha=0.25, label="none cheaper is as accurate"))
+    figure.legend(handles=entries, loc="outside lower center", ncols=min(len(entries), 3 * across), frameon=False)
+    return write_atomically(path, lambda file: figure.savefig(file, format="png"))
+
+
+def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    front = sorted((mark for mark in panel.marks if mark.front), key=lambda mark: mark.x)
+    if front:
+        x, y = ([getattr(mark, name) for mark in front] for name in ("x", "y"))
+        end = [panel.truth[0]] if panel.truth else []
+        axes.step([*x, *end], [*y, *(y[-1:] if end else [])], where="post", color="0.2", lw=6, alpha=0.2, zorder=1)
+    for group in dict.fromkeys(mark.group for mark in panel.marks):
+        marks = [mark for mark in panel.marks if mark.group == group]
+        color = GROUP_COLORS.get(group, "0.5")
+        axes.plot([m.x for m in marks], [m.y for m in marks], ":", color=color, lw=1, zorder=2)
+        for mark in marks:
+            axes.plot(
+                mark.x, mark.y, _MARKERS.get(group, "h"), color=color, ms=7 if mark.front else 5, zorder=3,
+                markeredgecolor="k" if mark.front else color, markeredgewidth=0.8,
+            )  # fmt: skip
+    if panel.truth:
+        axes.axvline(panel.truth[0], color=GROUP_COLORS.get(panel.truth[1], "0.5"), lw=2)
+    axes.margins(0.08, 0.14)
+    axes.grid(alpha=0.3, which="major")
+    axes.set_title(panel.title, fontsize=11)
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    _write_texts(axes, panel.marks)
+
+
+def _write_texts(axes: Axes, marks: Sequence[Mark]) -> None:
+    """A text beside every point, at the first of a few places where it covers no other text or point."""
+    axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+    points = axes.transData.transform([[mark.x, mark.y] for mark in marks])
+    scale = 72.0 / axes.figure.dpi
+    points = points * scale
+    taken: list[tuple[float, float, float]] = []  # centre and half a width of the texts so far
+    for mark, point in sorted(zip(marks, points, strict=True), key=lambda pair: not pair[0].front):
+        half = 1.0 + 2.3 * len(mark.text)
+        places = [(0.0, 9.0), (0.0, -10.0), (half + 7.0, 0.0), (-half - 7.0, 0.0), (half, 10.0), (-half, -11.0)]
+        for shift in places:
+            x, y = point[0] + shift[0], point[1] + shift[1]
+            clear = all(abs(x - a) > half + b or abs(y - c) > 8.0 for a, c, b in taken)
+            clear = clear and all(
+                abs(x - a) > half + 4.0 or abs(y - c) > 7.5 for a, c in points if (a, c) != tuple(point)
+            )
+            if clear:
+                taken.append((x, y, half))
+                axes.annotate(
+                    mark.text, (mark.x, mark.y), xytext=shift, textcoords="offset points", ha="center", va="center",
+                    fontsize=7, color=GROUP_COLORS.get(mark.group, "0.3"), zorder=4,
+                )  # fmt: skip
+                break

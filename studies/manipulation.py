@@ -1,0 +1,152 @@
+"""Paper Fig. 7: a flat beam led by its tip: by position, by orientation, and by both.
+
+One end is clamped; the target of the tip moves from rest to its place within a second and stays. MWTS follows by the
+least modal forces and is left to settle; its static answer is found for itself. DS answers the same constraints where
+it can: it moves vertices, so an orientation alone says nothing to it.
+
+Run it alone with ``modalshell reproduce --only manipulation``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import modalshell as ms
+from modalshell.study import StudyResult, run_record
+
+PARAMETERS = {
+    "length": 1.0,
+    "width": 0.2,
+    "membrane": 60.0,
+    "flexure": 0.1,
+    "density": 0.2,
+    "modes": 12,
+    "dt": 1.0 / 30.0,
+    "duration": 4.0,
+    "leading": 1.0,
+    "damping": (1.0, 0.01),
+}
+CASES: dict[str, tuple[tuple[float, float, float] | None, tuple[float, float] | None]] = {
+    # position [m]; rotation [degrees] about the beam (x), then upwards (-y)
+    "position": ((0.738, 0.0, 0.566), None),
+    "orientation": (None, (0.0, 75.0)),
+    "both": ((0.65, 0.0, 0.55), (0.0, 75.0)),
+    "position, aside": ((0.8, 0.12, 0.5), None),
+    "orientation, twisted": (None, (80.0, 0.0)),
+    "both, twisted": ((0.77, 0.0, 0.45), (60.0, 60.0)),
+}
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Lead the beam to six targets; ``quick`` takes a coarser mesh."""
+    p = PARAMETERS
+    cells = (16, 4) if quick else (40, 8)
+    mesh = ms.flat_beam(length=p["length"], width=p["width"], cells=cells)
+    material = ms.Material(p["membrane"], p["membrane"], p["flexure"], p["density"])
+    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * p["length"] / cells[0])
+    basis = ms.solve_modes(shell, p["modes"])
+    model = ms.ModalWarping(basis)
+    tip = int(np.argmin(np.linalg.norm(mesh.vertices - [p["length"], 0.0, 0.0], axis=1)))
+    rows = []
+    arrays = {"faces": mesh.faces, "rest": mesh.vertices, "tip": np.array(tip)}
+    for done, (name, (position, angles)) in enumerate(CASES.items(), start=1):
+        turn = None if angles is None else upwards(*angles)
+        static = model.equilibrium(constraints=constraints(tip, mesh.vertices[tip], position, turn))
+        led = constraints(tip, mesh.vertices[tip], position, turn, leading=p["leading"])
+        run = ms.simulate(model, duration=p["duration"], dt=p["dt"], damping=p["damping"], constraints=led)
+        assert static.coordinates is not None
+        row = {
+            "case": name,
+            "position": position,
+            "rotation_vector": turn,
+            "status": static.status,
+            "residuals": static.constraint_residuals,
+            "modal_energy": 0.5 * float(basis.eigenvalues @ static.coordinates**2),
+            "area_change": ms.measure.area_change(static.positions, mesh),
+            "motion_status": run.status,
+            "motion_residual": float(run.constraint_residuals.max()),
+            "settled_apart": float(np.abs(run.positions[-1] - static.positions).max()) / p["length"],
+            "frames_per_second": (len(run.times) - 1) / run.seconds,
+        }
+        key = f"case_{done}"
+        arrays |= {f"{key}_mwts": static.positions, f"{key}_motion": run.positions.astype(np.float32)}
+        arrays[f"{key}_turn"] = (basis.rotations @ static.coordinates).reshape(-1, 3)[tip]
+        if position is not None:
+            truth = ms.DiscreteShell(shell).equilibrium(
+                constraints=constraints(tip, mesh.vertices[tip], position, turn), start=None
+            )
+            row |= {
+                "ds_status": truth.status,
+                "ds_energy": shell.energy(truth.positions),
+                "error": ms.measure.displacement_error(static.positions, truth.positions, shell),
+            }
+            arrays[f"{key}_ds"] = truth.positions
+        rows.append(row)
+        if on_step is not None:
+            on_step(done, len(CASES))
+    findings = {"vertices": len(mesh.vertices), "frequencies_hz": basis.frequencies, "rows": rows}
+    return StudyResult("manipulation", findings, arrays, run_record({**p, "cells": cells, "cases": CASES}))
+
+
+def upwards(twist: float, lift: float) -> list[float]:
+    """Rotation vector [rad] of a twist about x and then a lift about -y [degrees]."""
+    turn = Rotation.from_euler("y", -lift, degrees=True) * Rotation.from_euler("x", twist, degrees=True)
+    return [float(value) for value in turn.as_rotvec()]
+
+
+def constraints(
+    tip: int,
+    rest: np.ndarray,
+    position: tuple[float, float, float] | None,
+    turn: list[float] | None,
+    leading: float = 0.0,
+) -> list[ms.PositionConstraint | ms.OrientationConstraint]:
+    """The constraints on the tip; with ``leading`` [s] their targets move smoothly from rest to their place."""
+
+    def led(start: np.ndarray, end: np.ndarray) -> Callable[[float], np.ndarray]:
+        def target(time: float) -> np.ndarray:
+            share = min(time / leading, 1.0)
+            return start + share**2 * (3.0 - 2.0 * share) * (end - start)
+
+        return target
+
+    given: list[ms.PositionConstraint | ms.OrientationConstraint] = []
+    if position is not None:
+        place = np.array(position)
+        given.append(ms.PositionConstraint(tip, led(rest, place) if leading else place))
+    if turn is not None:
+        rotation = np.array(turn)
+        given.append(ms.OrientationConstraint(tip, led(np.zeros(3), rotation) if leading else rotation))
+    return given
+
+
+def table(result: StudyResult) -> str:
+    """The findings as a Markdown table."""
+    lines = [
+        "| constraint | static residual | in motion | modal energy [J] | DS energy [J] | MWTS error | area change |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in result.findings["rows"]:
+        truth, error = "no counterpart", "-"
+        if "error" in row:
+            truth, error = f"{row['ds_energy']:.3f}", f"{100 * row['error']:.1f} %"
+        lines.append(
+            f"| {row['case']} | {max(row['residuals']):.0e} | {row['motion_residual']:.0e} | {row['modal_energy']:.3f} "
+            f"| {truth} | {error} | {100 * row['area_change']:+.1f} % |"
+        )
+    return "\n".join([*lines, "", *_remarks(result)])
+
+
+def _remarks(result: StudyResult) -> list[str]:
+    rows = result.findings["rows"]
+    slowest = min(row["frames_per_second"] for row in rows)
+    apart = max(row["settled_apart"] for row in rows)
+    return [
+        "Residuals in m and rad (the beam is 1 m long). After their targets stand still, motions settle within "
+        f"{100 * apart:.2g} % of the length of the static answers; the slowest ran at {slowest:.0f} frames a second. "
+        "Modal warping draws a bent beam in where DS keeps its length: a tip held in place and turned is pulled out by "
+        "in-plane modes, which is what the modal energy of 'both' pays for."
+    ]
