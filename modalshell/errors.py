@@ -39,5 +39,9 @@ class FileFormatError(ModalShellError, ValueError):
     """A file that cannot be read as what it claims to be."""
 
 
+class SceneError(ModalShellError, ValueError):
+    """A scene file with a key or value that is not allowed: names the file and the key's path."""
+
+
 class ModalShellWarning(UserWarning):
     """An answer that stands but that the user should read with care."""

@@ -67,6 +67,7 @@ class Motion:
         if supports is not None and not model.in_shell_frame:
             self.state.coordinates = supports.at(0.0).to_world(self.state.coordinates)
         self._before = self.state
+        self._known: list[tuple[MotionState, Array]] = []
         self.count, self.unconverged, self.finite = 0, 0, True
         self.constraint_residuals = np.zeros(len(self.constraints))
 
@@ -81,16 +82,25 @@ class Motion:
 
     def positions(self) -> Array:
         """Vertex positions (n, 3) [m] in the world."""
-        own = self.model.positions(self.state)
+        own = self._own(self.state)
         if self.supports is None or not self.model.in_shell_frame:
             return own
         return self.supports.at(self.time).to_world(own)
 
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
-        moved = self.model.positions(self.state) - self.model.shell.rest_positions
+        moved = self._own(self.state) - self.model.shell.rest_positions
         model, state = self.model, self.state
         return np.array([model.kinetic_energy(state), model.elastic_energy(state), -float(np.vdot(self.load, moved))])
+
+    def _own(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the model's frame; those of the last two states are kept, as each serves twice."""
+        for known, positions in self._known:
+            if known is state:
+                return positions
+        positions = self.model.positions(state).copy()  # the model may have one buffer only
+        self._known = [*self._known[-1:], (state, positions)]
+        return positions
 
     def advance(self) -> None:
         """Take one step."""
@@ -99,8 +109,8 @@ class Motion:
         if self.supports is not None:
             pose = self.supports.at(time)
             if model.in_shell_frame:
-                current = model.positions(self.state).copy()  # the next line may use the model's one buffer
-                velocities = (current - model.positions(self._before)) / dt
+                current = self._own(self.state)
+                velocities = (current - self._own(self._before)) / dt
                 load = pose.shell_load(load, model.shell.mass, current, velocities)
         if not model.in_shell_frame and (pose is not None or self._patches):
             held = self._held_positions(time, pose)
@@ -119,23 +129,29 @@ class Motion:
         """Everything that the next step depends on, as arrays; :meth:`restore` takes up from there, to the last bit."""
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
         arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals}
-        for name, state in (("now", self.state), ("before", self._before)):
+        for name, state in self._states().items():
             arrays[f"{name}_coordinates"], arrays[f"{name}_rates"] = state.coordinates, state.rates
             if state.carried is not None:
                 arrays[f"{name}_carried"] = state.carried
         return arrays
 
+    def _states(self) -> dict[str, MotionState]:
+        """The states that the next step depends on."""
+        if self.supports is not None and self.model.in_shell_frame:
+            return {"now": self.state, "before": self._before}
+        return {"now": self.state}
+
     def restore(self, arrays: dict[str, Array]) -> None:
         """Go on from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.constraint_residuals = np.array(arrays["constraint_residuals"])
-        self.state, self._before = (
-            MotionState(*(np.array(arrays[f"{name}_{part}"]) for part in ("coordinates", "rates")))
-            for name in ("now", "before")
-        )
-        for name, state in (("now", self.state), ("before", self._before)):
+        states = []
+        for name in self._states():
+            state = MotionState(*(np.array(arrays[f"{name}_{part}"]) for part in ("coordinates", "rates")))
             if f"{name}_carried" in arrays:
                 state.carried = np.array(arrays[f"{name}_carried"])
+            states.append(state)
+        self.state, self._before = states[0], states[-1]
 
     def _held_positions(self, time: float, pose: Pose | None) -> Array:
         """Where supports and patches are at ``time``, in the order of the held vertices."""

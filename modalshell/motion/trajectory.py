@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
+
+from modalshell.rungs import Equilibrium
+from modalshell.shell import Shell
 
 Array = NDArray[np.float64]
 
@@ -32,6 +35,10 @@ class Trajectory:
         load's potential is zero at rest.
     constraint_residuals : ndarray, shape (F, k)
         How far each constraint is from its target: [m] for positions, [rad] for orientations.
+    faces : ndarray of int, shape (T, 3)
+        Triangles of the mesh.
+    rest_positions : ndarray, shape (n, 3)
+        Vertex positions at rest [m].
     """
 
     times: Array
@@ -41,3 +48,22 @@ class Trajectory:
     seconds: float
     energies: Array = field(default_factory=lambda: np.empty((0, 3)))
     constraint_residuals: Array = field(default_factory=lambda: np.empty((0, 0)))
+    faces: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
+    rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
+
+    @classmethod
+    def still(cls, answer: Equilibrium, shell: Shell, load: Array, dtype: DTypeLike = np.float64) -> Trajectory:
+        """One frame at time 0: a static answer under ``load`` (n, 3) [N], its status the solver's."""
+        moved = answer.positions - shell.rest_positions
+        energies = [0.0, shell.raw_energy(answer.positions), -float(np.vdot(load, moved))]
+        return cls(
+            np.zeros(1),
+            answer.positions[None].astype(dtype),
+            answer.status,
+            int(not answer.converged),
+            answer.seconds,
+            np.array([energies]),
+            answer.constraint_residuals[None],
+            np.asarray(shell.mesh.faces),
+            shell.rest_positions,
+        )

@@ -1,0 +1,6 @@
+"""Trajectories as files: NumPy archives that load lazily, and VTK files for ParaView."""
+
+from modalshell.export.archive import load_trajectory, save_archive
+from modalshell.export.save import save_trajectory
+
+__all__ = ["load_trajectory", "save_archive", "save_trajectory"]

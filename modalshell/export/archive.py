@@ -1,0 +1,147 @@
+"""Trajectories as ``.npz``: stored without compression or pickle, the positions aligned so that they can be mapped."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zipfile
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import FileFormatError
+from modalshell.files import write_atomically
+from modalshell.motion import Trajectory
+
+_FORMAT = 1
+_MARK = "modalshell_trajectory"
+_ALIGNMENT = 64
+_CHUNK = 1 << 24
+_VERIFIED = 1 << 26
+"""Size of the positions [bytes] up to which loading reads them once to verify their checksum."""
+
+_LOCAL_HEADER = 30
+_ZIP64_EXTRA = 20
+_STAMP = (1980, 1, 1, 0, 0, 0)
+"""Of every member, so that equal trajectories make equal files."""
+
+_NAMES = {"rest_positions": "rest"}
+"""Attributes of a trajectory that are named otherwise in the file."""
+_SMALL = ("times", "energies", "constraint_residuals", "faces", "rest_positions")
+_SCALARS = ("status", "unconverged_steps", "seconds")
+
+
+def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
+    """Write a trajectory to an ``.npz`` file: plain arrays that ``numpy.load`` reads too."""
+    arrays: dict[str, NDArray[Any]] = {_MARK: np.array(_FORMAT)}
+    for name in (*_SMALL, *_SCALARS):
+        arrays[_NAMES.get(name, name)] = np.asarray(getattr(run, name))
+    return write_atomically(path, lambda file: _write(file, arrays, run.positions))
+
+
+def _write(file: IO[bytes], arrays: dict[str, NDArray[Any]], positions: NDArray[np.floating]) -> None:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+        for name, array in (*arrays.items(), ("positions", positions)):
+            member = zipfile.ZipInfo(f"{name}.npy", _STAMP)
+            if name == "positions":
+                member.extra = _padding(file.tell() + _LOCAL_HEADER + len(member.filename) + _ZIP64_EXTRA)
+            with archive.open(member, "w", force_zip64=True) as out:
+                np.lib.format.write_array(out, array, allow_pickle=False)  # copies part by part where not contiguous
+
+
+def _padding(position: int) -> bytes:
+    """An extra field of the zip format that ends at a multiple of the alignment; NumPy's own header keeps it."""
+    length = -(position + 4) % _ALIGNMENT
+    return struct.pack("<HH", 0xFFFF, length) + bytes(length)
+
+
+def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None) -> Trajectory:
+    """Read a trajectory that :func:`save_trajectory` wrote as ``.npz``, without reading its positions into memory.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    verify : bool, optional
+        Whether to read the positions once to check them against their checksum. By default up to 64 MiB of them; all
+        else is always checked.
+
+    Returns
+    -------
+    Trajectory
+        Its positions mapped, read only: frames come from disk when they are looked at.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, cut off, damaged, or not a saved trajectory.
+    """
+    file = Path(path)
+    try:
+        with zipfile.ZipFile(file) as archive:
+            mark = int(_member(archive, _MARK))
+            if mark != _FORMAT:
+                raise ValueError(f"format {mark} (this version reads {_FORMAT})")
+            values = {name: _member(archive, _NAMES.get(name, name)) for name in (*_SMALL, *_SCALARS)}
+            positions = _mapped(file, archive, verify)
+        _check_shapes(values, positions)
+    except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
+        raise FileFormatError(f"cannot read a saved trajectory from {file}: {error}") from error
+    status, unconverged, seconds = str(values["status"]), int(values["unconverged_steps"]), float(values["seconds"])
+    arrays = {name: values[name] for name in ("energies", "constraint_residuals", "faces", "rest_positions")}
+    return Trajectory(values["times"], positions, status, unconverged, seconds, **arrays)
+
+
+def _member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """A small member as an array, its checksum verified by reading it to the end."""
+    with archive.open(f"{name}.npy") as member:
+        array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
+        if member.read(1):
+            raise ValueError(f"{name} is longer than its header says")
+    return array
+
+
+def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArray[np.floating]:
+    info = archive.getinfo("positions.npy")
+    if info.compress_type != zipfile.ZIP_STORED:
+        raise ValueError("positions are compressed, so they cannot be mapped; save them with save_trajectory")
+    with archive.open(info) as member:
+        major = np.lib.format.read_magic(member)
+        read_header = np.lib.format.read_array_header_1_0 if major == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, fortran, dtype = read_header(member)
+        header = member.tell()
+        if verify or (verify is None and info.file_size <= _VERIFIED):
+            while member.read(_CHUNK):
+                pass
+    if fortran or len(shape) != 3 or shape[2] != 3 or dtype not in (np.dtype("<f8"), np.dtype("<f4")):
+        raise ValueError(f"positions must be float64 or float32 (F, n, 3) (got {dtype} {shape})")
+    if header + dtype.itemsize * int(np.prod(shape)) != info.file_size:
+        raise ValueError("positions are not as long as their header says")
+    with open(file, "rb") as raw:
+        raw.seek(info.header_offset + 26)
+        name_length, extra_length = struct.unpack("<HH", raw.read(4))
+    offset = info.header_offset + _LOCAL_HEADER + name_length + extra_length + header
+    if offset + info.file_size - header > file.stat().st_size:
+        raise ValueError("positions are cut off")
+    return np.memmap(file, dtype, "r", offset, shape)
+
+
+def _check_shapes(values: dict[str, NDArray[Any]], positions: NDArray[np.floating]) -> None:
+    frames, vertices = positions.shape[:2]
+    expected: dict[str, tuple[int | None, ...]] = {
+        "times": (frames,),
+        "energies": (frames, 3),
+        "constraint_residuals": (frames, None),
+        "faces": (None, 3),
+        "rest_positions": (vertices, 3),
+        "status": (),
+        "unconverged_steps": (),
+        "seconds": (),
+    }
+    for name, shape in expected.items():
+        got = values[name].shape
+        fits = len(got) == len(shape) and all(want in (None, size) for size, want in zip(got, shape, strict=True))
+        if not fits:
+            raise ValueError(f"{name} has shape {got}, which does not fit positions {positions.shape}")

@@ -1,0 +1,127 @@
+"""Trajectories for ParaView and other VTK readers: one temporal VTKHDF file, or a PVD collection of VTP files."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import FileFormatError
+from modalshell.files import replacing, write_text
+from modalshell.motion import Trajectory
+
+Progress = Callable[[int, int], None]
+
+
+def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
+    """Write one temporal VTKHDF file, frame by frame; VTK rounds its times to float32."""
+    from vtkmodules.util.vtkAlgorithm import VTKPythonAlgorithmBase
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+    from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline as Pipeline
+    from vtkmodules.vtkIOHDF import vtkHDFWriter
+
+    cells = _cells(run)
+    times = [float(time) for time in run.times]
+    stops: list[BaseException] = []
+
+    class Frames(VTKPythonAlgorithmBase):
+        """Hands the writer the frame of the time that it asks for."""
+
+        def __init__(self) -> None:
+            super().__init__(nInputPorts=0, nOutputPorts=1, outputType="vtkPolyData")  # type: ignore[no-untyped-call]
+
+        def RequestInformation(self, _request: Any, _inputs: Any, outputs: Any) -> int:
+            info = outputs.GetInformationObject(0)
+            info.Set(Pipeline.TIME_STEPS(), times, len(times))
+            info.Set(Pipeline.TIME_RANGE(), [times[0], times[-1]], 2)
+            return 1
+
+        def RequestData(self, _request: Any, _inputs: Any, outputs: Any) -> int:
+            info = outputs.GetInformationObject(0)
+            asked = info.Get(Pipeline.UPDATE_TIME_STEP()) if info.Has(Pipeline.UPDATE_TIME_STEP()) else times[0]
+            index = int(np.argmin(np.abs(run.times - asked)))
+            surface = vtkPolyData.GetData(outputs)
+            surface.SetPoints(_points(run, index))
+            surface.SetPolys(cells)
+            surface.GetInformation().Set(surface.DATA_TIME_STEP(), times[index])
+            if on_frame is not None and not stops:
+                try:
+                    on_frame(index + 1, len(times))
+                except BaseException as stop:  # VTK would swallow it, and asks on for ever where a frame fails
+                    stops.append(stop)
+            return 1
+
+    frames = Frames()
+    with replacing(path) as temporary:
+        writer = vtkHDFWriter()
+        writer.SetInputConnection(frames.GetOutputPort())
+        writer.SetFileName(str(temporary))
+        writer.SetWriteAllTimeSteps(True)
+        if not writer.Write() or not temporary.exists():
+            raise FileFormatError(f"VTK could not write {path}: is there room in its folder?")
+        del writer  # closes the file
+        if stops:
+            raise stops[0]
+    return path
+
+
+def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
+    """Write ``NAME.pvd`` and, in the folder ``NAME_frames``, one VTP file a frame."""
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    folder = path.with_name(f"{path.stem}_frames")
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part_frames")
+    cells = _cells(run)
+    lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "<Collection>"]
+    try:
+        temporary.mkdir(parents=True)
+        for index, time in enumerate(run.times):
+            surface = vtkPolyData()
+            surface.SetPoints(_points(run, index))
+            surface.SetPolys(cells)
+            writer = vtkXMLPolyDataWriter()
+            writer.SetInputData(surface)
+            writer.SetFileName(str(temporary / f"{index:06d}.vtp"))
+            if not writer.Write():
+                raise FileFormatError(f"VTK could not write the frames of {path}: is there room in its folder?")
+            name = quoteattr(f"{folder.name}/{index:06d}.vtp")
+            lines.append(f'<DataSet timestep="{float(time)!r}" part="0" file={name}/>')
+            if on_frame is not None:
+                on_frame(index + 1, len(run.times))
+        # The collection comes last and goes first, so that it never names frames of two runs.
+        path.unlink(missing_ok=True)
+        if folder.exists():
+            shutil.rmtree(folder)
+        os.replace(temporary, folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return write_text(path, "\n".join([*lines, "</Collection>", "</VTKFile>", ""]))
+
+
+def _points(run: Trajectory, index: int) -> Any:
+    from vtkmodules.vtkCommonCore import vtkPoints
+
+    points = vtkPoints()
+    points.SetData(_vtk_array(run.positions[index]))
+    return points
+
+
+def _cells(run: Trajectory) -> Any:
+    from vtkmodules.vtkCommonDataModel import vtkCellArray
+
+    cells = vtkCellArray()
+    cells.SetData(3, _vtk_array(run.faces.astype(np.int64).ravel()))
+    return cells
+
+
+def _vtk_array(values: NDArray[Any]) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+
+    return numpy_to_vtk(np.ascontiguousarray(values), deep=True)  # type: ignore[no-untyped-call]

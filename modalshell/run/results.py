@@ -1,0 +1,42 @@
+"""Results of a run as files: the archive, VTK files, a film, a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+
+from modalshell.export import save_trajectory
+from modalshell.motion import Trajectory
+
+_FILM_RATE = 60.0
+
+Progress = Callable[[int, int], None]
+
+
+def write_results(
+    run: Trajectory,
+    folder: Path,
+    name: str,
+    formats: Iterable[str],
+    *,
+    title: str = "",
+    on_step: Progress | None = None,
+) -> list[Path]:
+    """Write ``NAME.format`` into ``folder`` for each format, whole or not at all; return the paths."""
+    return [_write(run, folder / f"{name}.{kind}", title or name, on_step) for kind in dict.fromkeys(formats)]
+
+
+def _write(run: Trajectory, path: Path, title: str, on_step: Progress | None) -> Path:
+    from modalshell.render import ShadedSurface, View, draw_views, write_film
+
+    if path.suffix == ".png":
+        surface = ShadedSurface(run.positions[-1], run.faces, smooth=True)
+        rest = ShadedSurface(run.rest_positions, run.faces, color="#999999", style="outline")
+        return draw_views([View([surface, rest], title=title)], path)
+    if path.suffix == ".mp4":
+        rate = 1.0 / float(run.times[1] - run.times[0]) if len(run.times) > 1 else _FILM_RATE
+        every = int(np.ceil(rate / _FILM_RATE - 1e-9))  # at real speed, with as many frames as a screen shows
+        return write_film(path, run.positions[::every], run.faces, fps=rate / every, smooth=True, on_frame=on_step)
+    return save_trajectory(run, path, on_frame=on_step)

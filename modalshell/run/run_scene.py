@@ -1,0 +1,245 @@
+"""Run a scene, or go on with a run that was stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from llvmlite.binding import get_host_cpu_name
+from numpy.typing import NDArray
+
+from modalshell.errors import FileFormatError, OptionError
+from modalshell.export import load_trajectory
+from modalshell.files import write_text
+from modalshell.modes import available_backends
+from modalshell.motion import Motion, Trajectory
+from modalshell.motion.simulate import Observer, step_count, stored_steps
+from modalshell.run.frame_file import FrameFile
+from modalshell.run.results import write_results
+from modalshell.rungs.model import Stopwatch
+from modalshell.scene import BuiltScene, Scene, load_scene
+from modalshell.scene.tables import Motion as MotionTable
+from modalshell.shell import Shell
+from modalshell.study import run_record
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+_FAULT_BYTES = 256
+_SNAPSHOT = "snapshot_"
+
+
+@dataclass(frozen=True)
+class SceneResult:
+    """What running a scene gave.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        The stored frames, mapped from the ``.npz`` file; one frame for an equilibrium.
+    files : list of Path
+        The results' files.
+    resumed : int
+        Frames that an earlier, stopped run had left.
+    """
+
+    trajectory: Trajectory
+    files: list[Path]
+    resumed: int
+
+
+def run_scene(
+    scene: Scene | str | os.PathLike[str],
+    *,
+    out: str | os.PathLike[str] | None = None,
+    restart: bool = False,
+    on_step: Progress | None = None,
+) -> SceneResult:
+    """Run a scene and write its results; a run that was stopped, even killed, goes on after its last stored frame.
+
+    Stored frames are kept in ``NAME.frames`` until the results are whole. However often a run was stopped, its results
+    are those of an uninterrupted one to the last bit. A scene whose results are whole already is not run again.
+
+    Parameters
+    ----------
+    scene : Scene or path
+        The scene or its file.
+    out : path, optional
+        Folder for the results; the scene's own without it.
+    restart : bool
+        Drop what an earlier run has left and start at time 0.
+    on_step : callable, optional
+        Called after each step with the steps done and their total.
+
+    Returns
+    -------
+    SceneResult
+        Trajectory and files: ``NAME.npz``, ``NAME.json`` with the record of the run, and the formats asked for.
+
+    Raises
+    ------
+    SceneError
+        Where the scene is refused.
+    OptionError
+        If the folder holds frames of another run under this name, or another process is at work there.
+    """
+    declared = scene if isinstance(scene, Scene) else load_scene(scene)
+    folder = Path(declared.output.folder if out is None else out)
+    shell = declared.build_shell()
+    identity = _identity(declared, shell)
+    with FrameFile(folder / f"{declared.name}.frames") as file:
+        _remove_leftovers(folder, declared.name)
+        whole = None if restart else _whole_results(folder, declared.name, identity)
+        resumed, valid = 0, list[str]()
+        if whole is None and not restart:
+            file.refuse_others(identity)  # before the work of building the model
+        if whole is not None:
+            run, valid = whole
+            resumed = len(run.times)
+        elif declared.motion is None:
+            built = declared.build(shell)
+            run = Trajectory.still(built.equilibrium(), shell, built.load(), declared.output.positions)
+        else:
+            run, resumed = _move(declared.build(shell), declared.motion, file, identity, restart, on_step)
+        wanted = [kind for kind in dict.fromkeys(["npz", *declared.output.formats]) if kind not in valid]
+        if whole is None:  # what another run has left is about to be replaced
+            (folder / f"{declared.name}.json").unlink(missing_ok=True)
+        if wanted:
+            write_results(run, folder, declared.name, wanted)
+            _write_record(folder, declared, identity, run, [*valid, *wanted])
+        if whole is None or not file.difference(identity):
+            file.remove()
+    files = [folder / f"{declared.name}.{kind}" for kind in dict.fromkeys(["npz", *declared.output.formats, "json"])]
+    return SceneResult(load_trajectory(files[0]), files, resumed)
+
+
+def _identity(scene: Scene, shell: Shell) -> dict[str, str]:
+    """Digests of all that decides the frames, and what computes them: versions, factorisations, processor."""
+    content = json.dumps(scene.content(), sort_keys=True).encode()
+    mesh = shell.mesh.vertices.tobytes() + np.asarray(shell.mesh.faces, dtype="<i8").tobytes()
+    identity = {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(mesh).hexdigest()}
+    identity |= {f"{name} version": str(version) for name, version in run_record({})["versions"].items()}
+    return identity | {"factorisation": ", ".join(available_backends()), "processor": str(get_host_cpu_name())}
+
+
+def _move(
+    built: BuiltScene,
+    table: MotionTable,
+    file: FrameFile,
+    identity: dict[str, str],
+    restart: bool,
+    on_step: Progress | None,
+) -> tuple[Trajectory, int]:
+    """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
+    motion = built.start_motion()
+    watch, observer, before = Stopwatch(), Observer(motion), 0.0
+    file.begin(identity, _record_fields(motion, built.scene.output.positions), restart)
+    resumed = file.count
+
+    def store() -> None:
+        observer.look()
+        values: dict[str, Any] = {f"{_SNAPSHOT}{name}": array for name, array in motion.snapshot().items()}
+        values |= {"time": motion.time, "positions": motion.positions(), "energies": observer.energies[-1]}
+        fault = (observer.fault or "").encode()[:_FAULT_BYTES]
+        file.append(values | {"fault": fault, "seconds": before + watch()})
+
+    if resumed:
+        before = _take_up(motion, observer, file.records(), file.path)
+    else:
+        store()
+    total = step_count(table.duration, table.dt)
+    for _ in stored_steps(motion, total, table.store_every, on_step):
+        store()
+    records = file.records()
+    return Trajectory(
+        np.array(records["time"]),
+        records["positions"],
+        observer.status(total),
+        motion.unconverged,
+        float(records["seconds"][-1]),
+        np.array(records["energies"]),
+        np.array(records["snapshot_constraint_residuals"]),
+        np.asarray(built.shell.mesh.faces),
+        built.shell.rest_positions,
+    ), resumed
+
+
+def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
+    """NumPy fields of one stored frame: results, then the snapshot from which to go on."""
+    fields: list[tuple[Any, ...]] = [
+        ("time", "<f8"),
+        ("seconds", "<f8"),
+        ("energies", "<f8", (3,)),
+        ("fault", f"S{_FAULT_BYTES}"),
+        ("positions", np.dtype(precision).newbyteorder("<").str, motion.model.shell.rest_positions.shape),
+    ]
+    return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
+
+
+def _take_up(motion: Motion, observer: Observer, records: NDArray[Any], path: Path) -> float:
+    """Bring motion and observer to the last record; returns the seconds spent until then.
+
+    The last stored step is taken again: libraries may round otherwise where they find other threads, and the frames
+    would be those of no single run.
+    """
+    last = records[-1]
+    motion.restore(_snapshot(records[-2:][0]))
+    while motion.count < _snapshot(last)["counts"][0]:
+        motion.advance()
+    found = motion.snapshot() | {"positions": motion.positions().astype(last["positions"].dtype)}
+    expected = _snapshot(last) | {"positions": last["positions"]}
+    if not all(np.array_equal(found[name], expected[name]) for name in expected):
+        raise OptionError(
+            f"the last step of {path} comes out otherwise than it did (other threads or libraries?), so that going on "
+            "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start anew"
+        )
+    fault = bytes(last["fault"]).decode(errors="ignore")
+    observer.recall(records["time"], records["energies"], records["snapshot_constraint_residuals"], fault)
+    return float(last["seconds"])
+
+
+def _snapshot(record: Any) -> dict[str, Array]:
+    """The arrays of :meth:`Motion.snapshot` in a record."""
+    names = [name for name in record.dtype.names if name.startswith(_SNAPSHOT)]
+    return {name.removeprefix(_SNAPSHOT): record[name] for name in names}
+
+
+def _whole_results(folder: Path, name: str, identity: dict[str, str]) -> tuple[Trajectory, list[str]] | None:
+    """Results of this very run that are there already, and their formats; None if it has to be run."""
+    try:
+        record = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        if record["identity"] != identity:
+            return None
+        run = load_trajectory(folder / f"{name}.npz", verify=True)
+        return run, [kind for kind in record["formats"] if (folder / f"{name}.{kind}").exists()]
+    except (OSError, ValueError, KeyError, TypeError, FileFormatError):
+        return None
+
+
+def _write_record(folder: Path, scene: Scene, identity: dict[str, str], run: Trajectory, formats: list[str]) -> None:
+    document = {
+        "scene": scene.name,
+        "identity": identity,
+        "formats": formats,
+        "status": run.status,
+        "frames": len(run.times),
+        "seconds": run.seconds,
+        "record": run_record(scene.content()),
+    }
+    write_text(folder / f"{scene.name}.json", json.dumps(document, indent=1) + "\n")
+
+
+def _remove_leftovers(folder: Path, name: str) -> None:
+    """Delete what killed processes had begun to write."""
+    for path in folder.glob(f".{name}.*.part*"):
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)

@@ -1,0 +1,112 @@
+"""The models that scenes and the command line know by name, with their options."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from modalshell.modes import Basis, solve_modes
+from modalshell.rungs import (
+    DiscreteShell,
+    LinearModal,
+    ModalDerivatives,
+    ModalWarping,
+    Model,
+    RigidShell,
+    RotationStrain,
+)
+from modalshell.rungs.modal import Integrator
+from modalshell.scene.tables import Count, Table
+from modalshell.shell import Shell
+
+
+class ModelTable(Table, frozen=True, tag_field="name"):
+    """``[model]``: its name and options."""
+
+    @abstractmethod
+    def build(self, shell: Shell) -> Model:
+        """The model on ``shell``, with all that it precomputes."""
+
+
+class _Modal(ModelTable, frozen=True):
+    modes: Count = 8
+    integrator: Integrator = "implicit_euler"
+
+    def basis(self, shell: Shell) -> Basis:
+        return solve_modes(shell, self.modes)
+
+
+class Linear(_Modal, frozen=True, tag="lma"):
+    """LMA."""
+
+    def build(self, shell: Shell) -> Model:
+        """The model on ``shell``, with its modes."""
+        return LinearModal(self.basis(shell), integrator=self.integrator)
+
+
+class Warping(_Modal, frozen=True, tag="mwts"):
+    """MWTS."""
+
+    warp: Literal["closed_form", "sum"] = "closed_form"
+    consistent_force: bool = False
+
+    def build(self, shell: Shell) -> Model:
+        """The model on ``shell``, with its modes."""
+        return ModalWarping(
+            self.basis(shell),
+            integrator=self.integrator,
+            warp=self.warp,
+            consistent_force=self.consistent_force,
+        )
+
+
+class Strains(_Modal, frozen=True, tag="rsw"):
+    """RSW."""
+
+    def build(self, shell: Shell) -> Model:
+        """The model on ``shell``, with its modes."""
+        return RotationStrain(self.basis(shell), integrator=self.integrator)
+
+
+class Rigid(ModelTable, frozen=True, tag="rigid"):
+    """The shell as a rigid body."""
+
+    def build(self, shell: Shell) -> Model:
+        """The model on ``shell``."""
+        return RigidShell(shell)
+
+
+class Derivatives(ModelTable, frozen=True, tag="md-rom"):
+    """MD-ROM; ``cubature`` sums over few trained elements, at most this many."""
+
+    modes: Count = 8
+    cubature: bool | Count = False
+
+    def build(self, shell: Shell) -> Model:
+        """The model on ``shell``, with its modes, their derivatives, and cubature if asked for."""
+        return ModalDerivatives(shell, self.modes, cubature=self.cubature)
+
+
+class Discrete(ModelTable, frozen=True, tag="ds"):
+    """DS."""
+
+    integrator: Literal["implicit", "explicit"] = "implicit"
+    allow_unstable_step: bool = False
+    step_tolerance: Annotated[float, Meta(gt=0.0, le=1e-2)] = 1e-6
+
+    def build(self, shell: Shell) -> Model:
+        """The model on ``shell``."""
+        return DiscreteShell(
+            shell,
+            integrator=self.integrator,
+            allow_unstable_step=self.allow_unstable_step,
+            step_tolerance=self.step_tolerance,
+        )
+
+
+MODELS: dict[str, type[ModelTable]] = {
+    str(kind.__struct_config__.tag): kind for kind in (Rigid, Linear, Warping, Strains, Derivatives, Discrete)
+}
+"""Every model by its name."""

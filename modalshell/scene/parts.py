@@ -1,0 +1,164 @@
+"""From the tables of a scene to its parts: mesh, material, path of the supports, forces, constraints."""
+
+from __future__ import annotations
+
+import inspect
+from abc import abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, cast, get_type_hints
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from modalshell.checks import checked_vectors
+from modalshell.errors import OptionError
+from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, sheet, v_beam
+from modalshell.motion import SupportPath
+from modalshell.rungs import Constraint, OrientationConstraint, PositionConstraint
+from modalshell.scene.tables import Constrained, Force, MeshFile, PhysicalSheet, Stiffnesses, Supports, Table, Vector
+from modalshell.selection import select_vertices
+from modalshell.shell import Material
+from modalshell.study import repository_file
+
+Array = NDArray[np.float64]
+
+
+class Shape(Table, frozen=True, tag_field="shape"):
+    """``[mesh]``: a generated shape and its parameters."""
+
+    @abstractmethod
+    def build(self) -> TriangleMesh:
+        """The mesh."""
+
+
+def _shape_table(function: Callable[..., TriangleMesh]) -> type[Shape]:
+    """The table of one shape, with the parameters and defaults of the function that makes it."""
+    hints = get_type_hints(function)
+    fields = [
+        (name, tuple[int, int] if name == "cells" else hints[name], parameter.default)
+        for name, parameter in inspect.signature(function).parameters.items()
+    ]
+
+    def build(table: Shape) -> TriangleMesh:
+        return function(**{name: getattr(table, name) for name in table.__struct_fields__})
+
+    name = function.__name__
+    made = msgspec.defstruct(
+        name, fields, bases=(Shape,), namespace={"build": build}, frozen=True, kw_only=True,
+        forbid_unknown_fields=True, tag_field="shape", tag=name,
+    )  # fmt: skip
+    return cast(type[Shape], made)
+
+
+SHAPES: dict[str, type[Shape]] = {
+    function.__name__: _shape_table(function) for function in (flat_beam, v_beam, sheet, cylinder_panel, leaf)
+}
+"""Every shape by its name."""
+
+
+def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
+    """The mesh; files are looked for in ``folder``, then among those that come with the package."""
+    if isinstance(table, Shape):
+        return table.build()
+    file = folder / table.file
+    if not file.exists() and table.file.startswith("meshes/"):
+        file = repository_file(table.file)
+    return load_mesh(file)
+
+
+def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh) -> Material:
+    """The material on ``mesh``."""
+    if isinstance(table, Stiffnesses):
+        return Material(**table.plain())
+    return Material.from_physical(**table.plain(), mesh=mesh)
+
+
+def select(key: str, selection: int | str | list[int], mesh: TriangleMesh) -> NDArray[np.bool_]:
+    """Mask (n,) of the selected vertices, at least one; else OptionError."""
+    count = len(mesh.vertices)
+    if isinstance(selection, str):
+        try:
+            mask = select_vertices(selection, mesh.vertices)
+        except OptionError as error:
+            raise OptionError(f"{key} {error}") from error
+    else:
+        mask = np.zeros(count, dtype=bool)
+        indices = np.atleast_1d(np.array(selection, dtype=np.int64))
+        if indices.size and indices.max() >= count:
+            raise OptionError(f"{key} names vertex {indices.max()}, but the mesh has vertices 0 to {count - 1}")
+        mask[indices] = True
+    if not mask.any():
+        low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
+        raise OptionError(f"{key} selects no vertex (got {selection!r}); the mesh reaches from {low} to {high}")
+    return mask
+
+
+def build_path(table: Supports) -> SupportPath | None:
+    """The path of the supports; None if they rest."""
+    if table.times is None:
+        for key in ("translations", "rotations", "pivot"):
+            if getattr(table, key) is not None:
+                raise OptionError(f"{key} needs keyframe times beside it: give times")
+        return None
+    if table.translations is None and table.rotations is None:
+        raise OptionError("times need translations or rotations beside them, one entry each")
+    still = np.zeros((len(table.times), 3))
+    moved = still if table.translations is None else table.translations
+    return SupportPath(table.times, moved, table.rotations, pivot=table.pivot or (0.0, 0.0, 0.0))
+
+
+def spread_force(table: Force, mesh: TriangleMesh) -> Array:
+    """The force (n, 3) [N] on every vertex, by its share of the selected area."""
+    chosen = select("where", table.where, mesh)
+    share = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
+    return np.asarray(share[:, None] / share.sum() * np.array(table.total))
+
+
+def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Constraint:
+    """The constraint; ``moving`` says whether the scene has a time in which a target could move."""
+    if (table.vertices is None) == (table.nearest is None):
+        raise OptionError("a constraint needs either vertices or nearest, and not both")
+    if table.vertices is not None:
+        patch = np.flatnonzero(select("vertices", table.vertices, mesh))
+    else:
+        patch = np.array([np.argmin(np.linalg.norm(mesh.vertices - np.array(table.nearest), axis=1))])
+    if table.relative and table.kind == "orientation":
+        raise OptionError("relative is for positions: an orientation counts from rest anyhow")
+    origin = mesh.vertices[patch].mean(axis=0) if table.relative else np.zeros(3)
+    make = PositionConstraint if table.kind == "position" else OrientationConstraint
+    return make(patch, _target(table, origin, moving))
+
+
+def _target(table: Constrained, origin: Array, moving: bool) -> Array | Callable[[float], Array]:
+    """A fixed target or one through keyframes, ``origin`` added."""
+    if (table.target is None) == (table.targets is None):
+        raise OptionError("a constraint needs either target or targets, and not both")
+    if table.target is not None:
+        if table.times is not None:
+            raise OptionError("times need targets beside them, one entry each")
+        return np.asarray(origin + np.array(table.target))
+    if not moving:
+        raise OptionError("targets that move need a [motion] table; give one target for an equilibrium")
+    times, points = checked_keyframes(table.times, table.targets)
+    spline: Any = CubicSpline(times, points, bc_type="clamped") if table.path == "cubic" else None
+
+    def at(time: float) -> Array:
+        inside = float(np.clip(time, times[0], times[-1]))
+        if spline is not None:
+            return np.asarray(origin + spline(inside))
+        return np.array([origin[axis] + np.interp(inside, times, points[:, axis]) for axis in range(3)])
+
+    return at
+
+
+def checked_keyframes(times: list[float] | None, targets: list[Vector] | None) -> tuple[Array, Array]:
+    """Times (k,) and targets (k, 3) as arrays, or OptionError if the times are missing or do not increase."""
+    if times is None:
+        raise OptionError("targets need keyframe times beside them: give times")
+    moments = np.array(times, dtype=np.float64)
+    if (np.diff(moments) <= 0.0).any():
+        raise OptionError(f"times must increase (got {times!r})")
+    return moments, checked_vectors("targets", targets, (moments.size, 3), OptionError)

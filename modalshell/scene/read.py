@@ -1,0 +1,146 @@
+"""Reading of scene files: TOML into tables, with every refusal naming the file and the key's path."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin
+
+import msgspec
+
+from modalshell.errors import ModalShellError, SceneError
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+_WORDS = {"float": "a number", "int": "an integer", "str": "a text", "bool": "true or false"}
+_WORDS |= {"array": "a list", "object": "a table"}
+_BOUNDS = {">": "above", ">=": "at least", "<": "below", "<=": "at most"}
+_PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
+"""Parameters that the package names otherwise than scenes do."""
+
+
+def read_toml(file: Path) -> dict[str, Any]:
+    """The file as plain tables, all numbers finite; else SceneError."""
+    try:
+        document = tomllib.loads(file.read_bytes().decode("utf-8"))
+    except FileNotFoundError as error:
+        raise SceneError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
+    except OSError as error:
+        raise SceneError(f"{file}: cannot be read ({error.strerror}); give a readable scene file") from error
+    except UnicodeDecodeError as error:
+        raise SceneError(f"{file}: not UTF-8 text ({error.reason} at byte {error.start})") from error
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        raise SceneError(f"{file}: not TOML: {error}") from error
+    for path, value in _numbers(document, ""):
+        if not (isinstance(value, int) or math.isfinite(value)) or abs(value) > 1e300:
+            raise SceneError(f"{file}: {path}: must be a finite number below 1e300 (got {value!r:.40})")
+    return document
+
+
+def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _numbers(inner, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _numbers(inner, f"{path}[{index}]")
+    elif isinstance(value, float | int):
+        yield path, value
+
+
+def checked_table(file: Path, path: str, raw: Any, kind: type[T]) -> T:
+    """``raw`` as a table of ``kind``, else SceneError with the path of the offending key."""
+    _refuse_unknown_keys(file, path, raw, kind)
+    try:
+        return msgspec.convert(raw, kind)
+    except msgspec.ValidationError as error:
+        raise SceneError(f"{file}: {_explained(str(error), path, raw, kind)}") from error
+
+
+def _refuse_unknown_keys(file: Path, path: str, raw: Any, kind: type[msgspec.Struct]) -> None:
+    if not isinstance(raw, dict):
+        raise SceneError(f"{file}: {path}: must be a table (got {raw!r:.60})")
+    tag = kind.__struct_config__.tag_field
+    refuse_unknown_keys(file, path, raw, [*([tag] if tag else []), *kind.__struct_fields__])
+    for field in msgspec.structs.fields(kind):
+        inner = [part for part in get_args(field.type) if isinstance(part, type) and issubclass(part, msgspec.Struct)]
+        entries = raw.get(field.name)
+        if inner and isinstance(entries, list):
+            for index, entry in enumerate(entries):
+                _refuse_unknown_keys(file, f"{path}.{field.name}[{index}]", entry, inner[0])
+
+
+def refuse_unknown_keys(file: Path, path: str, raw: dict[str, Any], allowed: Iterable[str]) -> None:
+    """SceneError at the first key that is not ``allowed``, with the one it may have been meant for."""
+    names = list(allowed)
+    for key in raw:
+        if key not in names:
+            near = difflib.get_close_matches(key, names, 1)
+            hint = f"did you mean {near[0]!r}? " if near else ""
+            place = f"{path}.{key}" if path else key
+            raise SceneError(f"{file}: {place}: unknown key; {hint}allowed: {', '.join(names)}")
+
+
+def chosen(file: Path, path: str, raw: Any, key: str, kinds: dict[str, type[T]]) -> type[T]:
+    """The kind of table that ``raw[key]`` names."""
+    if not isinstance(raw, dict):
+        raise SceneError(f"{file}: {path}: must be a table (got {raw!r:.60})")
+    if key not in raw:
+        raise SceneError(f"{file}: {path}.{key}: missing; choose from {', '.join(kinds)}")
+    name = raw[key]
+    if not isinstance(name, str) or name not in kinds:
+        raise SceneError(f"{file}: {path}.{key}: must be one of {', '.join(kinds)} (got {name!r:.60})")
+    return kinds[name]
+
+
+def _explained(message: str, path: str, raw: dict[str, Any], kind: type[msgspec.Struct]) -> str:
+    """A message of msgspec as ``path: what is allowed (what was got)``."""
+    text, _, place = message.partition(" - at `$")
+    place = place.rstrip("`")
+    if missing := re.fullmatch(r"Object missing required field `(\w+)`", text):
+        return f"{path}{place}.{missing[1]}: missing; it must be given"
+    keys = re.findall(r"\.(\w+)|\[(\d+)\]", place)
+    got: Any = raw
+    for name, index in keys:
+        got = got[name] if name else got[int(index)]
+    if text.startswith("Invalid enum value"):
+        names = next(field.type for field in msgspec.structs.fields(kind) if field.name == keys[0][0])
+        allowed = "must be one of " + ", ".join(_literals(names))
+    else:
+        allowed = text.partition(", got ")[0].replace("Expected", "must be")
+        allowed = re.sub(r"`([\w |]+)`", lambda types: _in_words(types[1]), allowed)
+        allowed = re.sub(r">=|<=|>|<", lambda sign: _BOUNDS[sign[0]], allowed)
+    return f"{path}{place}: {allowed} (got {got!r:.60})"
+
+
+def _in_words(types: str) -> str:
+    """``float | null`` as words; nothing is what a key that is left out stands for."""
+    return " or ".join(_WORDS[name] for name in types.split(" | ") if name != "null")
+
+
+def _literals(annotation: Any) -> list[str]:
+    """The values of the Literal in a type, however deep."""
+    if get_origin(annotation) is Literal:
+        return [str(value) for value in get_args(annotation)]
+    return [value for part in get_args(annotation) for value in _literals(part)]
+
+
+@contextmanager
+def located(file: Path, path: str, table: msgspec.Struct) -> Iterator[None]:
+    """Give what the package refuses while building from ``table`` the file and the key's path."""
+    try:
+        yield
+    except ModalShellError as error:
+        if isinstance(error, SceneError) or not isinstance(error, ValueError):
+            raise
+        name, _, rest = str(error).partition(" ")  # most messages begin with the parameter, or an entry of it
+        parameter, bracket, index = name.partition("[")
+        key = _PARAMETERS.get(parameter, parameter)
+        if key not in table.__struct_fields__:
+            raise SceneError(f"{file}: {path}: {error}") from error
+        raise SceneError(f"{file}: {path}.{key}{bracket}{index}: {rest}") from error

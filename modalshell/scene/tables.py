@@ -1,0 +1,126 @@
+"""The tables of a scene file: their keys, types, bounds and defaults."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+Positive = Annotated[float, Meta(gt=0.0)]
+NotNegative = Annotated[float, Meta(ge=0.0)]
+Count = Annotated[int, Meta(ge=1)]
+Vertex = Annotated[int, Meta(ge=0)]
+Vector = tuple[float, float, float]
+Keyframes = Annotated[list[Vector], Meta(min_length=2)]
+Times = Annotated[list[float], Meta(min_length=2)]
+Selection = str | list[Vertex]
+"""Vertices by an expression such as ``x < 0.026``, or by index."""
+
+Format = Literal["npz", "vtkhdf", "pvd", "mp4", "png"]
+
+
+class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table of the file; no key beside those named."""
+
+    def plain(self) -> Any:
+        """The table as plain dicts and lists, defaults filled in."""
+        return msgspec.to_builtins(self)
+
+
+class MeshFile(Table, frozen=True):
+    """``[mesh]``: a file, relative to the scene file; ``meshes/...`` also finds those that come with the package."""
+
+    file: str
+
+
+class Stiffnesses(Table, frozen=True):
+    """``[material]`` by the stiffnesses of the discrete-shell energies.
+
+    ``stretch`` [N/m], ``shear`` [N], ``flexure`` [N m], ``density`` per area [kg/m^2].
+    """
+
+    stretch: float
+    shear: NotNegative
+    flexure: NotNegative
+    density: Positive
+
+
+class PhysicalSheet(Table, frozen=True):
+    """``[material]`` by an isotropic sheet, calibrated on the mesh.
+
+    ``young`` [Pa], ``poisson``, ``thickness`` [m], ``density`` per volume [kg/m^3].
+    """
+
+    young: Positive
+    poisson: Annotated[float, Meta(gt=-1.0, le=0.5)]
+    thickness: Positive
+    density: Positive
+
+
+class Supports(Table, frozen=True):
+    """``[supports]``: vertices that are held, and keyframes of the path that they move along.
+
+    ``times`` [s], ``translations`` [m], ``rotations`` as rotation vectors [rad] about ``pivot`` [m].
+    """
+
+    clamped: Selection
+    times: Times | None = None
+    translations: Keyframes | None = None
+    rotations: Keyframes | None = None
+    pivot: Vector | None = None
+
+
+class Force(Table, frozen=True):
+    """``[[loads.forces]]``: a force of ``total`` [N], spread over the vertices of ``where`` by their share of area."""
+
+    where: Selection
+    total: Vector
+
+
+class Loads(Table, frozen=True):
+    """``[loads]``: ``gravity`` [m/s^2] and forces."""
+
+    gravity: Vector | None = None
+    forces: list[Force] = []
+
+
+class Constrained(Table, frozen=True):
+    """``[[constraints]]``: where a patch shall be [m], or how it shall be turned (rotation vector [rad]).
+
+    The patch is given by ``vertices`` or as the vertex ``nearest`` to a point of the rest shape [m]; its goal by
+    ``target``, or by ``targets`` at ``times`` [s], joined by a ``path`` that starts and stops at rest ("cubic") or
+    straight. A ``relative`` position counts from the patch's rest position.
+    """
+
+    kind: Literal["position", "orientation"]
+    vertices: Vertex | str | list[Vertex] | None = None
+    nearest: Vector | None = None
+    target: Vector | None = None
+    times: Times | None = None
+    targets: Keyframes | None = None
+    path: Literal["cubic", "linear"] = "cubic"
+    relative: bool = False
+
+
+class Motion(Table, frozen=True):
+    """``[motion]``: motion from rest; a scene without it asks for the equilibrium.
+
+    ``duration`` and ``dt`` [s], Rayleigh ``damping`` of mass [1/s] and stiffness [s], ``store_every`` so many steps.
+    """
+
+    duration: Positive
+    dt: Positive = 1.0 / 30.0
+    damping: tuple[NotNegative, NotNegative] = (0.0, 0.0)
+    store_every: Count = 1
+
+
+class Output(Table, frozen=True):
+    """``[output]``: ``folder`` (relative to the working folder), precision of the positions, and formats.
+
+    The ``.npz`` file is always written.
+    """
+
+    folder: Annotated[str, Meta(min_length=1)] = "results"
+    positions: Literal["float64", "float32"] = "float64"
+    formats: list[Format] = []

@@ -1,0 +1,168 @@
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import pyvista
+
+import modalshell as ms
+
+
+@pytest.fixture(scope="module")
+def run():
+    mesh = ms.v_beam(cells=(8, 4))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.13)
+    tip = ms.PositionConstraint(len(mesh.vertices) - 1, mesh.vertices[-1] + [-0.05, 0.0, 0.05])
+    model = ms.ModalWarping(ms.solve_modes(shell, 8))
+    return ms.simulate(model, duration=0.5, dt=0.05, gravity=(0, 0, -1), constraints=[tip])
+
+
+ARRAYS = ("times", "positions", "energies", "constraint_residuals", "faces", "rest_positions")
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_archives_keep_every_bit(run, tmp_path, dtype):
+    saved = replace(run, positions=run.positions.astype(dtype))
+    path = ms.save_trajectory(saved, tmp_path / "run.npz")
+    loaded = ms.load_trajectory(path)
+    for name in ARRAYS:
+        assert getattr(loaded, name).dtype == getattr(saved, name).dtype
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(saved, name))
+    for name in ("status", "unconverged_steps", "seconds"):
+        assert getattr(loaded, name) == getattr(saved, name)
+
+
+def test_positions_stay_on_disk_until_looked_at(run, tmp_path):
+    loaded = ms.load_trajectory(ms.save_trajectory(run, tmp_path / "run.npz"))
+    assert isinstance(loaded.positions, np.memmap)
+    assert loaded.positions.ctypes.data % 64 == 0
+    assert not loaded.positions.flags.writeable
+
+
+def test_numpy_reads_archives_without_pickle(run, tmp_path):
+    with np.load(ms.save_trajectory(run, tmp_path / "run.npz"), allow_pickle=False) as stored:
+        np.testing.assert_array_equal(stored["positions"], run.positions)
+        assert str(stored["status"]) == run.status
+
+
+def test_equal_trajectories_make_equal_files(run, tmp_path):
+    files = [ms.save_trajectory(run, tmp_path / name) for name in ("a.npz", "b.npz")]
+    assert files[0].read_bytes() == files[1].read_bytes()
+
+
+def test_strided_positions_are_saved(run, tmp_path):
+    wide = np.zeros((*run.positions.shape[:2], 4))
+    wide[..., :3] = run.positions
+    path = ms.save_trajectory(replace(run, positions=wide[..., :3]), tmp_path / "run.npz")
+    np.testing.assert_array_equal(ms.load_trajectory(path).positions, run.positions)
+
+
+def test_damaged_archives_are_refused(run, tmp_path):
+    data = ms.save_trajectory(run, tmp_path / "run.npz").read_bytes()
+    with zipfile.ZipFile(tmp_path / "run.npz") as archive:
+        spans = [(info.header_offset, info.header_offset + info.file_size) for info in archive.infolist()]
+    chance = np.random.default_rng(0)
+    damaged = tmp_path / "damaged.npz"
+    for size in chance.integers(0, len(data), 30):
+        damaged.write_bytes(data[:size])
+        with pytest.raises(ms.FileFormatError, match="saved trajectory"):
+            ms.load_trajectory(damaged, verify=False)
+    for begin, end in spans:  # inside the values, behind the headers
+        place = (begin + end) // 2 + 100
+        damaged.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        with pytest.raises(ms.FileFormatError, match="damaged"):
+            ms.load_trajectory(damaged)
+
+
+def test_large_positions_are_verified_on_request(run, tmp_path, monkeypatch):
+    data = bytearray(ms.save_trajectory(run, tmp_path / "run.npz").read_bytes())
+    data[data.rindex(b"positions.npy", 0, len(data) - 500) + 2000] ^= 1
+    (tmp_path / "run.npz").write_bytes(data)
+    monkeypatch.setattr("modalshell.export.archive._VERIFIED", 100)
+    assert len(ms.load_trajectory(tmp_path / "run.npz").times) == len(run.times)
+    with pytest.raises(ms.FileFormatError, match="CRC"):
+        ms.load_trajectory(tmp_path / "run.npz", verify=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"positions": np.zeros((3, 2))}, r"\(F, n, 3\)"),
+        ({"positions": np.zeros((11, 45, 3), dtype=int)}, "float64 or float32"),
+        ({"times": np.zeros(3)}, "times has shape"),
+        ({"modalshell_trajectory": np.array(7)}, "format 7"),
+        ({"status": np.array([{"a": 1}])}, "llow_pickle"),
+    ],
+)
+def test_other_archives_are_refused(run, tmp_path, change, match):
+    with np.load(ms.save_trajectory(run, tmp_path / "run.npz")) as stored:
+        arrays = {name: stored[name] for name in stored.files} | change
+    np.savez(tmp_path / "other.npz", **arrays)
+    with pytest.raises(ms.FileFormatError, match=match):
+        ms.load_trajectory(tmp_path / "other.npz")
+
+
+def test_missing_parts_and_compressed_archives_are_refused(tmp_path, run):
+    with pytest.raises(ms.FileFormatError, match="nothing"):
+        ms.load_trajectory(tmp_path / "nothing.npz")
+    np.savez(tmp_path / "other.npz", a=np.eye(3))
+    with pytest.raises(ms.FileFormatError, match="modalshell_trajectory"):
+        ms.load_trajectory(tmp_path / "other.npz")
+    with np.load(ms.save_trajectory(run, tmp_path / "run.npz")) as stored:
+        np.savez_compressed(tmp_path / "other.npz", **stored)
+    with pytest.raises(ms.FileFormatError, match="compressed"):
+        ms.load_trajectory(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_vtkhdf_is_read_back(run, tmp_path, dtype):
+    saved = replace(run, positions=run.positions.astype(dtype))
+    done = []
+    path = ms.save_trajectory(saved, tmp_path / "run.vtkhdf", on_frame=lambda *counts: done.append(counts))
+    assert done[-1] == (len(run.times), len(run.times))
+    reader = pyvista.get_reader(path)
+    assert reader.reader.GetNumberOfSteps() == len(run.times)
+    for index in (0, 4, len(run.times) - 1):
+        reader.reader.SetStep(index)
+        surface = reader.read()
+        assert reader.reader.GetTimeValue() == np.float32(run.times[index])
+        assert surface.points.dtype == dtype
+        np.testing.assert_array_equal(surface.points, saved.positions[index])
+        np.testing.assert_array_equal(surface.regular_faces, run.faces)
+    assert [file.name for file in tmp_path.iterdir()] == ["run.vtkhdf"]
+
+
+def test_pvd_is_read_back(run, tmp_path):
+    path = ms.save_trajectory(run, tmp_path / "run.pvd")
+    reader = pyvista.get_reader(path)
+    np.testing.assert_array_equal(reader.time_values, run.times)
+    for index in (0, 7):
+        reader.set_active_time_value(run.times[index])
+        surface = reader.read()[0]
+        np.testing.assert_array_equal(surface.points, run.positions[index])
+        np.testing.assert_array_equal(surface.regular_faces, run.faces)
+
+
+def test_a_shorter_collection_replaces_a_longer_one(run, tmp_path):
+    ms.save_trajectory(run, tmp_path / "run.pvd")
+    ms.save_trajectory(replace(run, times=run.times[:3], positions=run.positions[:3]), tmp_path / "run.pvd")
+    assert len(list((tmp_path / "run_frames").iterdir())) == 3
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.pvd", "run_frames"]
+
+
+@pytest.mark.parametrize("suffix", [".vtkhdf", ".pvd"])
+def test_a_failed_export_leaves_nothing(run, tmp_path, suffix):
+    def stop(done, _total):
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        ms.save_trajectory(run, tmp_path / f"run{suffix}", on_frame=stop)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_saved_is_refused(run, tmp_path):
+    with pytest.raises(ms.OptionError, match=r"run\.xyz"):
+        ms.save_trajectory(run, tmp_path / "run.xyz")
+    with pytest.raises(ms.OptionError, match="faces"):
+        ms.save_trajectory(replace(run, faces=run.faces[:0]), tmp_path / "run.pvd")

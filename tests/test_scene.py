@@ -1,0 +1,271 @@
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import modalshell as ms
+from modalshell.scene import MODELS
+from modalshell.scene.parts import SHAPES
+
+BASE = """
+[mesh]
+shape = "v_beam"
+cells = [12, 4]
+[material]
+stretch = 20.0
+shear = 20.0
+flexure = 0.05
+density = 0.2
+[supports]
+clamped = "x < 0.1"
+[loads]
+gravity = [0, 0, -9.81]
+[model]
+name = "mwts"
+[motion]
+duration = 1
+"""
+TIP = '[[constraints]]\nkind = "position"\nnearest = [1, 0, 0]\n'
+
+
+@pytest.fixture
+def load(tmp_path):
+    def load(old="", new="", more=""):
+        assert old in BASE
+        (tmp_path / "scene.toml").write_text(BASE.replace(old, new, 1) + more, encoding="utf-8")
+        return ms.load_scene(tmp_path / "scene.toml")
+
+    return load
+
+
+def test_a_scene_builds_what_the_same_calls_build(load):
+    scene = load("duration = 1", "duration = 0.3\ndt = 0.1\ndamping = [0.5, 0.01]")
+    mesh = ms.v_beam(cells=(12, 4))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.1)
+    options = {"gravity": (0, 0, -9.81), "damping": (0.5, 0.01)}
+    expected = ms.simulate(ms.ModalWarping(ms.solve_modes(shell, 8)), duration=0.3, dt=0.1, **options)
+    motion = scene.build().start_motion()
+    for _ in range(3):
+        motion.advance()
+    np.testing.assert_array_equal(motion.positions(), expected.positions[-1])
+
+
+def test_only_what_is_declared_is_built(load, monkeypatch):
+    def refuse(*_args, **_options):
+        raise AssertionError("modes were not asked for")
+
+    monkeypatch.setattr("modalshell.scene.models.solve_modes", refuse)
+    scene = load('"mwts"', '"ds"')
+    built = scene.build()
+    assert (built.force, built.path, list(built.constraints)) == (None, None, [])
+    assert (scene.name, scene.constraints, scene.output.formats) == ("scene", (), [])
+    free = load('[supports]\nclamped = "x < 0.1"\n[loads]\ngravity = [0, 0, -9.81]', "").build_shell()
+    assert not free.clamped.any()
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_shapes_take_the_parameters_of_their_functions(load, name):
+    scene = load(
+        'shape = "v_beam"\ncells = [12, 4]', f'shape = "{name}"\nlength = 2.0\nfamily = "right"\ncells = [8, 4]'
+    )
+    mesh = scene.build_shell().mesh
+    assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(2.0, rel=0.05)
+    with pytest.raises(ms.SceneError, match=r"mesh\.heigth: unknown key.*allowed: shape, length"):
+        load('shape = "v_beam"', f'shape = "{name}"\nheigth = 2.0')
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_can_be_named(load, name):
+    model = load('"mwts"', f'"{name}"').build().model
+    assert model.positions(model.start_motion()).shape == model.shell.rest_positions.shape
+
+
+def test_model_options_reach_the_model(load):
+    model = load('"mwts"', '"mwts"\nmodes = 5\nintegrator = "implicit_midpoint"\nwarp = "sum"').build().model
+    assert (model.basis.count, model.integrator, model.warp) == (5, "implicit_midpoint", "sum")
+
+
+def test_mesh_files_are_looked_for_beside_the_scene_and_in_the_package(load, tmp_path):
+    ms.save_mesh(ms.sheet(cells=(12, 4)), tmp_path / "own.ply")
+    own = load('shape = "v_beam"\ncells = [12, 4]', 'file = "own.ply"').build_shell()
+    assert len(own.mesh.faces) == 96
+    bundled = load('shape = "v_beam"\ncells = [12, 4]', 'file = "meshes/v_beam.obj"').build_shell()
+    assert len(bundled.mesh.faces) > 96
+
+
+def test_physical_material_is_calibrated_on_the_mesh(load):
+    numbers = {"young": 1e7, "poisson": 0.3, "thickness": 1e-3, "density": 700.0}
+    text = "\n".join(f"{name} = {value}" for name, value in numbers.items())
+    shell = load("stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2", text).build_shell()
+    np.testing.assert_array_equal(
+        shell.material.shear, ms.Material.from_physical(**numbers, mesh=ms.v_beam(cells=(12, 4))).shear
+    )
+
+
+def test_forces_are_spread_over_the_selected_area(load):
+    forces = (
+        '[[loads.forces]]\nwhere = "x > 0.7"\ntotal = [0, 1, 2]\n[[loads.forces]]\nwhere = [5]\ntotal = [3, 0, 0]\n'
+    )
+    built = load("[model]", f"{forces}[model]").build()
+    np.testing.assert_allclose(built.force.sum(axis=0), [3, 1, 2])
+    chosen = built.shell.rest_positions[:, 0] > 0.7
+    assert not built.force[~chosen, 1:].any()
+    share = built.shell.mass[chosen] / built.shell.mass[chosen].sum()
+    np.testing.assert_allclose(built.force[chosen, 2], 2 * share)
+
+
+def test_supports_move_through_their_keyframes(load):
+    path = "times = [0, 1]\ntranslations = [[0, 0, 0], [1, 2, 3]]\nrotations = [[0, 0, 0], [0, 0, 0.5]]"
+    pose = load('clamped = "x < 0.1"', f"clamped = [0, 1, 2]\n{path}").build().path.at(1.0)
+    np.testing.assert_allclose(pose.translation, [1, 2, 3])
+    np.testing.assert_allclose(Rotation.from_matrix(pose.rotation).as_rotvec(), [0, 0, 0.5], atol=1e-12)
+    turning = load('clamped = "x < 0.1"', "clamped = [0]\ntimes = [0, 1]\nrotations = [[0, 0, 0], [0, 0, 0.5]]")
+    assert not turning.build().path.at(0.7).translation.any()
+
+
+def test_targets_pass_through_their_keyframes(load):
+    frames = "times = [0, 1, 3]\ntargets = [[0, 0, 0], [1, 1, 1], [3, 0, 0]]\n"
+    turn = '[[constraints]]\nkind = "orientation"\nvertices = 64\npath = "linear"\n'
+    built = load(more=f"{TIP}relative = true\n{frames}{turn}{frames}").build()
+    position, orientation = built.constraints
+    tip = np.argmin(np.linalg.norm(built.shell.rest_positions - [1, 0, 0], axis=1))
+    assert position.vertices.tolist() == [tip]
+    for time, target in ((0, [0, 0, 0]), (1, [1, 1, 1]), (3, [3, 0, 0]), (9, [3, 0, 0])):
+        np.testing.assert_allclose(position.at(time), built.shell.rest_positions[tip] + target, atol=1e-12)
+        np.testing.assert_allclose(orientation.at(time), target, atol=1e-12)
+    np.testing.assert_allclose(orientation.at(2.0), [2.0, 0.5, 0.5])
+    slope = (position.at(1e-6) - position.at(0.0)) / 1e-6  # starts at rest
+    assert np.abs(slope).max() < 1e-4
+
+
+def test_without_motion_a_scene_is_static(load):
+    built = load("[motion]\nduration = 1", f"{TIP}relative = true\ntarget = [-0.02, 0, 0.05]").build()
+    answer = built.equilibrium()
+    assert answer.converged
+    assert answer.constraint_residuals.max() < 1e-8
+    with pytest.raises(ms.SceneError, match="motion: missing"):
+        built.start_motion()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("stretch = 20.0", "strech = 20.0", "material.strech: unknown key; did you mean 'stretch'? allowed: stretch, "),
+        ("stretch = 20.0", 'stretch = "a"', "material.stretch: must be a number (got 'a')"),
+        ("stretch = 20.0", "poisson = 0.3", "material.shear: unknown key; allowed: young, poisson, thickness"),
+        ("stretch = 20.0", "", "material.stretch: missing"),
+        ("density = 0.2", "density = -0.2", "material.density: must be a number above 0.0 (got -0.2)"),
+        ("density = 0.2", "density = nan", "material.density: must be a finite number"),
+        ("density = 0.2", "density = true", "material.density: must be a number (got True)"),
+        ("[12, 4]", "[12]", "mesh.cells: must be a list of length 2 (got [12])"),
+        ("[12, 4]", '[12, "a"]', "mesh.cells[1]: must be an integer (got 'a')"),
+        ('"v_beam"', '"w_beam"', "mesh.shape: must be one of flat_beam, v_beam, sheet, cylinder_panel, leaf"),
+        ('shape = "v_beam"', "", "mesh: must have either file or shape"),
+        ("[mesh]", "[[mesh]]", "mesh: must be a table"),
+        ("[mesh]", 'name = "a/b"\n[mesh]', "name: must be letters, digits"),
+        ("[mesh]", "x = " + "[" * 3000 + "\n[mesh]", "not TOML"),
+        ('"mwts"', '"magic"', "model.name: must be one of rigid, lma, mwts"),
+        ('name = "mwts"', "", "model.name: missing; choose from rigid, lma, mwts"),
+        ('"mwts"', '"mwts"\nmodes = 0', "model.modes: must be an integer at least 1 (got 0)"),
+        ('"mwts"', '"mwts"\nmodes = 2.5', "model.modes: must be an integer (got 2.5)"),
+        ('"mwts"', '"mwts"\nwarp = "x"', "model.warp: must be one of closed_form, sum (got 'x')"),
+        ('"mwts"', '"ds"\nmodes = 4', "model.modes: unknown key; allowed: name, integrator"),
+        ("duration = 1", "duration = 0", "motion.duration: must be a number above 0.0 (got 0)"),
+        ("duration = 1", "duration = 1e-9", "motion.duration: must be at least one step"),
+        ("duration = 1", "duration = 1e999", "motion.duration: must be a finite number"),
+        ("duration = 1", "duration = 1" + "0" * 400, "motion.duration: must be a finite number"),
+        ("duration = 1", "duration = 2020-01-01", "motion.duration: must be a number"),
+        ("duration = 1", "duration =", "not TOML: Invalid value (at line 17, column 11)"),
+        ("duration = 1", "duration = 1\ndamping = [1, -1]", "motion.damping[1]: must be a number at least 0.0"),
+        ("[motion]", "[moton]", "moton: unknown key; did you mean 'motion'?"),
+        ('"x < 0.1"', "3.5", "supports.clamped: must be a text or a list (got 3.5)"),
+        ('"x < 0.1"', "[-1]", "supports.clamped[0]: must be an integer at least 0 (got -1)"),
+        ("[0, 0, -9.81]", "3", "loads.gravity: must be a list (got 3)"),
+        ("[0, 0, -9.81]", '[0, 0, inf]', "loads.gravity[2]: must be a finite number"),
+        ("[model]", "[[loads.forces]]\nwhere = [1]\ntotl = [0, 0, 1]\n[model]", "loads.forces[0].totl: unknown key"),
+        ("[model]", "[[loads.forces]]\nwhere = [1]\ntotal = [0, 0]\n[model]", "loads.forces[0].total: must be a list"),
+        ("[model]", "[constraints]\n[model]", "constraints: must be a list of tables"),
+        ("[model]", '[[constraints]]\nkind = "x"\n[model]', "constraints[0].kind: must be one of position"),
+        ("[model]", '[output]\nformats = ["gif"]\n[model]', "output.formats[0]: must be one of npz, vtkhdf"),
+    ],
+)  # fmt: skip
+def test_what_is_not_allowed_is_refused_at_its_path(load, old, new, message):
+    with pytest.raises(ms.SceneError) as refused:
+        load(old, new)
+    file, _, text = str(refused.value).partition(": ")
+    assert file.endswith("scene.toml")
+    assert text.startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[12, 4]", "[12, 3]", "mesh.cells[1]: must be even"),
+        ("[12, 4]", "[12, 4]\nlength = -1", "mesh.length: must be a positive"),
+        ("[12, 4]", '[12, 4]\nfamily = "x"', "mesh: unknown mesh family 'x'"),
+        ('shape = "v_beam"\ncells = [12, 4]', 'file = "no.obj"', "mesh: "),
+        ('shape = "v_beam"\ncells = [12, 4]', 'file = "meshes/no.obj"', "mesh: meshes/no.obj"),
+        ("stretch = 20.0", "stretch = -900", "material.stretch: -900 N/m makes triangle"),
+        ('"x < 0.1"', '"x < "', "supports.clamped: cannot read the selection"),
+        ('"x < 0.1"', '"x < -9"', "supports.clamped: selects no vertex (got 'x < -9'); the mesh reaches from"),
+        ('"x < 0.1"', '"x < 9"', "supports.clamped: holds all 65 vertices"),
+        ('"x < 0.1"', "[999]", "supports.clamped: names vertex 999, but the mesh has vertices 0 to 64"),
+        ('"x < 0.1"', "[1]\nrotations = [[0, 0, 0], [0, 0, 1]]", "supports.rotations: needs keyframe times"),
+        ('"x < 0.1"', "[1]\ntimes = [0, 1]", "supports.times: need translations or rotations"),
+        ('"x < 0.1"', "[1]\ntimes = [1, 1]\nrotations = [[0, 0, 0], [0, 0, 1]]", "supports.times: must be at"),
+        ('"x < 0.1"', "[1]\ntimes = [0, 1, 2]\nrotations = [[0, 0, 0], [0, 0, 1]]", "supports.rotations: must have"),
+        ("[motion]\nduration = 1", "", None),
+        ('"mwts"', '"mwts"\nmodes = 999', "model.modes: must be at most 165"),
+        ("[model]", '[[loads.forces]]\nwhere = "x > 9"\ntotal = [0, 0, 1]\n[model]', "loads.forces[0].where: selects"),
+        ("[model]", f"{TIP}[model]", "constraints[0]: a constraint needs either target or targets"),
+        ("[model]", f"{TIP}vertices = 3\ntarget = [0, 0, 0]\n[model]", "constraints[0]: a constraint needs"),
+        ("[model]", f"{TIP}targets = [[0, 0, 0], [1, 1, 1]]\n[model]", "constraints[0].targets: need keyframe times"),
+        ("[model]", f"{TIP}times = [0, 0]\ntargets = [[0, 0, 0], [1, 1, 1]]\n[model]", "constraints[0].times: must"),
+        ("[model]", f"{TIP}times = [0, 1, 2]\ntargets = [[0, 0, 0], [1, 1, 1]]\n[model]", "constraints[0].targets: "),
+        ("[model]", f"{TIP.replace('1', '0')}target = [0, 0, 0]\n[model]", "constraints[0]: a constraint names vertex"),
+        ('"mwts"', '"ds"\nintegrator = "explicit"', "motion: explicit Euler needs a step"),
+    ],
+)  # fmt: skip
+def test_what_the_mesh_or_model_does_not_allow_is_refused_at_its_path(load, old, new, message):
+    scene = load(old, new)
+    if message is None:
+        message = "motion: missing"
+    with pytest.raises(ms.SceneError) as refused:
+        scene.build().start_motion()
+    assert str(refused.value).partition("scene.toml: ")[2].startswith(message)
+
+
+@pytest.mark.parametrize("name", ["rigid", "md-rom"])
+def test_models_without_constraints_refuse_them(load, name):
+    with pytest.raises(ms.SceneError, match=r"constraints: .* takes none"):
+        load('"mwts"', f'"{name}"', more=f"{TIP}target = [1, 0, 0]").build()
+
+
+def test_moving_parts_need_a_motion(load, tmp_path):
+    text = "[motion]\nduration = 1"
+    with pytest.raises(ms.SceneError, match=r"constraints\[0\]\.targets: that move need a \[motion\]"):
+        load(text, f"{TIP}times = [0, 1]\ntargets = [[0, 0, 0], [1, 1, 1]]").build()
+    (tmp_path / "scene.toml").write_text(
+        BASE.replace(text, "").replace('"x < 0.1"', "[1]\ntimes = [0, 1]\nrotations = [[0, 0, 0], [0, 0, 1]]")
+    )
+    with pytest.raises(ms.SceneError, match=r"supports\.times: .* \[motion\]"):
+        ms.load_scene(tmp_path / "scene.toml").build()
+
+
+@pytest.mark.parametrize("name", ["mesh", "material", "model"])
+def test_missing_tables_are_named(tmp_path, name):
+    left = re.sub(rf"\n\[{name}\]\n(\w.*\n)*", "\n", BASE)
+    (tmp_path / "scene.toml").write_text(left)
+    with pytest.raises(ms.SceneError, match=rf"scene\.toml: {name}: missing"):
+        ms.load_scene(tmp_path / "scene.toml")
+
+
+def test_unreadable_files_are_named(tmp_path):
+    with pytest.raises(ms.SceneError, match="no such file"):
+        ms.load_scene(tmp_path / "no.toml")
+    with pytest.raises(ms.SceneError, match="cannot be read"):
+        ms.load_scene(tmp_path)
+    (tmp_path / "bad.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(ms.SceneError, match="UTF-8"):
+        ms.load_scene(tmp_path / "bad.toml")
