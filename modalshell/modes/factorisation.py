@@ -143,15 +143,15 @@ class _Cholmod(Factor):
     def __init__(self, matrix: sps.csc_array, analysis: Any = None) -> None:
         from sksparse import cholmod
 
-        lower = sps.csc_matrix(sps.tril(matrix, format="csc"))
+        whole = sps.csc_matrix(matrix)
         try:
             # Analysing and factorising apart: cholesky() in one call is simplicial, 2.5 times slower here.
             with _one_thread():
                 if analysis is None:
                     ordering = "amd" if matrix.shape[0] < _DISSECT_FROM else "nesdis"
-                    analysis = cholmod.analyze(lower, mode="supernodal", ordering_method=ordering)
+                    analysis = cholmod.analyze(whole, mode="supernodal", ordering_method=ordering)
                 self.analysis = analysis
-                self._factor = self.analysis.cholesky(lower)
+                self._factor = self.analysis.cholesky(whole)
         except cholmod.CholmodError as error:
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is not positive definite: {error}") from error
 
