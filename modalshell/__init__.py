@@ -9,26 +9,47 @@ from modalshell.errors import (
     ModalShellError,
     ModalShellWarning,
     OptionError,
+    SceneError,
     SolverError,
     SupportError,
 )
-from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, save_mesh, sheet, v_beam
+from modalshell.export import load_trajectory, save_trajectory
+from modalshell.ladder import Advice, Tradeoff, advise, tradeoff
+from modalshell.mesh import (
+    TriangleMesh,
+    cylinder_panel,
+    flat_beam,
+    leaf,
+    load_mesh,
+    save_mesh,
+    sheet,
+    v_beam,
+)
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
+from modalshell.run import SceneResult, run_scene
 from modalshell.rungs import (
+    CoarseDiscreteShell,
     DiscreteShell,
     LinearModal,
+    ModalDerivatives,
     ModalWarping,
     OrientationConstraint,
     PositionConstraint,
+    ReducedRotationStrain,
+    RigidShell,
     RotationStrain,
+    coarse_shell,
 )
+from modalshell.scene import Scene, load_scene
 from modalshell.shell import Material, Shell
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Advice",
     "Basis",
+    "CoarseDiscreteShell",
     "DiscreteShell",
     "FileFormatError",
     "LinearModal",
@@ -36,27 +57,41 @@ __all__ = [
     "Material",
     "MaterialError",
     "MeshError",
+    "ModalDerivatives",
     "ModalShellError",
     "ModalShellWarning",
     "ModalWarping",
     "OptionError",
     "OrientationConstraint",
     "PositionConstraint",
+    "ReducedRotationStrain",
+    "RigidShell",
     "RotationStrain",
+    "Scene",
+    "SceneError",
+    "SceneResult",
     "Shell",
     "SolverError",
     "SupportError",
     "SupportPath",
+    "Tradeoff",
     "Trajectory",
     "TriangleMesh",
+    "advise",
+    "coarse_shell",
     "cylinder_panel",
     "flat_beam",
     "leaf",
     "load_mesh",
+    "load_scene",
+    "load_trajectory",
     "measure",
+    "run_scene",
     "save_mesh",
+    "save_trajectory",
     "sheet",
     "simulate",
     "solve_modes",
+    "tradeoff",
     "v_beam",
 ]

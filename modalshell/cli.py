@@ -1,4 +1,4 @@
-"""The command line: ``modalshell reproduce``, ``modalshell simulate MESH`` and ``modalshell modes MESH``."""
+"""The command line: figures, scenes, benchmarks, and motion and modes of meshes of your own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated
 
 import numpy as np
 from cyclopts import App, CycloptsError, Parameter
@@ -18,18 +18,19 @@ from rich.table import Table
 
 import modalshell as ms
 from modalshell.errors import ModalShellError, OptionError
-from modalshell.files import write_npz
+from modalshell.ladder import MODES
 from modalshell.reproduce import chosen_studies
 from modalshell.reproduce import reproduce as reproduce_study
-from modalshell.rungs import Model
+from modalshell.run import write_results
+from modalshell.rungs.modal import ModalModel
+from modalshell.scene import MODELS
 from modalshell.selection import select_vertices
 from modalshell.study import load_script
+from modalshell.viewer import open_window, serve_page, take_picture
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 _console = Console()
 _errors = Console(stderr=True)
-
-ModelName = Literal["lma", "mwts", "ds"]
 
 
 @contextmanager
@@ -53,17 +54,91 @@ def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
 @app.command
 def reproduce(
     *,
-    only: Annotated[list[str] | None, Parameter(help="Names of the studies to run; all without it.")] = None,
+    only: Annotated[list[str] | None, Parameter(help="Names of the studies to run.")] = None,
+    everything: Annotated[bool, Parameter(name="--all", help="All studies, not only those of the paper.")] = False,
     out: Annotated[Path, Parameter(help="Folder of the results; pictures go to 'figures' in it.")] = Path("results"),
     figures: Annotated[Path | None, Parameter(help="Another folder for the pictures.")] = None,
     quick: Annotated[bool, Parameter(help="Coarser meshes and fewer loads, to try things out.")] = False,
 ) -> None:
     """Run the studies and draw the paper's figures."""
-    for name in chosen_studies(only):
+    for name in chosen_studies(only, everything):
         with _progress(name) as on_step:
             written = reproduce_study(name, out, figures or out / "figures", quick=quick, on_step=on_step)
         for path in written:
             print(path)
+
+
+@app.command
+def run(
+    scene: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    out: Annotated[Path | None, Parameter(help="Folder of the results instead of the scene's own.")] = None,
+    restart: Annotated[bool, Parameter(help="Drop what a stopped run has left and start anew.")] = False,
+) -> None:
+    """Run a scene file, or go on with a run of it that was stopped."""
+    with _progress(f"{scene.stem} steps") as on_step:
+        result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
+    found = result.trajectory
+    kept = f", {result.resumed} of them from an earlier run" if result.resumed else ""
+    print(f"{scene.stem}: {found.status}, {len(found.times)} frames in {found.seconds:.3g} s{kept}")
+    for path in result.files:
+        print(path)
+
+
+@app.command
+def view(
+    scene: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    web: Annotated[bool, Parameter(help="A page for a browser on this machine instead of a window.")] = False,
+    port: Annotated[int, Parameter(help="Of the page; 0 takes a free one.")] = 8080,
+    frames: Annotated[int, Parameter(help="Frames to play, of 1/30 s each, before the screenshot.")] = 30,
+    screenshot: Annotated[Path | None, Parameter(help="Write the window's picture to this PNG file instead.")] = None,
+) -> None:
+    """Play a scene: pause it, pull at it by gravity, give it another model or number of modes."""
+    if web and screenshot is not None:
+        raise OptionError("--screenshot pictures the window: leave out --web")
+    declared = ms.load_scene(scene)
+    if web:
+        serve_page(declared, port)
+    elif screenshot is None:
+        open_window(declared)
+    else:
+        print(take_picture(declared, frames, screenshot))
+
+
+@app.command
+def tradeoff(
+    scene: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    truth: Annotated[
+        Path | None, Parameter(help="Outside solution under the whole load: .npz with 'positions', or a mesh file.")
+    ] = None,
+    modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
+    out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
+) -> None:
+    """Measure every rung that a scene allows: error against DS, cost of a frame, and what none cheaper matches."""
+    with _progress(f"{scene.stem} rungs") as on_step:
+        found = ms.tradeoff(scene, truth=truth, modes=modes, on_step=on_step)
+    print(found.table())
+    for path in found.save(out):
+        print(path)
+
+
+@app.command
+def advise(
+    scene: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    error: Annotated[float, Parameter(help="Largest displacement error against DS, relative.")] = 0.02,
+    fps: Annotated[float, Parameter(help="Frames a second at least.")] = 60.0,
+    modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
+    out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
+) -> None:
+    """Name the cheapest rung that is as accurate and as fast as asked on a scene, from measured runs."""
+    with _progress(f"{scene.stem} rungs") as on_step:
+        found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
+    _console.print(Markdown(found.explanation))
+    for path in found.save(out):
+        print(path)
 
 
 @app.command
@@ -124,8 +199,8 @@ def simulate(
     *,
     shell: _ShellOptions | None = None,
     gravity: Annotated[tuple[float, float, float], Parameter(help="Acceleration [m/s^2].")] = (0.0, 0.0, -9.81),
-    model: Annotated[ModelName, Parameter(help="Linear modes, warped modes, or discrete shells.")] = "mwts",
-    modes: Annotated[int, Parameter(help="Number of modes of lma and mwts.")] = 8,
+    model: Annotated[str, Parameter(help=f"One of {', '.join(MODELS)}.")] = "mwts",
+    modes: Annotated[int, Parameter(help="Number of modes of the modal models.")] = 8,
     static: Annotated[bool, Parameter(help="Equilibrium instead of motion: a picture instead of a film.")] = False,
     duration: Annotated[float, Parameter(help="Simulated time [s].")] = 2.0,
     dt: Annotated[float, Parameter(help="Time step, and time between frames [s].")] = 1.0 / 30.0,
@@ -136,41 +211,31 @@ def simulate(
     out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
 ) -> None:
     """Let a mesh of your own hang, fall or swing; write a film or a picture, and the positions."""
-    from modalshell.render import ShadedSurface, View, draw_views, write_film
-
+    if model not in MODELS:
+        raise OptionError(f"there is no model {model!r}; choose from {', '.join(MODELS)}")
     options = shell or _ShellOptions()
     built = options.build(mesh)
     print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
-    chosen: Model
-    if model == "ds":
-        chosen = ms.DiscreteShell(built)
-    else:
-        basis = ms.solve_modes(built, modes)
+    kind = MODELS[model]
+    chosen = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(built)
+    if isinstance(chosen, ModalModel):
+        basis = chosen.basis
         span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
         print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
-        chosen = ms.LinearModal(basis) if model == "lma" else ms.ModalWarping(basis)
-    stem = out / f"{mesh.stem}_{model}"
     if static:
         answer = chosen.equilibrium(gravity=gravity)
         print(f"{chosen.name}: {answer.status}, {answer.iterations} iterations, residual {answer.residual:.1e}")
-        arrays: dict[str, Any] = {"positions": answer.positions, "converged": answer.converged, "status": answer.status}
-        rest = ShadedSurface(built.rest_positions, built.mesh.faces, color="#999999", style="outline")
-        surface = ShadedSurface(answer.positions, built.mesh.faces, smooth=True)
-        view = View([surface, rest], title=f"{mesh.stem}, {chosen.name}")
-        picture = draw_views([view], stem.with_suffix(".png"))
+        found = ms.Trajectory.still(answer, built, built.gravity_force(gravity))
     else:
         with _progress(f"{chosen.name} steps") as on_step:
-            run = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)
-        print(f"{chosen.name}: {run.status}, {len(run.times)} frames in {run.seconds:.3g} s")
-        arrays = {"times": run.times, "positions": run.positions, "status": run.status}
-        with _progress("film") as on_frame:
-            picture = write_film(
-                stem.with_suffix(".mp4"), run.positions, built.mesh.faces, fps=1.0 / dt, smooth=True, on_frame=on_frame
-            )
-    arrays |= {"faces": built.mesh.faces, "rest": built.rest_positions, "clamped": np.flatnonzero(built.clamped)}
-    file = write_npz(stem.with_suffix(".npz"), **arrays)
-    print(file)
-    print(picture)
+            found = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)
+        print(f"{chosen.name}: {found.status}, {len(found.times)} frames in {found.seconds:.3g} s")
+    formats = ["npz", "png" if static else "mp4"]
+    title = f"{mesh.stem}, {chosen.name}"
+    with _progress("film") as on_frame:
+        written = write_results(found, out, f"{mesh.stem}_{model}", formats, title=title, on_step=on_frame)
+    for path in written:
+        print(path)
 
 
 @app.command

@@ -12,6 +12,7 @@ from modalshell.study import load_script
 FIGURES: dict[str, tuple[str, ...]] = {
     "dancing_character": ("figure_8",),
     "flat_vs_v_beam": ("figure_4",),
+    "held_out_advice": (),
     "integrator_drift": ("integrator_drift",),
     "large_mesh": ("figure_3",),
     "manipulation": ("figure_7",),
@@ -22,10 +23,12 @@ FIGURES: dict[str, tuple[str, ...]] = {
 """Which figure scripts read which study's result."""
 
 
-def chosen_studies(only: Sequence[str] | None) -> list[str]:
-    """Names of the studies to run; OptionError for a name that is none."""
-    if not only:
+def chosen_studies(only: Sequence[str] | None, everything: bool = False) -> list[str]:
+    """Names of the studies to run: those of the paper's figures, or ``only`` some; OptionError for a name that is none."""
+    if everything and not only:
         return list(FIGURES)
+    if not only:
+        return [name for name, figures in FIGURES.items() if any(figure.startswith("figure_") for figure in figures)]
     for name in only:
         if name not in FIGURES:
             raise OptionError(f"there is no study {name!r}; choose from {', '.join(FIGURES)}")

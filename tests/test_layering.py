@@ -30,11 +30,29 @@ MAY_IMPORT = {
     "selection": _TO_MOTION,
     "export": _TO_MOTION,
     "study": _TO_MOTION | {"measure", "selection", "bundled"},
+    "scene": _TO_MOTION | {"selection", "study"},
+    "run": _TO_MOTION | {"export", "render", "scene", "study"},
+    "ladder": _TO_MOTION | {"measure", "render", "scene", "study"},
+    "viewer": _TO_MOTION | {"render", "scene"},
     "reproduce": _PLAIN | {"study", "bundled"},
-    "cli": _TO_MOTION | {"measure", "selection", "export", "render", "study", "reproduce", "bundled", ROOT},
+    "cli": _TO_MOTION
+    | {
+        "measure",
+        "selection",
+        "export",
+        "render",
+        "study",
+        "scene",
+        "run",
+        "ladder",
+        "viewer",
+        "reproduce",
+        "bundled",
+        ROOT,
+    },
     "__main__": {"cli"},
     "symbolic": set(),
-    ROOT: _TO_MOTION | {"measure", "selection", "export", "study"},
+    ROOT: _TO_MOTION | {"measure", "selection", "export", "study", "scene", "run", "ladder"},
 }
 
 

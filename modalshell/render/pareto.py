@@ -99,7 +99,8 @@ def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int
         name = next(panel.truth[1] for panel in panels if panel.truth)
         entries.append(Line2D([], [], color=GROUP_COLORS.get(name, "0.5"), lw=2, label=f"{name}, the truth"))
     entries.append(Line2D([], [], color="0.2", lw=5, alpha=0.25, label="none cheaper is as accurate"))
-    figure.legend(handles=entries, loc="outside lower center", ncols=min(len(entries), 3 * across), frameon=False)
+    lines = {1: 4, 2: 2}.get(across, 1)
+    figure.legend(handles=entries, loc="outside lower center", ncols=-(-len(entries) // lines), frameon=False)
     return write_atomically(path, lambda file: figure.savefig(file, format="png"))
 
 
@@ -109,8 +110,9 @@ def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
     front = sorted((mark for mark in panel.marks if mark.front), key=lambda mark: mark.x)
     if front:
         x, y = ([getattr(mark, name) for mark in front] for name in ("x", "y"))
-        end = [panel.truth[0]] if panel.truth else []
-        axes.step([*x, *end], [*y, *(y[-1:] if end else [])], where="post", color="0.2", lw=6, alpha=0.2, zorder=1)
+        if panel.truth:
+            x, y = [*x, panel.truth[0]], [*y, y[-1]]
+        axes.step(x, y, where="post", color="0.2", lw=6, alpha=0.2, zorder=1, solid_capstyle="butt")
     for group in dict.fromkeys(mark.group for mark in panel.marks):
         marks = [mark for mark in panel.marks if mark.group == group]
         color = GROUP_COLORS.get(group, "0.5")
@@ -122,31 +124,41 @@ def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
             )  # fmt: skip
     if panel.truth:
         axes.axvline(panel.truth[0], color=GROUP_COLORS.get(panel.truth[1], "0.5"), lw=2)
-    axes.margins(0.08, 0.14)
+    axes.margins(0.1, 0.14)
     axes.grid(alpha=0.3, which="major")
     axes.set_title(panel.title, fontsize=11)
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)
-    _write_texts(axes, panel.marks)
+    _write_texts(axes, panel)
 
 
-def _write_texts(axes: Axes, marks: Sequence[Mark]) -> None:
-    """A text beside every point, at the first of a few places where it covers no other text or point."""
+def _write_texts(axes: Axes, panel: ParetoPanel) -> None:
+    """A text beside every point, at the first of a few places where it covers no other text, point or line."""
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
-    points = axes.transData.transform([[mark.x, mark.y] for mark in marks])
     scale = 72.0 / axes.figure.dpi
-    points = points * scale
+    points = axes.transData.transform([[mark.x, mark.y] for mark in panel.marks]) * scale
+    left, right = (float(edge) * scale for edge in axes.bbox.intervalx)
+    line = -np.inf
+    if panel.truth:
+        line = float(axes.transData.transform((panel.truth[0], panel.marks[0].y))[0]) * scale
     taken: list[tuple[float, float, float]] = []  # centre and half a width of the texts so far
-    for mark, point in sorted(zip(marks, points, strict=True), key=lambda pair: not pair[0].front):
+
+    def clear(x: float, y: float, half: float, own: tuple[float, float]) -> bool:
+        apart = all(abs(x - a) > half + b or abs(y - c) > 8.0 for a, c, b in taken)
+        apart = apart and all(
+            abs(x - a) > half + 4.0 or abs(y - c) > 7.5
+            for a, c in points
+            if max(abs(a - own[0]), abs(c - own[1])) > 0.0
+        )
+        return apart and abs(x - line) > half + 2.0 and left + half < x < right - half
+
+    for mark, point in sorted(zip(panel.marks, points, strict=True), key=lambda pair: not pair[0].front):
         half = 1.0 + 2.3 * len(mark.text)
         places = [(0.0, 9.0), (0.0, -10.0), (half + 7.0, 0.0), (-half - 7.0, 0.0), (half, 10.0), (-half, -11.0)]
+        places += [(-half - 3.0, 9.0), (half + 3.0, -9.0), (0.0, 18.0), (0.0, -19.0)]
         for shift in places:
             x, y = point[0] + shift[0], point[1] + shift[1]
-            clear = all(abs(x - a) > half + b or abs(y - c) > 8.0 for a, c, b in taken)
-            clear = clear and all(
-                abs(x - a) > half + 4.0 or abs(y - c) > 7.5 for a, c in points if (a, c) != tuple(point)
-            )
-            if clear:
+            if clear(x, y, half, tuple(point)):
                 taken.append((x, y, half))
                 axes.annotate(
                     mark.text, (mark.x, mark.y), xytext=shift, textcoords="offset points", ha="center", va="center",

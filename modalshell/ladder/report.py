@@ -1,0 +1,54 @@
+"""Findings of a tradeoff as a Markdown table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+_HEADS = (
+    *("rung", "ms a frame", "statics [s]", "preprocessing [s]", "worst error", "at the largest load", "area"),
+    *("tip turn", "first frequency"),
+)
+
+
+def markdown_table(found: dict[str, Any]) -> str:
+    """One row a rung, cheapest frame first, those of the Pareto front in bold, and what has to be said of them."""
+    outside = any(row["outside_error"] is not None for row in found["rows"])
+    heads = [*_HEADS, *(["outside solution"] if outside else []), "notes"]
+    lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+    for row in found["rows"]:
+        cells = [f"**{row['label']}**" if row["front"] else row["label"], f"{row['frame_ms']:.3g}"]
+        cells += [f"{row['statics']:.2g}", f"{row['preprocessing']:.2g}"]
+        cells += [percent(row["worst_error"]), percent(row["final_error"]), percent(_last(row["area_errors"]), "+.2f")]
+        turn, frequency = _last(row["tip_turns"]), row["frequency"]
+        cells += ["-" if turn is None else f"{turn:.1f}°", "-" if frequency is None else f"{frequency:.3f}"]
+        cells += [percent(row["outside_error"])] if outside else []
+        lines.append(f"| {' | '.join([*cells, _notes(row)])} |")
+    shares = ", ".join(f"{factor:g}" for factor in found["load_factors"])
+    lines += [
+        "",
+        f"{found['vertices']} vertices; static answers at {shares} of the load, in the time named statics. Errors are "
+        "of displacement against DS, area less that of DS, frequency over that of DS at rest; in bold what no cheaper "
+        "frame matches in error.",
+    ]
+    for text in (found["note"], f"the shell {found['snap']}" if found["snap"] else ""):
+        lines += ["", f"{text[0].upper()}{text[1:]}."] if text else []
+    if found["left_out"]:
+        lines += ["", *(f"- Not run: {label}: {reason}" for label, reason in found["left_out"].items())]
+    return "\n".join(lines)
+
+
+def percent(value: float | None, form: str = ".3g") -> str:
+    """A share as per cent; a dash where there is none."""
+    return "-" if value is None else f"{100.0 * value:{form}} %"
+
+
+def _notes(row: dict[str, Any]) -> str:
+    """What went wrong, each kind once."""
+    wrong = list(dict.fromkeys(status.partition(":")[0] for status in row["statuses"] if status != "converged"))
+    return "; ".join(wrong + ([f"motion: {row['motion']}"] if row["motion"] != "completed" else []))
+
+
+def _last(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return known[-1] if known else None

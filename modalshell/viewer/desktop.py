@@ -1,0 +1,176 @@
+"""The viewer in a window: sliders and keys of PyVista around a session."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from modalshell.checks import checked_count
+from modalshell.errors import ModalShellError, OptionError
+from modalshell.render.backend import opens_windows
+from modalshell.render.scene import checked_path
+from modalshell.scene import MODELS, Scene
+from modalshell.viewer.session import FRAME_SECONDS, ViewSession
+from modalshell.viewer.stage import Stage, demand_opengl
+
+_HELP = "space: play or pause   m: next model   n: anew from rest   q: quit"
+
+
+class DesktopViewer:
+    """A session under sliders, keys and a timer.
+
+    Parameters
+    ----------
+    session : ViewSession
+        What to show.
+    off_screen : bool
+        Draw into memory, for pictures of the window.
+    """
+
+    def __init__(self, session: ViewSession, *, off_screen: bool = False) -> None:
+        self._session = session
+        self._stage = Stage(session, off_screen=off_screen)
+        self._last = time.perf_counter()
+        self._note = ""
+        plotter = self._stage.plotter
+        self._names = list(MODELS)
+        limit = session.gravity_limit
+        for axis, letter in enumerate("xyz"):
+            value = float(session.gravity[axis])
+            self._slider(self._pull(axis), (-limit, limit), value, f"gravity {letter}", axis, "%.1f")
+        span = (1.0, float(session.mode_limit))
+        self._modes_slider = self._slider(self._take_modes, span, session.modes, "modes", 3, "%.0f", event="end")
+        self._model_slider = plotter.add_text_slider_widget(
+            self._take_model,
+            [name.upper() for name in self._names],
+            value=self._names.index(session.name),
+            pointa=(0.83, 0.12),
+            pointb=(0.98, 0.12),
+            interaction_event="end",
+            style="modern",
+        )
+        plotter.add_text(_HELP, position="lower_left", font_size=8, color="#404040")
+        self._status: Any = plotter.add_text(session.status(), position="upper_left", font_size=10)
+        plotter.add_key_event("space", self._toggle)
+        plotter.add_key_event("m", self._next_model)
+        plotter.add_key_event("n", self._reset)
+
+    def _slider(
+        self,
+        callback: Callable[[float], None],
+        span: tuple[float, float],
+        value: float,
+        title: str,
+        row: int,
+        digits: str,
+        event: str = "always",
+    ) -> Any:
+        height = 0.84 - 0.14 * row
+        return self._stage.plotter.add_slider_widget(
+            callback,
+            span,
+            value=value,
+            title=title,
+            pointa=(0.83, height),
+            pointb=(0.98, height),
+            interaction_event=event,
+            fmt=digits,
+            title_height=0.02,
+            style="modern",
+        )
+
+    def _pull(self, axis: int) -> Callable[[float], None]:
+        def pull(value: float) -> None:
+            gravity = self._session.gravity.copy()
+            gravity[axis] = value
+            self._session.set_gravity(gravity)
+
+        return pull
+
+    def _take_modes(self, value: float) -> None:
+        self._switch(self._session.name, round(value))
+
+    def _take_model(self, label: str) -> None:
+        self._switch(label.lower(), self._session.modes)
+
+    def _next_model(self) -> None:
+        following = (self._names.index(self._session.name) + 1) % len(self._names)
+        self._switch(self._names[following], self._session.modes)
+
+    def _switch(self, name: str, modes: int) -> None:
+        session = self._session
+        if (name, modes) == (session.name, session.modes):
+            return  # sliders call back when they are made, too
+        self._note = ""
+        try:
+            session.set_model(name, modes)
+        except ModalShellError as error:
+            self._note = str(error)
+        # A key moves no slider, and a refused choice leaves one where it must not stay.
+        self._modes_slider.GetRepresentation().SetValue(session.modes)
+        chosen = self._model_slider.GetRepresentation()
+        chosen.SetValue(self._names.index(session.name))
+        chosen.SetTitleText(session.name.upper())
+
+    def _toggle(self) -> None:
+        self._note = ""
+        self._session.toggle()
+
+    def _reset(self) -> None:
+        self._note = ""
+        self._session.reset()
+
+    def draw(self) -> None:
+        """Draw the session as it is now."""
+        self._stage.refresh()
+        self._status.set_text("upper_left", "; ".join(filter(None, [self._session.status(), self._note])))
+        self._stage.plotter.render()
+
+    def _on_timer(self, *_: object) -> None:
+        now = time.perf_counter()
+        passed, self._last = now - self._last, now
+        self._session.keep_pace(passed)
+        self.draw()
+
+    def show(self) -> None:
+        """Open the window; returns when the user closes it."""
+        plotter = self._stage.plotter
+        plotter.show(interactive=False, auto_close=False, title=f"modalshell {self._session.scene.name}")
+        plotter.iren.add_observer("TimerEvent", self._on_timer)
+        plotter.iren.create_timer(round(1e3 * FRAME_SECONDS))
+        self._session.play()
+        self._last = time.perf_counter()
+        plotter.iren.start()
+        self._stage.close()
+
+    def save_picture(self, path: Path) -> None:
+        """Write the window's picture to a PNG file, and close."""
+        self._stage.save_picture(path)
+        self._stage.close()
+
+
+def open_window(scene: Scene) -> None:
+    """Show a scene until the user closes the window; OptionError where no window can be opened."""
+    if not opens_windows():
+        raise OptionError(
+            "no window opens here: there is no display, or no OpenGL on it; take --web for a page in a browser, or "
+            "--screenshot FILE.png for a picture"
+        )
+    DesktopViewer(ViewSession(scene)).show()
+
+
+def take_picture(scene: Scene, frames: int, path: Path) -> Path:
+    """Play so many frames off-screen, each of 1/30 s of simulated time, and save the window as a PNG file."""
+    checked_count("frames", frames)
+    target = checked_path(path, ".png")
+    demand_opengl()
+    session = ViewSession(scene)
+    viewer = DesktopViewer(session, off_screen=True)
+    session.play()
+    for _ in range(frames):
+        session.advance(FRAME_SECONDS)
+    viewer.draw()
+    viewer.save_picture(target)
+    return target

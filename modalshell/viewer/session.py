@@ -1,0 +1,300 @@
+"""What a viewer does, without any graphics: a scene in motion whose gravity and model change while it moves."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import msgspec
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.checks import checked_count, checked_number, checked_vectors
+from modalshell.errors import LoadError, ModalShellError, OptionError
+from modalshell.modes import Basis, solve_modes
+from modalshell.motion import Motion
+from modalshell.rungs import LinearModal, ModalWarping, Model, RotationStrain
+from modalshell.rungs.modal import ModalModel
+from modalshell.rungs.model import Stopwatch, total_load
+from modalshell.scene import MODELS, Scene
+from modalshell.scene.tables import Motion as MotionTable
+from modalshell.viewer.hand_over import hand_over
+
+Array = NDArray[np.float64]
+
+FRAME_SECONDS = 1.0 / 30.0
+"""Time from one picture to the next [s]."""
+
+_WORK_LIMIT = 2.0 * FRAME_SECONDS
+"""Wall time [s] after which a frame begins no further step."""
+_LONGEST_PAUSE = 0.25
+"""Wall time [s] between frames beyond which a model was built or the machine slept: that time is not made up for."""
+_STANDARD_GRAVITY = 9.81
+_MODE_LIMIT = 64
+_STILL_SCENE_MOTION = MotionTable(duration=math.inf, damping=(0.5, 0.001))
+_ON_BASIS: dict[str, type[ModalModel]] = {"lma": LinearModal, "mwts": ModalWarping, "rsw": RotationStrain}
+"""Models that share one basis; the others build what they need themselves."""
+
+_FAR = 1e6
+"""Shell sizes from the rest shape at which a motion counts as diverged though its numbers are still finite."""
+
+
+class ViewSession:
+    """A scene in motion, to be played, paused, pulled at by gravity and given to another model.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to show. One without a motion moves with steps of 1/30 s and light damping.
+
+    Attributes
+    ----------
+    shell : Shell
+        The scene's shell.
+    name : str
+        Name of the model, a key of :data:`modalshell.scene.MODELS`.
+    modes : int
+        Modes that a modal model has or would have.
+    mode_limit : int
+        The most that may be asked for.
+    gravity : ndarray, shape (3,)
+        Acceleration on every vertex [m/s^2].
+    gravity_limit : float
+        Size up to which front ends offer each of its components [m/s^2].
+    positions : ndarray, shape (n, 3)
+        The last finite vertex positions [m], in the world.
+    playing : bool
+        Whether :meth:`advance` moves on.
+    late : bool
+        Whether the last frame left simulated time undone.
+    note : str
+        What the user should know about the motion; empty if there is nothing.
+    frame_milliseconds : float
+        Work of the last frame, without drawing.
+
+    Raises
+    ------
+    SceneError
+        Where the scene is refused.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.shell = scene.build_shell()
+        self._built = scene.build(self.shell)
+        self._table = scene.motion or _STILL_SCENE_MOTION
+        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+        self.name = next(name for name, kind in MODELS.items() if isinstance(scene.model, kind))
+        self.modes = int(getattr(scene.model, "modes", 8))
+        self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.free_unknowns.size)
+        self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
+        self.gravity_limit = 2.0 * max(_STANDARD_GRAVITY, float(np.abs(self.gravity).max()))
+        model = self._built.model
+        self._basis: Basis | None = model.basis if isinstance(model, ModalModel) else None
+        self._models: dict[str, tuple[int, Model]] = {self.name: (self.modes, model)}
+        self.playing, self.frame_milliseconds, self._owed = False, 0.0, 0.0
+        self._begin(self._new_motion(model, None))
+
+    @property
+    def model(self) -> Model:
+        """The model that moves."""
+        return self._motion.model
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the rest shape [s]."""
+        return self._motion.time
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the motion has left what numbers can hold; only a reset or another model leads on."""
+        return self._diverged
+
+    def play(self) -> None:
+        """Let time run, unless the motion has diverged."""
+        self.playing = not self._diverged
+
+    def pause(self) -> None:
+        """Hold time."""
+        self.playing = False
+
+    def toggle(self) -> None:
+        """Play if paused, else pause."""
+        if self.playing:
+            self.pause()
+        else:
+            self.play()
+
+    def reset(self) -> None:
+        """Go back to the rest shape at time 0 and pause, with the model and gravity as they are."""
+        self._begin(self._new_motion(self._cached_model(self.name, self.modes), None))
+
+    def set_gravity(self, gravity: ArrayLike) -> None:
+        """Change the acceleration (3,) [m/s^2] on every vertex; the motion goes on from where it is."""
+        vector = checked_vectors("gravity", gravity, (3,), LoadError)
+        self._motion.load = total_load(self.shell, vector, self._built.force)
+        self.gravity = vector
+
+    def set_model(self, name: str, modes: int | None = None) -> None:
+        """Go on with another model or number of modes, in the present shape as nearly as the model can take it.
+
+        With the same modal model the motion goes on too; any other model starts from rest in that shape.
+
+        Raises
+        ------
+        OptionError
+            For a model or number of modes that does not exist, or a model that cannot take the scene's steps. The
+            session then is as it was.
+        SolverError
+            If the modes cannot be found.
+        """
+        if name not in MODELS:
+            raise OptionError(f"there is no model {name!r}; choose from {', '.join(MODELS)}")
+        count = self.modes if modes is None else checked_count("modes", modes)
+        if count > self.mode_limit:
+            raise OptionError(f"modes must be at most {self.mode_limit} in the viewer (got {count})")
+        motion = self._new_motion(self._cached_model(name, count), self._motion)
+        self.name, self.modes = name, count
+        playing = self.playing
+        self._begin(motion)
+        self.playing = playing and not self._diverged
+
+    def advance(self, seconds: float, *, limit: float = math.inf) -> None:
+        """Move on by ``seconds`` of simulated time, if playing.
+
+        Parameters
+        ----------
+        seconds : float
+            How much; what is left of it below one step is kept for the next call.
+        limit : float
+            Wall time [s] after which no further step is begun; the time left is dropped, so that a model too slow for
+            the present moves slowly instead of falling behind for ever.
+        """
+        if not self.playing:
+            return
+        watch = Stopwatch()
+        self._owed += checked_number("seconds", seconds, at_least=0.0, unit="s")
+        self.late = False
+        # A share of a step: thirty frames of 1/30 s shall be thirty steps.
+        while self.playing and self._owed > (1.0 - 1e-6) * self._motion.dt:
+            self.late = watch() > limit
+            if self.late:
+                self._owed = 0.0
+                break
+            self._step()
+            self._owed -= self._motion.dt
+        self._look()
+        if self.playing:
+            self.note = self._faults()
+        self.frame_milliseconds = 1e3 * watch()
+
+    def keep_pace(self, passed: float) -> None:
+        """Move on by the wall time [s] that has ``passed`` since the last frame, in real time where the model can."""
+        self.advance(passed if passed < _LONGEST_PAUSE else FRAME_SECONDS, limit=_WORK_LIMIT)
+
+    def status(self) -> str:
+        """One line: model, modes, time, work a frame, and what is wrong if anything is."""
+        modes = f", {self.modes} modes" if "modes" in MODELS[self.name].__struct_fields__ else ""
+        state = "playing" if self.playing else "paused"
+        work = f"{self.frame_milliseconds:.2g} ms a frame"
+        parts = [f"{self.model.name}{modes}", f"t = {self.time:.2f} s", work, state]
+        if self.playing and self.late:
+            parts.append("slower than real time")
+        return "; ".join([*parts, self.note] if self.note else parts)
+
+    def _begin(self, motion: Motion) -> None:
+        """Take up a motion."""
+        self._motion = motion
+        self._owed = 0.0
+        self.late, self.playing, self._diverged, self.note = False, False, False, ""
+        self.positions = self.shell.rest_positions
+        self._look()
+        if not self._diverged:
+            self.note = self._faults()
+
+    def _step(self) -> None:
+        try:
+            self._motion.advance()
+        except ModalShellError as error:
+            self.playing, self.note = False, str(error)
+        if not self._motion.finite:
+            self._stop_diverged()
+
+    def _stop_diverged(self) -> None:
+        self.playing, self._diverged = False, True
+        self.note = f"diverged at t = {self.time:.3g} s: reset, or take another model"
+
+    def _look(self) -> None:
+        """Take the positions, unless they are no shape any more."""
+        if self._diverged:
+            return
+        positions = self._motion.positions()
+        if not np.abs(positions - self.shell.rest_positions).max() < _FAR * self._size:
+            self._stop_diverged()
+            return
+        self.positions = positions.copy()  # a model may lend its one buffer
+
+    def _faults(self) -> str:
+        """What the user should know about a motion that still goes on."""
+        unconverged = self._motion.unconverged
+        faults = [
+            self.model.fault(self._motion.state),
+            f"{unconverged} steps did not converge" if unconverged else None,
+        ]
+        return ", ".join(fault for fault in faults if fault)
+
+    def _cached_model(self, name: str, modes: int) -> Model:
+        """The model on the scene's options if it is the scene's own, else on its defaults; the last of each is kept."""
+        known = self._models.get(name)
+        if known is not None and (known[0] == modes or "modes" not in MODELS[name].__struct_fields__):
+            return known[1]
+        table = self.scene.model if isinstance(self.scene.model, MODELS[name]) else MODELS[name]()
+        options = msgspec.structs.asdict(table)
+        if name in _ON_BASIS:
+            del options["modes"]
+            model: Model = _ON_BASIS[name](self._first_modes(modes), **options)
+        else:
+            if "modes" in options:
+                table = msgspec.structs.replace(table, modes=modes)
+            model = table.build(self.shell)
+        self._models[name] = (modes, model)
+        return model
+
+    def _first_modes(self, count: int) -> Basis:
+        """The lowest modes, cut from the largest basis asked for so far."""
+        if self._basis is None or self._basis.count < count:
+            self._basis = solve_modes(self.shell, count)
+        whole = self._basis
+        return dataclasses.replace(
+            whole,
+            eigenvalues=whole.eigenvalues[:count],
+            modes=np.ascontiguousarray(whole.modes[:, :count]),
+            rotations=np.ascontiguousarray(whole.rotations[:, :count]),
+            rigid_modes=min(whole.rigid_modes, count),
+        )
+
+    def _new_motion(self, model: Model, before: Motion | None) -> Motion:
+        """A motion of ``model`` from rest at time 0, or from the shape and time of the one ``before``."""
+        start, rates, path = None, None, self._built.path
+        if before is not None and model.in_shell_frame:
+            start = self.positions if path is None else path.at(before.time).to_shell(self.positions)
+            if isinstance(model, ModalModel):
+                coordinates, rates = hand_over(None if self._diverged else before, start, model)
+                start = self.shell.rest_positions + (model.basis.modes @ coordinates).reshape(-1, 3)
+        motion = Motion(
+            model,
+            dt=self._table.dt,
+            gravity=self.gravity,
+            force=self._built.force,
+            damping=self._table.damping,
+            start=start,
+            supports=path,
+            constraints=self._built.constraints,
+        )
+        if before is not None:
+            motion.count = before.count
+            if not model.in_shell_frame:  # its start would put what is held back to time 0
+                motion.state.coordinates = self.positions.copy()
+        if rates is not None:
+            motion.state.rates = rates
+        return motion

@@ -1,0 +1,171 @@
+"""The viewer as a web page: trame serves controls, and pictures that are drawn here, to browsers on this machine."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import time
+from typing import Any
+
+from modalshell.errors import ModalShellError, OptionError
+from modalshell.scene import MODELS, Scene
+from modalshell.viewer.session import FRAME_SECONDS, ViewSession
+from modalshell.viewer.stage import Stage, demand_opengl
+
+HOST = "127.0.0.1"
+"""Loopback only: whoever reaches the page can drive the session."""
+
+_SHORTEST_PAUSE = 0.005
+"""Wall time [s] in which the server hears its browsers between two frames, at least."""
+_SETTLING = 0.2
+"""Wall time [s] for which a choice must stand: every number of modes that a slider passes would be a basis to solve."""
+_TRAME = ("trame.app", "trame.ui.vuetify3", "trame.widgets.vuetify3", "trame.widgets.vtk")
+
+
+class WebViewer:
+    """A session behind a page; all browsers that open it share the session.
+
+    Parameters
+    ----------
+    session : ViewSession
+        What to show.
+    """
+
+    def __init__(self, session: ViewSession) -> None:
+        app, layouts, vuetify, vtk = _import_trame()
+        self._session = session
+        self._stage = Stage(session, off_screen=True)
+        self._server: Any = app.get_server(f"modalshell {session.scene.name}", client_type="vue3")
+        self._state: Any = self._server.state
+        self._fill_state()
+        self._build_page(layouts, vuetify, vtk)
+        self._state.change("gravity_x", "gravity_y", "gravity_z")(self._take_gravity)
+        self._chosen: float | None = None
+        self._state.change("model", "modes")(self._note_choice)
+        self._server.controller.on_server_ready.add_task(self._run)
+
+    def serve(self, port: int) -> None:
+        """Serve until interrupted."""
+        self._server.controller.on_server_ready.add(self._print_address)
+        self._server.start(
+            host=HOST, port=port, open_browser=False, show_connection_info=False, disable_logging=True, timeout=0
+        )
+
+    def _print_address(self, **_: Any) -> None:
+        print(f"http://{HOST}:{self._server.port}/ (Ctrl+C ends)", flush=True)
+
+    def _fill_state(self) -> None:
+        session = self._session
+        self._state.trame__title = f"modalshell {session.scene.name}"
+        self._state.model, self._state.modes = session.name, session.modes
+        for letter, value in zip("xyz", session.gravity.tolist(), strict=True):
+            self._state[f"gravity_{letter}"] = value
+        self._note = ""
+        self._show_status()
+
+    def _show_status(self) -> None:
+        self._state.playing = self._session.playing
+        self._state.status = "; ".join(filter(None, [self._session.status(), self._note]))
+
+    def _build_page(self, layouts: Any, vuetify: Any, vtk: Any) -> None:
+        session, limit = self._session, self._session.gravity_limit
+        with layouts.SinglePageWithDrawerLayout(self._server) as page:
+            page.title.set_text(self._state.trame__title)
+            with page.drawer as drawer:
+                drawer.width = 280
+                with vuetify.VContainer():
+                    with vuetify.VRow(classes="ma-1"):
+                        vuetify.VBtn("{{ playing ? 'Pause' : 'Play' }}", click=self._toggle, id="play", color="primary")
+                        vuetify.VSpacer()
+                        vuetify.VBtn("Reset", click=self._reset, id="reset")
+                    items = ("models", [{"title": name.upper(), "value": name} for name in MODELS])
+                    vuetify.VSelect(label="Model", v_model=("model",), items=items, id="model", classes="mt-4")
+                    vuetify.VLabel("Modes: {{ modes }}")
+                    vuetify.VSlider(v_model=("modes",), min=1, max=session.mode_limit, step=1, id="modes")
+                    for letter in "xyz":
+                        name = f"gravity_{letter}"
+                        vuetify.VLabel(f"Gravity {letter}: {{{{ {name}.toFixed(1) }}}} m/s²")
+                        vuetify.VSlider(v_model=(name,), min=-limit, max=limit, step=0.1, id=name)
+            with page.content:
+                self._view = vtk.VtkRemoteView(self._stage.plotter.render_window, interactive_ratio=1, id="picture")
+            page.footer.clear()
+            with page.footer:
+                vuetify.VLabel("{{ status }}", id="status")
+
+    def _toggle(self) -> None:
+        self._note = ""
+        self._session.toggle()
+        self._show_status()
+
+    def _reset(self) -> None:
+        self._note = ""
+        self._session.reset()
+        self._draw()
+
+    def _take_gravity(self, gravity_x: float, gravity_y: float, gravity_z: float, **_: Any) -> None:
+        self._session.set_gravity([float(gravity_x), float(gravity_y), float(gravity_z)])
+        self._draw()
+
+    def _note_choice(self, **_: Any) -> None:
+        self._chosen = time.perf_counter()
+
+    def _take_choice(self) -> None:
+        """Take up the model and modes chosen on the page."""
+        chosen = self._state.model, round(self._state.modes)
+        if chosen == (self._session.name, self._session.modes):
+            return
+        self._note = ""
+        try:
+            self._session.set_model(*chosen)
+        except ModalShellError as error:
+            self._note = str(error)
+            self._state.model, self._state.modes = self._session.name, self._session.modes
+        self._draw()
+
+    def _draw(self) -> None:
+        self._stage.refresh()
+        self._view.update()
+        self._show_status()
+
+    async def _run(self, **_: Any) -> None:
+        """Frame after frame; a slow frame holds the page up as it would hold up the picture."""
+        last = time.perf_counter()
+        while True:
+            begin = time.perf_counter()
+            passed, last = begin - last, begin
+            with self._state:
+                try:
+                    self._do_frame(passed)
+                except Exception as error:
+                    # Nobody awaits this task: it would end without a word, and the page would stand still.
+                    self._session.pause()
+                    self._note = f"{type(error).__name__}: {error}"
+                    self._show_status()
+            await asyncio.sleep(max(_SHORTEST_PAUSE, FRAME_SECONDS - (time.perf_counter() - begin)))
+
+    def _do_frame(self, passed: float) -> None:
+        if self._chosen is not None and time.perf_counter() - self._chosen > _SETTLING:
+            self._chosen = None
+            self._take_choice()
+        if self._session.playing:
+            self._session.keep_pace(passed)
+            self._draw()
+
+
+def _import_trame() -> list[Any]:
+    """The parts of trame that the page is made of."""
+    try:
+        return [importlib.import_module(name) for name in _TRAME]
+    except ImportError as error:
+        raise OptionError(
+            f"the page needs trame, which is not installed ({error}): pip install 'modalshell[web]'"
+        ) from error
+
+
+def serve_page(scene: Scene, port: int) -> None:
+    """Serve a scene on this machine's own address until interrupted; port 0 takes a free one."""
+    if not 0 <= port < 65536:
+        raise OptionError(f"port must be from 0 to 65535 (got {port})")
+    _import_trame()
+    demand_opengl()
+    WebViewer(ViewSession(scene)).serve(port)

@@ -1,0 +1,142 @@
+"""Is the advice right? Random scenes, and loads at which nothing was measured for it.
+
+Shapes, materials, loads, and the error asked for are drawn from a seed. For each scene ``advise`` names a rung; it is
+right if at loads between its own the rung meets the asked error against DS solved anew from rest, and no rung with a
+cheaper frame does. Where it names none, none must meet both demands.
+
+Run it alone with ``modalshell reproduce --only held_out_advice``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import modalshell as ms
+from modalshell.ladder.candidates import Workshop, candidates
+from modalshell.ladder.case import Case, CoarseMesh, drawn_to_supports
+from modalshell.ladder.runs import Row
+from modalshell.mesh import TriangleMesh
+from modalshell.study import StudyResult, run_record
+
+SEED = 7
+SCENES = 20
+FRAMES_PER_SECOND = 60.0
+ERRORS = (0.02, 0.05, 0.1)
+"""Asked errors, one of which is drawn for each scene."""
+HELD_OUT = (0.31, 0.6, 0.87, 0.97)
+"""Shares of the load at which the advice is checked."""
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Check the advice on all scenes; ``quick`` takes one."""
+    rows = []
+    count = 1 if quick else SCENES
+    for number in range(count):
+        case, error = random_case(np.random.default_rng([SEED, number]), f"scene {number + 1}")
+        rows.append(checked(case, error))
+        if on_step is not None:
+            on_step(number + 1, count)
+    parameters = {"scenes": count, "frames_per_second": FRAMES_PER_SECOND, "held_out": HELD_OUT}
+    return StudyResult(
+        "held_out_advice", {"rows": rows}, {"held_out": np.array(HELD_OUT)}, run_record(parameters, SEED)
+    )
+
+
+def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float]:
+    """A clamped shape under a load whose linear answer moves it by a random share of its length; and an error."""
+    kind = str(rng.choice(["flat_beam", "v_beam", "leaf", "cylinder_panel"]))
+    along, across = int(rng.integers(24, 33)), 2 * int(rng.integers(3, 5))
+    width = float(rng.uniform(0.15, 0.4))
+    shape: dict[str, Any] = {"length": 1.0}
+    if kind == "cylinder_panel":
+        shape |= {"radius": 0.5, "angle": float(np.degrees(width / 0.5))}
+    else:
+        shape["width"] = width
+    if kind == "v_beam":
+        shape["fold"] = float(rng.uniform(140.0, 175.0))
+    make = getattr(ms, kind)
+
+    def mesh(cells: tuple[int, int]) -> TriangleMesh:
+        return make(**shape, cells=cells)
+
+    membrane = 10.0 ** rng.uniform(1.3, 3.0)
+    fine = mesh((along, across))
+    shell = ms.Shell(fine, ms.Material(membrane, membrane, 0.05, 0.2), fine.vertices[:, 0] < 1.5 / along)
+    x, y = fine.vertices[:, 0], fine.vertices[:, 1]
+    if rng.random() < 0.4:  # a couple on the free end, with a pull
+        far = x > x.max() - 0.1
+        force = np.where(far[:, None], np.column_stack([0.0 * y, np.full_like(y, rng.uniform(-0.05, 0.05)), y]), 0.0)
+    else:
+        force = shell.gravity_force((0.0, rng.uniform(-0.5, 0.5), rng.choice([-1.0, 1.0])))
+    linear = ms.LinearModal(ms.solve_modes(shell, 16)).equilibrium(force=force).positions
+    size = 10.0 ** rng.uniform(-1.7, -0.1)
+    load = force * size / float(np.linalg.norm(linear - fine.vertices, axis=1).max())
+    coarse = [
+        CoarseMesh(drawn_to_supports(shell, mesh(cells)), f"{cells[0]}x{cells[1]}")
+        for cells in ((along // 2, 4), (along // 3, 2))
+    ]
+    details = f"{kind}, {len(x)} vertices, membrane {membrane:.0f}, linear answer {size:.2f} L"
+    case = Case(name, shell, load, damping=ms.rungs.Damping(0.5, 0.001), coarse=coarse, note=details)
+    return case, float(rng.choice(ERRORS))
+
+
+def checked(case: Case, error: float) -> dict[str, Any]:
+    """The advice on one scene and whether it is right at the held-out loads."""
+    advice = ms.advise(case, error=error, fps=FRAMES_PER_SECOND)
+    truth = ms.DiscreteShell(case.shell)
+    exact = [truth.equilibrium(force=share * case.load) for share in HELD_OUT]
+    fast = [row for row in advice.rows if row.frames_per_second >= FRAMES_PER_SECOND]
+    cheaper = fast[: fast.index(advice.chosen)] if advice.chosen else fast
+    workshop = Workshop(case)
+    made = {candidate.label: candidate for candidate in candidates(case)[0]}
+
+    def worst(row: Row) -> float:
+        """Largest error at the held-out loads; infinite where the rung has no answer."""
+        if row.rung == "DS":
+            return 0.0
+        model = workshop.build(made[row.label])[0]
+        found = [0.0]
+        for share, answer in zip(HELD_OUT, exact, strict=True):
+            if answer.converged:
+                mine = model.equilibrium(force=share * case.load)
+                apart = ms.measure.displacement_error(mine.positions, answer.positions, case.shell)
+                found.append(apart if mine.converged else np.inf)
+        return float(max(found))
+
+    held_out = None if advice.chosen is None else worst(advice.chosen)
+    others = {row.label: worst(row) for row in cheaper}
+    also = [label for label, apart in others.items() if apart <= error]
+    return {
+        "scene": case.note,
+        "error": error,
+        "snap": None if advice.snap is None else str(advice.snap),
+        "chosen": None if advice.chosen is None else advice.chosen.label,
+        "measured_error": None if advice.chosen is None else advice.chosen.worst_error,
+        "held_out_error": held_out,
+        "frames_per_second": None if advice.chosen is None else advice.chosen.frames_per_second,
+        "truths": sum(answer.converged for answer in exact),
+        "meets": held_out is None or held_out <= error,
+        "cheaper_that_meet": also,
+        "right": (held_out is None or held_out <= error) and not also,
+    }
+
+
+def table(result: StudyResult) -> str:
+    """One row a scene, and the count."""
+    lines = ["| scene | asked | advice | measured | held-out loads | snaps | cheaper rungs that meet it |"]
+    lines.append("|---|---|---|---|---|---|---|")
+    rows = result.findings["rows"]
+    for row in rows:
+        errors = " | ".join(
+            "-" if row[key] is None else f"{100 * row[key]:.3g} %" for key in ("measured_error", "held_out_error")
+        )
+        lines.append(
+            f"| {row['scene']} | {100 * row['error']:g} % | {row['chosen'] or 'none'} | {errors} "
+            f"| {'yes' if row['snap'] else 'no'} | {', '.join(row['cheaper_that_meet']) or 'none'} |"
+        )
+    met, right = sum(row["meets"] for row in rows), sum(row["right"] for row in rows)
+    lines += ["", f"The rung meets the asked error on {met} of {len(rows)} scenes, and no cheaper one does on {right}."]
+    return "\n".join(lines)

@@ -1,0 +1,126 @@
+"""What accuracy costs: every rung on six scenes, its error against DS over what a frame takes.
+
+Flat beam, V-beam with a soft membrane, V-beam with a stiff one that snaps, leaf in a wind, twisted strip, and the
+creature of 13,000 vertices. The V-beam that snaps is also followed through its snap by DS on coarse meshes.
+
+Run it alone with ``modalshell reproduce --only tradeoff``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import numpy as np
+
+import modalshell as ms
+from modalshell.ladder.candidates import Candidate, Workshop, candidates
+from modalshell.ladder.case import Case, scene_case
+from modalshell.ladder.draw import best_sizes
+from modalshell.ladder.report import markdown_table, percent
+from modalshell.motion import Motion
+from modalshell.rungs.model import Stopwatch
+from modalshell.study import StudyResult, repository_file, run_record
+
+SCENES = {
+    "flat_beam": "flat beam, slightly bent",
+    "v_beam": "V-beam, soft membrane",
+    "v_beam_stiff": "V-beam, stiff membrane: it snaps",
+    "leaf_wind": "leaf in a wind, twisted",
+    "twisted_strip": "twisted strip",
+    "creature_wind": "creature of 13,000 vertices",
+}
+QUICK = {"flat_beam": (16, 4), "v_beam_stiff": (20, 4)}
+"""Scenes and cells of a quick run."""
+AFTER_SNAP = (6.0 / 7.0, 1.0)
+"""Shares of the stiff V-beam's load, gravity of 60 and 70 m/s^2, under which it has snapped."""
+REPEATS = 3
+"""Static answers there, of which the fastest is timed."""
+SNAP_TIME, SNAP_DAMPING = 0.5, (2.0, 0.001)
+"""Motion through the snap: time [s] and Rayleigh factors."""
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Measure all scenes; ``quick`` takes two of them, coarser, with fewer modes and loads."""
+    options: dict[str, Any] = {"modes": (4,), "loads": (0.5, 1.0)} if quick else {}
+    names = list(QUICK if quick else SCENES)
+    findings: dict[str, Any] = {"scenes": {}}
+    arrays: dict[str, np.ndarray] = {}
+    for done, name in enumerate(names, start=1):
+        case = scene(name, QUICK[name] if quick else None)
+        found = ms.tradeoff(case, **options)
+        findings["scenes"][name] = found.findings()
+        for row in best_sizes(findings["scenes"][name]):
+            position = next(one.positions for one in found.rows if one.label == row["label"])
+            arrays[f"{name}: {row['label']}"] = position
+        arrays |= {f"{name}_faces": np.asarray(case.shell.mesh.faces), f"{name}_rest": case.shell.rest_positions}
+        if name == "v_beam_stiff":
+            findings["snap"] = through_snap(case)
+        if on_step is not None:
+            on_step(done, len(names))
+    return StudyResult("tradeoff", findings, arrays, run_record({"scenes": names, "after_snap": AFTER_SNAP}))
+
+
+def scene(name: str, cells: tuple[int, int] | None) -> Case:
+    """The case of a scene file; on a mesh of other ``cells`` if given, clamped by two rows."""
+    declared = ms.load_scene(repository_file(f"studies/scenes/{name}.toml"))
+    if cells is not None:
+        table: Any = declared.mesh
+        supports = msgspec.structs.replace(declared.supports, clamped=f"x < {1.5 * table.length / cells[0]}")
+        changed = {"mesh": msgspec.structs.replace(table, cells=cells), "supports": supports}
+        declared = ms.Scene(**{key: changed.get(key, value) for key, value in vars(declared).items()})
+    return scene_case(declared)
+
+
+def through_snap(case: Case) -> list[dict[str, Any]]:
+    """DS and coarse DS after the snap: error, time of a static answer from rest, and of a motion through it."""
+    found = [candidate for candidate in candidates(case)[0] if candidate.rung in ("DS", "coarse DS")]
+    rows = [snap_row(case, candidate) for candidate in reversed(found)]
+    truth = rows[0]
+    for row in rows:
+        row["errors"] = [
+            ms.measure.displacement_error(mine, exact, case.shell)
+            for mine, exact in zip(row["positions"], truth["positions"], strict=True)
+        ]
+        row["statics_ratio"] = sum(truth["statics"]) / sum(row["statics"])
+        row["motion_ratio"] = truth["motion"] / row["motion"]
+        row["motion_error"] = ms.measure.displacement_error(row["last"], truth["last"], case.shell)
+    return [{key: value for key, value in row.items() if key not in ("positions", "last")} for row in rows]
+
+
+def snap_row(case: Case, candidate: Candidate) -> dict[str, Any]:
+    """Answers and times of one rung."""
+    model, preprocessing = Workshop(case).build(candidate)
+    tries = [[model.equilibrium(force=share * case.load) for share in AFTER_SNAP] for _ in range(REPEATS)]
+    answers = [min(same, key=lambda answer: answer.seconds) for same in zip(*tries, strict=True)]
+    motion = Motion(model, dt=case.dt, force=case.load, damping=SNAP_DAMPING)
+    steps = round(SNAP_TIME / case.dt)
+    watch = Stopwatch()
+    for _ in range(steps):
+        motion.advance()
+        last = motion.positions()
+    return {
+        "label": candidate.label,
+        "preprocessing": preprocessing,
+        "statuses": [answer.status for answer in answers],
+        "statics": [answer.seconds for answer in answers],
+        "motion": watch() / steps,
+        "positions": [answer.positions for answer in answers],
+        "last": last,
+    }
+
+
+def table(result: StudyResult) -> str:
+    """The findings as Markdown tables, one a scene, and one of the snap."""
+    parts = [f"## {SCENES[name]}\n\n{markdown_table(found)}" for name, found in result.findings["scenes"].items()]
+    lines = ["| rung | " + " | ".join(f"error at {share:.2f} of the load" for share in AFTER_SNAP)]
+    lines[0] += " | static answers [s] | times cheaper | frame in motion [s] | times cheaper | error at its end |"
+    lines.append("|" + "---|" * (6 + len(AFTER_SNAP)))
+    for row in result.findings["snap"]:
+        errors = " | ".join(percent(error) for error in row["errors"])
+        lines.append(
+            f"| {row['label']} | {errors} | {sum(row['statics']):.3g} | {row['statics_ratio']:.3g} "
+            f"| {row['motion']:.3g} | {row['motion_ratio']:.3g} | {percent(row['motion_error'])} |"
+        )
+    return "\n\n".join([*parts, "## After the snap of the stiff V-beam\n\n" + "\n".join(lines)])

@@ -1,0 +1,434 @@
+"""The viewer: the session without graphics, the window off-screen, and the page in a headless browser."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+import warnings
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import modalshell as ms
+from modalshell.cli import main
+from modalshell.errors import LoadError, OptionError
+from modalshell.render import choose_backend
+from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
+from modalshell.scene import MODELS
+from modalshell.viewer import ViewSession
+from modalshell.viewer.session import FRAME_SECONDS
+
+SCENE = """
+[mesh]
+shape = "v_beam"
+length = 1.0
+width = 0.2
+fold = 150.0
+cells = [20, 4]
+
+[material]
+stretch = 20.0
+shear = 20.0
+flexure = 0.05
+density = 0.2
+
+[supports]
+clamped = "x < 0.051"
+
+[loads]
+gravity = [0.0, 0.0, -9.81]
+
+[model]
+name = "mwts"
+modes = 8
+
+[motion]
+duration = 4.0
+damping = [0.5, 0.001]
+"""
+MOVING = SCENE.replace(
+    '"x < 0.051"', '"x < 0.051"\ntimes = [0.0, 0.5, 1.0]\ntranslations = [[0, 0, 0], [0, 0.2, 0], [0, 0, 0]]'
+)
+EXPLICIT = SCENE.replace('"mwts"\nmodes = 8', '"ds"\nintegrator = "explicit"\nallow_unstable_step = true')
+HEADLESS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    def write(text=SCENE):
+        path = tmp_path / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def session(scene_file):
+    return ViewSession(ms.load_scene(scene_file()))
+
+
+@pytest.fixture(scope="module")
+def opengl():
+    """Skip where nothing renders; leave the environment as it was."""
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", ms.ModalShellWarning)
+        for name in (RENDERER_VARIABLE, WINDOW_VARIABLE):
+            patch.setenv(name, "")  # so that what the probe sets is taken back
+        if choose_backend() != "pyvista":
+            pytest.skip("PyVista renders nothing on this machine: no OpenGL (apt-get install libegl1 libgl1-mesa-dri)")
+        yield
+
+
+def play(session, frames):
+    session.play()
+    for _ in range(frames):
+        session.advance(FRAME_SECONDS)
+
+
+def moved(session):
+    return float(np.linalg.norm(session.positions - session.shell.rest_positions, axis=1).max())
+
+
+def test_session_follows_the_scene_frame_by_frame(session, scene_file):
+    play(session, 15)
+    motion = ms.load_scene(scene_file()).build().start_motion()
+    for _ in range(15):
+        motion.advance()
+    assert session.time == motion.time
+    np.testing.assert_array_equal(session.positions, motion.positions())
+
+
+def test_nothing_moves_before_play_and_in_pause(session):
+    session.advance(1.0)
+    assert session.time == 0.0
+    assert moved(session) == 0.0
+    play(session, 5)
+    session.toggle()
+    shape = session.positions.copy()
+    session.advance(1.0)
+    np.testing.assert_array_equal(session.positions, shape)
+    assert "paused" in session.status()
+    session.toggle()
+    session.advance(FRAME_SECONDS)
+    assert not np.array_equal(session.positions, shape)
+    session.reset()
+    assert (session.time, moved(session), session.playing) == (0.0, 0.0, False)
+
+
+def test_gravity_turns_without_losing_the_motion(session):
+    play(session, 10)
+    before = session.positions.copy()
+    session.set_gravity([0.0, 9.81, 0.0])
+    np.testing.assert_array_equal(session.positions, before)
+    play(session, 60)
+    tip = np.argmax(session.shell.rest_positions[:, 0])
+    change = session.positions[tip] - before[tip]
+    assert change[1] > 0.01
+    assert change[2] > 0.05
+    with pytest.raises(LoadError, match="gravity"):
+        session.set_gravity([0.0, np.nan, 0.0])
+    np.testing.assert_array_equal(session.gravity, [0.0, 9.81, 0.0])
+
+
+def test_other_forces_stay_when_gravity_changes(scene_file):
+    pushed = SCENE.replace("[model]", '[[loads.forces]]\nwhere = "x > 0.99"\ntotal = [0.0, 0.02, 0.0]\n\n[model]')
+    session = ViewSession(ms.load_scene(scene_file(pushed)))
+    session.set_gravity([0.0, 0.0, 0.0])
+    play(session, 20)
+    tip = np.argmax(session.shell.rest_positions[:, 0])
+    assert (session.positions - session.shell.rest_positions)[tip, 1] > 1e-3
+
+
+@pytest.mark.parametrize("text", [SCENE, MOVING], ids=["resting supports", "moving supports"])
+@pytest.mark.parametrize(("name", "error"), [("ds", 1e-12), ("rsw", 0.02), ("lma", 0.2)])
+def test_another_model_takes_up_the_shape(scene_file, text, name, error):
+    session = ViewSession(ms.load_scene(scene_file(text)))
+    play(session, 12)
+    shape, now = session.positions.copy(), session.time
+    assert moved(session) > 0.1
+    session.set_model(name)
+    assert session.name == name
+    assert session.time == now
+    assert session.playing
+    assert np.abs(session.positions - shape).max() <= error * moved(session)
+    session.advance(FRAME_SECONDS)
+    assert session.time > now
+    assert session.note == ""
+
+
+def test_back_to_modal_warping_within_what_its_modes_can_hold(session):
+    session.set_model("ds")
+    play(session, 12)
+    shape = session.positions.copy()
+    session.set_model("mwts", 16)
+    assert np.abs(session.positions - shape).max() < 0.01 * moved(session)
+
+
+def test_mode_count_changes_in_motion(session):
+    play(session, 12)
+    shape, rates = session.positions.copy(), session._motion.state.rates.copy()
+    session.set_model("mwts", 12)
+    np.testing.assert_allclose(session.positions, shape, atol=1e-10)
+    np.testing.assert_allclose(session._motion.state.rates[:8], rates, rtol=1e-8, atol=1e-10)
+    assert "12 modes" in session.status()
+    session.set_model("mwts", 4)
+    assert session._motion.state.rates.shape == (4,)
+    np.testing.assert_allclose(session._motion.state.rates, rates[:4], rtol=1e-8, atol=1e-10)
+    basis = session._basis
+    session.set_model("lma", 11)
+    assert session._basis is basis
+    assert basis.count == 12
+
+
+def test_refused_choices_leave_the_session_as_it_was(session):
+    play(session, 3)
+    shape = session.positions.copy()
+    for name, modes, text in (("fem", 8, "choose from"), ("mwts", 0, "positive"), ("mwts", 1000, "at most 64")):
+        with pytest.raises(OptionError, match=text):
+            session.set_model(name, modes)
+    assert (session.name, session.modes, session.playing) == ("mwts", 8, True)
+    np.testing.assert_array_equal(session.positions, shape)
+
+
+def test_every_model_of_scenes_can_be_chosen(session):
+    play(session, 2)
+    for name in MODELS:
+        session.set_model(name)
+        session.advance(FRAME_SECONDS)
+        assert session.playing, session.status()
+
+
+@pytest.mark.filterwarnings("ignore::modalshell.ModalShellWarning")
+def test_divergence_pauses_and_says_so(scene_file):
+    session = ViewSession(ms.load_scene(scene_file(EXPLICIT)))
+    play(session, 400)
+    assert session.diverged
+    assert not session.playing
+    assert "diverged at t =" in session.status()
+    assert np.isfinite(session.positions).all()
+    session.play()
+    assert not session.playing
+    session.reset()
+    assert not session.diverged
+    assert moved(session) == 0.0
+
+
+def test_a_slow_model_drops_time_and_says_so(session, monkeypatch):
+    session.play()
+    step = session._motion.advance
+
+    def slow():
+        time.sleep(0.02)
+        step()
+
+    monkeypatch.setattr(session._motion, "advance", slow)
+    session.advance(10.0 * FRAME_SECONDS, limit=0.03)
+    assert session.time == pytest.approx(2 * FRAME_SECONDS)
+    assert "slower than real time" in session.status()
+    assert session.frame_milliseconds > 30.0
+
+
+def test_a_scene_without_motion_moves_all_the_same(scene_file):
+    still = SCENE[: SCENE.index("[motion]")]
+    session = ViewSession(ms.load_scene(scene_file(still)))
+    play(session, 10)
+    assert moved(session) > 0.01
+
+
+def test_a_step_that_is_refused_pauses_with_the_reason(session, monkeypatch):
+    def refuse():
+        raise OptionError("no such step")
+
+    session.play()
+    monkeypatch.setattr(session._motion, "advance", refuse)
+    session.advance(FRAME_SECONDS)
+    assert not session.playing
+    assert session.status().endswith("no such step")
+
+
+def refused(capsys, *arguments):
+    with pytest.raises(SystemExit) as stopped:
+        main(["view", *map(str, arguments)])
+    assert stopped.value.code == 2
+    message = capsys.readouterr().err
+    assert message.startswith("modalshell: ")
+    assert message.count("\n") == 1
+    return message
+
+
+@pytest.mark.usefixtures("opengl")
+def test_screenshots_show_the_motion(scene_file, tmp_path, capsys):
+    pictures = []
+    for frames in (1, 12):
+        path = tmp_path / f"{frames}.png"
+        with pytest.raises(SystemExit, match="0"):
+            main(["view", str(scene_file()), "--frames", str(frames), "--screenshot", str(path)])
+        assert capsys.readouterr().out.strip() == str(path)
+        pictures.append(imread(path)[..., :3])
+    assert pictures[0].shape == (800, 1200, 3)
+    shell = np.abs(pictures[1] - pictures[0])[100:700, 100:950]  # neither status nor sliders
+    assert (shell.max(axis=2) > 0.1).mean() > 0.02
+
+
+@pytest.mark.usefixtures("opengl")
+def test_window_controls_drive_the_session(scene_file):
+    from modalshell.viewer.desktop import DesktopViewer
+
+    session = ViewSession(ms.load_scene(scene_file()))
+    viewer = DesktopViewer(session, off_screen=True)
+    try:
+        assert (session.name, session.modes) == ("mwts", 8)
+        np.testing.assert_allclose(session.gravity, [0.0, 0.0, -9.81])
+        viewer._pull(0)(5.0)
+        np.testing.assert_allclose(session.gravity, [5.0, 0.0, -9.81])
+        viewer._modes_slider.GetRepresentation().SetValue(11.0)
+        viewer._modes_slider.InvokeEvent("EndInteractionEvent")
+        assert session.modes == 11
+        viewer._next_model()
+        assert session.name != "mwts"
+        assert viewer._model_slider.GetRepresentation().GetTitleText() == session.name.upper()
+        viewer._toggle()
+        assert session.playing
+    finally:
+        viewer._stage.close()
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have a display or cannot say")
+def test_no_display_is_one_line(scene_file, capsys, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert "--web" in refused(capsys, scene_file())
+
+
+def test_no_opengl_is_one_line(scene_file, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv(RENDERER_VARIABLE, "matplotlib")
+    assert "libegl1" in refused(capsys, scene_file(), "--screenshot", tmp_path / "a.png")
+
+
+def test_missing_extra_is_one_line(scene_file, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "trame.app", None)
+    assert "pip install 'modalshell[web]'" in refused(capsys, scene_file(), "--web")
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--screenshot", "a.jpg"], "must end in .png"),
+        (["--screenshot", "a.png", "--frames", "0"], "positive"),
+        (["--screenshot", "a.png", "--web"], "leave out --web"),
+        (["--web", "--port", "70000"], "0 to 65535"),
+    ],
+)
+def test_options_that_are_refused(scene_file, capsys, options, text):
+    assert text in refused(capsys, scene_file(), *options)
+
+
+@pytest.fixture
+def page_address(scene_file, opengl):  # noqa: ARG001 (skips)
+    """A server in a process of its own; the address that it prints."""
+    pytest.importorskip("trame.app", reason="trame is not installed (pip install 'modalshell[web]')")
+    pytest.importorskip("trame_vtk", reason="trame-vtk is not installed (pip install 'modalshell[web]')")
+    command = [sys.executable, "-m", "modalshell", "view", str(scene_file()), "--web", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            line = server.stdout.readline()
+            assert line.startswith("http://127.0.0.1:"), line
+            yield line.split()[0]
+        finally:
+            server.terminate()
+
+
+@pytest.mark.slow
+def test_page_is_served_on_loopback_alone(page_address):
+    with urllib.request.urlopen(page_address, timeout=20) as answer:
+        assert b"<html" in answer.read()
+    port = int(page_address.rstrip("/").rsplit(":", 1)[1])
+    if sys.platform.startswith("linux"):  # where all of 127.0.0.0/8 is this machine
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.2", port), timeout=5)
+
+
+@pytest.fixture
+def page(page_address):
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        names = ("chromium", "chromium-browser", "google-chrome")
+        found = [driver.chromium.executable_path, *(shutil.which(name) or "" for name in names)]
+        browsers = [path for path in found if os.path.exists(path)]
+        if not browsers:
+            pytest.skip("there is no Chromium (apt-get install chromium, or playwright install chromium)")
+        browser = driver.chromium.launch(executable_path=browsers[0], args=HEADLESS)
+        page = browser.new_page(viewport={"width": 1000, "height": 700})
+        page.set_default_timeout(60_000)
+        page.goto(page_address)
+        page.wait_for_selector("#picture")
+        yield page
+        browser.close()
+
+
+def picture(page):
+    return imread(BytesIO(page.locator("#picture").screenshot()))[..., :3]
+
+
+def wait_for(condition, seconds=30.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "nothing happened on the page"
+        time.sleep(0.2)
+
+
+def changed(page, before):
+    return (np.abs(picture(page) - before).max(axis=2) > 0.1).mean() > 0.005
+
+
+def settled_picture(page):
+    """The picture once the shell is on it and the page has stopped laying itself out."""
+    seen, calm = picture(page), 0
+
+    def settled():
+        nonlocal seen, calm
+        before, seen = seen, picture(page)
+        coloured = (np.ptp(seen, axis=2) > 0.1).mean() > 0.01
+        same = coloured and before.shape == seen.shape and np.abs(seen - before).max() < 0.1
+        calm = calm + 1 if same else 0
+        return calm == 6
+
+    wait_for(settled)
+    return seen
+
+
+@pytest.mark.slow
+def test_page_plays_and_takes_gravity_model_and_modes(page):
+    status = page.locator("#status")
+    still = settled_picture(page)
+    assert "paused" in status.inner_text()
+
+    page.click("#play")
+    wait_for(lambda: changed(page, still))
+    assert "playing" in status.inner_text()
+    page.click("#play")
+    wait_for(lambda: "paused" in status.inner_text())
+
+    page.click("#reset")
+    wait_for(lambda: "t = 0.00 s" in status.inner_text())
+    wait_for(lambda: not changed(page, still))
+
+    thumb = page.locator(".v-slider-thumb")
+    modes, gravity_x = thumb.nth(0), thumb.nth(1)
+    gravity_x.focus()
+    page.keyboard.press("End")
+    wait_for(lambda: "19.6" in page.get_by_text("Gravity x").inner_text())
+    modes.focus()
+    page.keyboard.press("ArrowRight")
+    wait_for(lambda: "MWTS, 9 modes" in status.inner_text())
+
+    page.locator("div[role=combobox]").click()
+    page.get_by_role("option", name="DS", exact=True).click()
+    wait_for(lambda: status.inner_text().startswith("DS;"))
+    page.click("#play")
+    wait_for(lambda: changed(page, still))
