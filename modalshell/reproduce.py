@@ -24,7 +24,7 @@ FIGURES: dict[str, tuple[str, ...]] = {
 
 
 def chosen_studies(only: Sequence[str] | None, everything: bool = False) -> list[str]:
-    """Names of the studies to run: those of the paper's figures, or ``only`` some; OptionError for a name that is none."""
+    """Names of the studies to run: the paper's, ``only`` some, or all; OptionError for a name that is none."""
     if everything and not only:
         return list(FIGURES)
     if not only:

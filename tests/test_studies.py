@@ -93,7 +93,8 @@ def test_a_finding_that_is_not_a_number_is_refused(tmp_path):
 
 
 def test_unknown_studies_are_refused():
-    assert chosen_studies(None) == list(FIGURES)
+    assert chosen_studies(None, everything=True) == list(FIGURES)
+    assert set(chosen_studies(None)) == {name for name in FIGURES if FIGURES[name] and "figure_" in FIGURES[name][0]}
     with pytest.raises(OptionError, match="no study 'nothing'"):
         chosen_studies(["nothing"])
     with pytest.raises(FileFormatError, match="reinstall"):
