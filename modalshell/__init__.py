@@ -1,6 +1,7 @@
 """Thin shells from modal warping to discrete shells, and what each bit of accuracy costs."""
 
 from modalshell import measure
+from modalshell.crowd import Crowd, Flock
 from modalshell.errors import (
     FileFormatError,
     LoadError,
@@ -21,6 +22,7 @@ from modalshell.mesh import (
     flat_beam,
     leaf,
     load_mesh,
+    paper_bird,
     save_mesh,
     sheet,
     v_beam,
@@ -50,8 +52,10 @@ __all__ = [
     "Advice",
     "Basis",
     "CoarseDiscreteShell",
+    "Crowd",
     "DiscreteShell",
     "FileFormatError",
+    "Flock",
     "LinearModal",
     "LoadError",
     "Material",
@@ -86,6 +90,7 @@ __all__ = [
     "load_scene",
     "load_trajectory",
     "measure",
+    "paper_bird",
     "run_scene",
     "save_mesh",
     "save_trajectory",

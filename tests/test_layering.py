@@ -25,6 +25,7 @@ MAY_IMPORT = {
     "modes": _PLAIN | {"kernels", "mesh", "shell"},
     "rungs": _PLAIN | {"kernels", "mesh", "shell", "modes"},
     "motion": _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs"},
+    "crowd": _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs"},
     "measure": {"errors", "checks", "mesh", "shell"},
     "render": _PLAIN | {"mesh"},
     "selection": _TO_MOTION,
@@ -52,7 +53,7 @@ MAY_IMPORT = {
     },
     "__main__": {"cli"},
     "symbolic": set(),
-    ROOT: _TO_MOTION | {"measure", "selection", "export", "study", "scene", "run", "ladder"},
+    ROOT: _TO_MOTION | {"crowd", "measure", "selection", "export", "study", "scene", "run", "ladder"},
 }
 
 

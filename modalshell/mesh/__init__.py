@@ -1,5 +1,6 @@
 """Triangle meshes: the data structure, its validation, files and parametric shapes."""
 
+from modalshell.mesh.bird_shape import paper_bird
 from modalshell.mesh.files import load_mesh, save_mesh
 from modalshell.mesh.shapes import cylinder_panel, flat_beam, leaf, sheet, v_beam
 from modalshell.mesh.triangle_mesh import TriangleMesh
@@ -10,6 +11,7 @@ __all__ = [
     "flat_beam",
     "leaf",
     "load_mesh",
+    "paper_bird",
     "save_mesh",
     "sheet",
     "v_beam",

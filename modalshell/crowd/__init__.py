@@ -1,0 +1,7 @@
+"""Flocks of boids, and crowds of instances of one shell."""
+
+from modalshell.crowd.crowd import LEVELS, Crowd
+from modalshell.crowd.flap import Flap
+from modalshell.crowd.flock import Flock
+
+__all__ = ["LEVELS", "Crowd", "Flap", "Flock"]

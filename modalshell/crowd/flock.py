@@ -1,0 +1,230 @@
+"""A flock of boids: separation, alignment and cohesion, a target, bounds, and smooth noise in their speed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.checks import checked_count, checked_number, checked_vectors
+from modalshell.crowd.neighbours import Search, gather
+from modalshell.errors import OptionError
+
+Array = NDArray[np.float64]
+
+_NOISE_PERIOD = 256
+_PARALLEL = 1e-9
+
+
+class Rules(NamedTuple):
+    """What each rule asks of every boid, (N, 3) each; their sum is the direction that it turns to.
+
+    Attributes
+    ----------
+    separation : ndarray
+        Away from the neighbours: sum of ``offset (1 / distance - 1 / neighbour distance)``, zero at that distance.
+    alignment : ndarray
+        Mean of the neighbours' directions; zero without neighbours.
+    cohesion : ndarray
+        Unit vector to the mean position of the neighbours and of the flock position, which counts as one more.
+    target : ndarray
+        Unit vector to the target times its weight.
+    bounds : ndarray
+        Back into the box: the distance outside it along each axis over the neighbour distance.
+    """
+
+    separation: Array
+    alignment: Array
+    cohesion: Array
+    target: Array
+    bounds: Array
+
+    @property
+    def direction(self) -> Array:
+        """Sum of all rules (N, 3)."""
+        return np.asarray(np.sum(self, axis=0))
+
+
+class Flock:
+    """Boids that head where their neighbours make them [reynolds1987].
+
+    A boid turns by ``d <- normalised(e + k (d - e))``, with e the sum of its :class:`Rules` and
+    ``k = exp(-rotation_speed dt)``, and moves along d at ``speed (1 + speed_variation noise(t))``. Rules, turning and
+    the default parameters, all one, are those of the GPU boids of Unity's teaching samples; noise, field of view and
+    bounds are not. The alignment is the mean over the neighbours, not counting the boid itself.
+
+    Parameters
+    ----------
+    positions : array_like, shape (N, 3)
+        Where the boids start [m].
+    directions : array_like, shape (N, 3)
+        Where they head; normalised.
+    seed : int
+        Of the noise; the same seed gives the same flock, whatever the threads.
+    speed : float
+        Mean speed [m/s].
+    speed_variation : float
+        Largest relative deviation from it, in [0, 1].
+    noise_frequency : float
+        Knots of the noise per second [Hz]; it is twice differentiable, and repeats after 256 knots.
+    rotation_speed : float
+        Rate of turning [1/s].
+    neighbour_distance : float
+        Boids nearer than this are neighbours [m].
+    field_of_view : float
+        Full angle about its direction in which a boid sees others [degrees], in (0, 360].
+    flock_position : array_like, shape (3,)
+        Where the flock belongs [m]: a boid without neighbours flies there.
+    target : array_like, shape (3,), optional
+        Where all boids are drawn besides [m].
+    target_weight : float
+        Weight of the target against the other rules; may be changed between steps, as may ``target``.
+    bounds : array_like, shape (2, 3), optional
+        Lower and upper corner of a box that boids outside are steered back to [m]. They may overshoot.
+    search : {"grid", "all_pairs"}
+        How neighbours are found; all pairs is for checking.
+    threads : int
+        Threads of the grid's search.
+
+    Attributes
+    ----------
+    positions, directions, velocities, accelerations : ndarray, shape (N, 3)
+        Present state [m, 1, m/s, m/s^2]; the acceleration is the velocity's change over the last step.
+    time : float
+        Time since the start [s].
+
+    Raises
+    ------
+    OptionError
+        If a parameter is out of range, an array of the wrong shape or not finite, or a direction zero.
+    """
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        directions: ArrayLike,
+        *,
+        seed: int = 0,
+        speed: float = 1.0,
+        speed_variation: float = 1.0,
+        noise_frequency: float = 0.5,
+        rotation_speed: float = 1.0,
+        neighbour_distance: float = 1.0,
+        field_of_view: float = 360.0,
+        flock_position: ArrayLike = (0.0, 0.0, 0.0),
+        target: ArrayLike | None = None,
+        target_weight: float = 1.0,
+        bounds: ArrayLike | None = None,
+        search: Search = "grid",
+        threads: int = 1,
+    ) -> None:
+        count = len(np.atleast_1d(np.asarray(positions)))
+        self.positions = checked_vectors("positions", positions, (count, 3), OptionError).copy()
+        given = checked_vectors("directions", directions, (count, 3), OptionError)
+        if not np.linalg.norm(given, axis=1).all():
+            raise OptionError("directions must not be zero")
+        self.directions = unit(given)
+        self.speed = checked_number("speed", speed, at_least=0.0, unit="m/s")
+        self.speed_variation = checked_number("speed_variation", speed_variation, at_least=0.0, at_most=1.0)
+        self.noise_frequency = checked_number("noise_frequency", noise_frequency, at_least=0.0, unit="Hz")
+        self.rotation_speed = checked_number("rotation_speed", rotation_speed, at_least=0.0, unit="1/s")
+        self.neighbour_distance = checked_number("neighbour_distance", neighbour_distance, above=0.0, unit="m")
+        angle = checked_number("field_of_view", field_of_view, above=0.0, at_most=360.0, unit="degrees")
+        self.field_of_view = math.radians(angle)
+        self.flock_position = checked_vectors("flock_position", flock_position, (3,), OptionError)
+        self.target = None if target is None else checked_vectors("target", target, (3,), OptionError)
+        self.target_weight = checked_number("target_weight", target_weight)
+        self.bounds = None if bounds is None else checked_vectors("bounds", bounds, (2, 3), OptionError)
+        if self.bounds is not None and (self.bounds[0] > self.bounds[1]).any():
+            raise OptionError(f"bounds must be a lower and an upper corner (got {bounds!r})")
+        if search not in ("grid", "all_pairs"):
+            raise OptionError(f"search must be 'grid' or 'all_pairs' (got {search!r})")
+        self.search = search
+        self.threads = checked_count("threads", threads)
+        random = np.random.default_rng(seed)
+        self._knots = random.uniform(-1.0, 1.0, _NOISE_PERIOD)
+        self._offsets = random.uniform(0.0, _NOISE_PERIOD, count)
+        self.time = 0.0
+        self.velocities = self.directions * self.speeds()[:, None]
+        self.accelerations = np.zeros_like(self.velocities)
+
+    @classmethod
+    def random(cls, count: int, *, radius: float, seed: int = 0, **parameters: Any) -> Flock:
+        """Flock of ``count`` boids spread evenly over a ball about the flock position, heading anywhere.
+
+        ``radius`` is the ball's [m]; ``parameters`` are the flock's.
+        """
+        count = checked_count("count", count)
+        radius = checked_number("radius", radius, above=0.0, unit="m")
+        # Another stream than the noise's, which takes the seed itself.
+        random = np.random.default_rng([seed, 1])
+        outward = unit(random.standard_normal((count, 3)))
+        positions = radius * np.cbrt(random.random(count))[:, None] * outward
+        directions = random.standard_normal((count, 3))
+        centre = np.asarray(parameters.get("flock_position", (0.0, 0.0, 0.0)), dtype=np.float64)
+        return cls(positions + centre, directions, seed=seed, **parameters)
+
+    def speeds(self) -> Array:
+        """Speeds (N,) [m/s] at the present time: smooth noise between random knots, every boid at its own place."""
+        place = self.noise_frequency * self.time + self._offsets
+        knot = np.floor(place)
+        part = place - knot
+        fade = part**3 * (part * (6.0 * part - 15.0) + 10.0)  # [perlin2002]
+        first = knot.astype(np.int64) % _NOISE_PERIOD
+        begin, end = self._knots[first], self._knots[(first + 1) % _NOISE_PERIOD]
+        return np.asarray(self.speed * (1.0 + self.speed_variation * (begin + fade * (end - begin))))
+
+    def rules(self) -> Rules:
+        """What each rule asks of every boid now."""
+        near = gather(
+            self.positions,
+            self.directions,
+            self.neighbour_distance,
+            self.field_of_view,
+            search=self.search,
+            threads=self.threads,
+        )
+        alignment = near.directions / np.maximum(near.counts, 1.0)[:, None]
+        middle = (near.positions + self.flock_position) / (near.counts + 1.0)[:, None]
+        target = bounds = np.zeros_like(self.positions)
+        if self.target is not None:
+            target = self.target_weight * unit(self.target - self.positions)
+        if self.bounds is not None:
+            inside = np.clip(self.positions, *self.bounds)
+            bounds = (inside - self.positions) / self.neighbour_distance
+        return Rules(near.separation, alignment, unit(middle - self.positions), target, bounds)
+
+    def step(self, dt: float) -> None:
+        """Turn and move every boid over ``dt`` [s]; a boid whose new direction would vanish keeps its own."""
+        dt = checked_number("dt", dt, above=0.0, unit="s")
+        goal = self.rules().direction
+        turned = unit(goal + math.exp(-self.rotation_speed * dt) * (self.directions - goal))
+        self.directions = np.where(turned.any(axis=1, keepdims=True), turned, self.directions)
+        self.time += dt
+        velocities = self.directions * self.speeds()[:, None]
+        self.accelerations = (velocities - self.velocities) / dt
+        self.velocities = velocities
+        self.positions = self.positions + dt * velocities
+
+    def frames(self, gravity: ArrayLike = (0.0, 0.0, -9.81)) -> Array:
+        """Rotations (N, 3, 3) of bodies with x forward and z up, banked as in a coordinated turn.
+
+        Up is along the acceleration less ``gravity`` (3,) [m/s^2], which the wings carry, so that a body feels no force
+        to its side. Where that is along the direction of flight, up is as far from it as an axis can be.
+        """
+        lift = self.accelerations - checked_vectors("gravity", gravity, (3,), OptionError)
+        forward = self.directions
+        up = lift - np.sum(lift * forward, axis=1, keepdims=True) * forward
+        lost = np.linalg.norm(up, axis=1) <= _PARALLEL * np.linalg.norm(lift, axis=1)
+        axis = np.eye(3)[np.abs(forward).argmin(axis=1)]
+        across = axis - np.sum(axis * forward, axis=1, keepdims=True) * forward
+        up = unit(np.where(lost[:, None], across, up))
+        return np.stack((forward, np.cross(up, forward), up), axis=2)
+
+
+def unit(vectors: Array) -> Array:
+    """Vectors (N, 3) over their lengths; zero stays zero."""
+    lengths = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0)[:, None])
