@@ -12,14 +12,12 @@ import math
 import numpy as np
 from numba import njit
 
-from modalshell.kernels.frame import _FASTMATH, TILE, polynomials
-from modalshell.kernels.rotations import coefficients
+from modalshell.kernels.frame import FASTMATH, TILE, rotation_coefficients
 
 RIGID, LINEAR, WARPED = 0, 1, 2
 """Levels of detail."""
 
-_LIMIT = 4.0 * math.pi**2
-_kernel = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
+_kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
 
 
 @_kernel
@@ -48,21 +46,6 @@ def _sum_modes(modal, q, first, last, work):  # type: ignore[no-untyped-def]
 
 
 @_kernel
-def _rotation_coefficients(work):  # type: ignore[no-untyped-def]
-    """Write c2 and c3 of the rotation vectors in rows 3 to 5 of ``work`` (8 * 128,) into rows 6 and 7."""
-    beyond = 0
-    for j in range(TILE):
-        wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-        squared = wx * wx + wy * wy + wz * wz
-        beyond += squared > _LIMIT
-        work[6 * TILE + j], work[7 * TILE + j] = polynomials(squared)
-    if beyond:
-        for j in range(TILE):
-            wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-            _, work[6 * TILE + j], work[7 * TILE + j] = coefficients(np.float64(wx * wx + wy * wy + wz * wz))
-
-
-@_kernel
 def _displacements(modal, q, level, work):  # type: ignore[no-untyped-def]
     """Displacements of a tile at a level into the first three rows of ``work``."""
     if level == RIGID:
@@ -72,7 +55,7 @@ def _displacements(modal, q, level, work):  # type: ignore[no-untyped-def]
         _sum_modes(modal, q, 0, 3 * TILE, work)
         return
     _sum_modes(modal, q, 0, 6 * TILE, work)
-    _rotation_coefficients(work)
+    rotation_coefficients(work)
     for j in range(TILE):
         ux, uy, uz = work[j], work[TILE + j], work[2 * TILE + j]
         wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
@@ -134,7 +117,7 @@ def crowd_forces(modal, mass, q, levels, felt, work, out):  # type: ignore[no-un
         for tile in range(modal.shape[0]):
             if levels[b] == WARPED:
                 _sum_modes(modal[tile], q[b], 3 * TILE, 6 * TILE, work)
-                _rotation_coefficients(work)
+                rotation_coefficients(work)
                 for j in range(TILE):
                     # R^T f = f - c1 w x f + c2 w x (w x f), with c1 = 1 - |w|^2 c3.
                     wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]

@@ -82,8 +82,8 @@ THIRD_SINGLE = tuple(
 )
 
 # Not "nnan" nor "ninf": coordinates that are not finite must come out as such.
-_FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
-_kernel = njit(cache=True, error_model="numpy", fastmath=_FASTMATH)
+FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
+_kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
 
 
 def polynomials(squared: Any) -> Any:
@@ -91,7 +91,7 @@ def polynomials(squared: Any) -> Any:
     raise NotImplementedError
 
 
-@overload(polynomials, jit_options={"fastmath": _FASTMATH})
+@overload(polynomials, jit_options={"fastmath": FASTMATH})
 def _polynomials_by_precision(squared):  # type: ignore[no-untyped-def]
     single = squared == types.float32
     middle: Any = (np.float32 if single else np.float64)(MIDDLE)
@@ -113,6 +113,21 @@ def _polynomials_by_precision(squared):  # type: ignore[no-untyped-def]
 
 
 @_kernel
+def rotation_coefficients(work):  # type: ignore[no-untyped-def]
+    """Write c2 and c3 of the rotation vectors in rows 3 to 5 of ``work`` (8 * 128,) into rows 6 and 7."""
+    beyond = 0
+    for j in range(TILE):
+        wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
+        squared = wx * wx + wy * wy + wz * wz
+        beyond += squared > _LIMIT
+        work[6 * TILE + j], work[7 * TILE + j] = polynomials(squared)
+    if beyond:
+        for j in range(TILE):
+            wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
+            _, work[6 * TILE + j], work[7 * TILE + j] = coefficients(np.float64(wx * wx + wy * wy + wz * wz))
+
+
+@_kernel
 def warp_tiles(first, last, modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     """Write ``rest + Rt(Psi q) Phi q`` of the tiles ``first`` to ``last - 1`` into ``out`` (n, 3).
 
@@ -127,16 +142,7 @@ def warp_tiles(first, last, modal, rest, q, work, out):  # type: ignore[no-untyp
             amount = q[mode]
             for i in range(6 * TILE):
                 work[i] += amount * modal[tile, mode, i]
-        beyond = 0
-        for j in range(TILE):
-            wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-            squared = wx * wx + wy * wy + wz * wz
-            beyond += squared > _LIMIT
-            work[6 * TILE + j], work[7 * TILE + j] = polynomials(squared)
-        if beyond:
-            for j in range(TILE):
-                wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-                _, work[6 * TILE + j], work[7 * TILE + j] = coefficients(np.float64(wx * wx + wy * wy + wz * wz))
+        rotation_coefficients(work)
         for j in range(TILE):
             ux, uy, uz = work[j], work[TILE + j], work[2 * TILE + j]
             wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]

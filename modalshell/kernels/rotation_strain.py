@@ -25,7 +25,7 @@ import math
 
 from numba import njit
 
-from modalshell.kernels.frame import TILE, polynomials
+from modalshell.kernels.frame import FASTMATH, TILE, polynomials
 from modalshell.kernels.rotations import coefficients
 
 WORK = 14 * TILE
@@ -34,7 +34,7 @@ WORK = 14 * TILE
 _TINY = 1e-30
 _LIMIT = 39.0  # (2 pi)^2 and a little less: what the polynomials serve
 
-_kernel = njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+_kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
 
 
 @_kernel

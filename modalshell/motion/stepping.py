@@ -76,10 +76,6 @@ class Motion:
         """Time reached [s]."""
         return self.count * self.dt
 
-    def pose(self) -> Pose | None:
-        """Where the supports are now."""
-        return None if self.supports is None else self.supports.at(self.time)
-
     def positions(self) -> Array:
         """Vertex positions (n, 3) [m] in the world."""
         own = self._own(self.state)
