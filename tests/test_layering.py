@@ -13,7 +13,7 @@ LINE_LIMIT = 500
 # "modalshell" itself stands for the names that modalshell/__init__.py hands out. A new top-level module is an error
 # until it has its row here.
 _PLAIN = {"errors", "checks", "files"}
-_TO_MOTION = _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs", "motion"}
+_TO_MOTION = _PLAIN | {"kernels", "mesh", "shell", "modes", "springs", "rungs", "motion"}
 MAY_IMPORT = {
     "errors": set(),
     "checks": {"errors"},
@@ -23,7 +23,8 @@ MAY_IMPORT = {
     "mesh": _PLAIN | {"kernels"},
     "shell": _PLAIN | {"kernels", "mesh"},
     "modes": _PLAIN | {"kernels", "mesh", "shell"},
-    "rungs": _PLAIN | {"kernels", "mesh", "shell", "modes"},
+    "springs": _PLAIN | {"kernels", "mesh", "shell"},
+    "rungs": _PLAIN | {"kernels", "mesh", "shell", "modes", "springs"},
     "motion": _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs"},
     "crowd": _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs"},
     "measure": {"errors", "checks", "mesh", "shell"},
