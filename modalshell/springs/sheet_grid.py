@@ -51,8 +51,8 @@ class SheetGrid:
     flexion: float
     drag: float = 0.0
     spring_damping: float = 0.0
-    pinned: NDArray[np.bool_] = field(default=None)  # type: ignore[assignment]
-    gravity: NDArray[np.float64] = field(default=None)  # type: ignore[assignment]
+    pinned: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((1, 1), bool))
+    gravity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         """Check every value before any work is done with it."""
@@ -65,12 +65,11 @@ class SheetGrid:
         for name, unit in (("structural", "N/m"), ("shear", "N/m"), ("flexion", "N/m"), ("drag", "1/s")):
             checked_number(name, getattr(self, name), MaterialError, at_least=0.0, unit=unit)
         checked_number("spring_damping", self.spring_damping, MaterialError, at_least=0.0, unit="N s/m")
-        pinned = np.zeros(self.shape, bool) if self.pinned is None else np.array(self.pinned)
-        if pinned.dtype != bool or pinned.shape != self.shape:
+        pinned = np.asarray(self.pinned)
+        if pinned.dtype != bool or pinned.shape not in (self.shape, (1, 1)):
             raise SupportError(f"pinned must be bool of shape {self.shape} (got {pinned.dtype} of {pinned.shape})")
-        object.__setattr__(self, "pinned", pinned)
-        gravity = (0.0, 0.0, 0.0) if self.gravity is None else self.gravity
-        object.__setattr__(self, "gravity", checked_vectors("gravity", gravity, (3,), LoadError))
+        object.__setattr__(self, "pinned", np.array(np.broadcast_to(pinned, self.shape)))
+        object.__setattr__(self, "gravity", checked_vectors("gravity", self.gravity, (3,), LoadError))
 
     @property
     def count(self) -> int:

@@ -49,7 +49,9 @@ class Springs:
             raise MeshError(f"the lower index comes first in a pair (got {pairs[unordered[0]]} at {unordered[0]})")
         unique, counts = np.unique(pairs, axis=0, return_counts=True)
         if (counts > 1).any():
-            raise MeshError(f"a pair holds one spring (got {unique[counts > 1][0]} {counts.max()} times); add stiffness")
+            raise MeshError(
+                f"a pair holds one spring (got {unique[counts > 1][0]} {counts.max()} times); add stiffness"
+            )
         pairs.setflags(write=False)
         object.__setattr__(self, "pairs", pairs)
         for name, above in (("rest_lengths", True), ("stiffness", False), ("damping", False)):
