@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 import modalshell as ms
+from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.ladder import MODES
 from modalshell.reproduce import chosen_studies
@@ -268,6 +269,15 @@ def modes(
     basis.save(out / f"{mesh.stem}_basis.npz")
     print(out / f"{mesh.stem}_basis.npz")
     print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))
+
+
+@app.command
+def doctor() -> None:
+    """Show what this machine brings: versions, solvers, threads, what draws, and which extras are missing."""
+    table = Table("what", "found", "what would better it")
+    for reading in examine():
+        table.add_row(reading.name, reading.value, reading.hint)
+    _console.print(table)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -36,6 +36,7 @@ MAY_IMPORT = {
     "run": _TO_MOTION | {"export", "render", "scene", "study"},
     "ladder": _TO_MOTION | {"measure", "render", "scene", "study"},
     "viewer": _TO_MOTION | {"render", "scene"},
+    "doctor": {"errors", "modes", "render"},
     "reproduce": _PLAIN | {"study", "bundled"},
     "cli": _TO_MOTION
     | {
@@ -48,6 +49,7 @@ MAY_IMPORT = {
         "run",
         "ladder",
         "viewer",
+        "doctor",
         "reproduce",
         "bundled",
         ROOT,
