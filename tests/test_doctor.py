@@ -1,5 +1,7 @@
 import importlib.util
 
+import pytest
+
 from modalshell.cli import main
 from modalshell.doctor import examine
 from modalshell.modes.factorisation import available_backends
@@ -14,5 +16,7 @@ def test_doctor_tells_what_is_here_and_how_to_get_the_rest(monkeypatch, capsys):
         here = importlib.util.find_spec(module) is not None
         assert readings[f"extra {name}"].value == ("installed" if here else "not installed")
         assert (f"modalshell[{name}]" in readings[f"extra {name}"].hint) is not here
-    main(["doctor"])
+    with pytest.raises(SystemExit) as end:
+        main(["doctor"])
+    assert end.value.code == 0
     assert "factorisation" in capsys.readouterr().out
