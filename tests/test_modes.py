@@ -302,7 +302,7 @@ def test_calibrated_strips_have_beam_frequencies(family, cells, width):
 
 
 def test_clamp_correction_mends_the_clamp_bias():
-    """The uncalibrated union-jack plate of MATH.md 9, as it stands and with the hinges on the clamp line doubled."""
+    """A union-jack plate with k_f = D / 6, as it stands and with the hinges on the clamp line doubled."""
     mesh = sheet(cells=(16, 16), family="union-jack")
     clamped = mesh.vertices[:, 0] < 1.5 / 16
     free_length = 1.0 - 1.0 / 16

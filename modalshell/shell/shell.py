@@ -9,6 +9,7 @@ import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_vectors
+from modalshell.errors import LoadError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elements import ElementSet, element_sets
 from modalshell.shell.material import Material
@@ -82,17 +83,31 @@ class Shell:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
 
     def energy(self, positions: ArrayLike) -> float:
-        """Elastic energy [J] at ``positions`` (n, 3) [m]."""
-        return self.raw_energy(self.checked_positions(positions))
+        """Elastic energy [J] at ``positions`` (n, 3) [m]; LoadError where it is not finite."""
+        x = self.checked_positions(positions)
+        energy = self.raw_energy(x)
+        self._refuse_collapse("energy", energy, x)
+        return energy
 
     def force(self, positions: ArrayLike) -> Array:
-        """Elastic force (n, 3) [N], minus the energy's gradient, at ``positions`` (n, 3) [m]."""
-        return -self.energy_gradient(self.checked_positions(positions))[1]
+        """Elastic force (n, 3) [N], minus the energy's gradient, at ``positions`` (n, 3) [m].
+
+        LoadError where it is not finite: a triangle that has collapsed to a line has no normal to bend about.
+        """
+        x = self.checked_positions(positions)
+        gradient = self.energy_gradient(x)[1]
+        self._refuse_collapse("force", gradient, x)
+        return -gradient
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
-        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them."""
+        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them.
+
+        LoadError where it is not finite.
+        """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
-        return self.pattern.matrix(self.energy_gradient_hessian(x, EXACT)[2])
+        data = self.energy_gradient_hessian(x, EXACT)[2]
+        self._refuse_collapse("stiffness", data, x)
+        return self.pattern.matrix(data)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -101,6 +116,20 @@ class Shell:
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
         return checked_vectors("positions", positions, self.rest_positions.shape)
+
+    def _refuse_collapse(self, name: str, values: ArrayLike, x: Array) -> None:
+        if np.isfinite(values).all():
+            return
+        corners = x[self.mesh.faces]
+        sides = corners - np.roll(corners, 1, axis=1)
+        longest = np.max(np.sum(sides**2, axis=2), axis=1)
+        flatness = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.where(longest > 0.0, longest, 1.0)
+        worst = int(np.argmin(flatness))
+        raise LoadError(
+            f"the {name} is not finite at these positions; the flattest triangle is {worst}, vertices "
+            f"{self.mesh.faces[worst].tolist()} (counted from 0), twice its area {flatness[worst]:.1e} of its longest "
+            "side squared: move its corners apart"
+        )
 
     # Below: for solvers, on arrays that they own; no checks.
 
