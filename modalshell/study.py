@@ -100,3 +100,8 @@ def load_script(folder: str, name: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def call_script(folder: str, name: str, function: str, *arguments: Any) -> Any:
+    """Call a function of ``folder/name.py``; for worker processes, which cannot be handed one of a loaded script."""
+    return getattr(load_script(folder, name), function)(*arguments)
