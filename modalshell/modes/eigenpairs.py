@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.modes.factorisation import Factoriser
-from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
+from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 
 Array = NDArray[np.float64]
@@ -22,6 +22,16 @@ _REPEATED = 1e-9
 """Relative gap below which eigenvalues count as one; further apart they are resolved and keep their own modes."""
 
 _RESIDUAL_LIMIT = 1e-8
+_ILL_CONDITIONED = (
+    "the stiffness is too ill-conditioned: remesh needles (aspects of 1e4 and more), or bring the stiffnesses nearer "
+    "together"
+)
+_AGREEMENT = 0.05
+"""Relative difference between an eigenvalue and its mode's strain energy from which the mode is rounding."""
+_FALSE_STIFFNESS = 0.5
+"""Share of the lowest eigenvalue that rounding may give to rigid motions: about what it takes to lose a mode."""
+_LOOSE = 1e-6
+"""Share of the largest strain energy below which a mode is loose, and its eigenvalue is rounding with good reason."""
 
 _GLANCE = 1e-3
 """Tolerance of a first look for missed modes; what lies no further above the last mode is looked at closely."""
@@ -85,9 +95,10 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             "the stiffness is too ill-conditioned; check for slivers and for stiffnesses many decades apart"
         )
     modes = vectors / root[:, None]
+    strain = _strain_eigenvalues(shell, modes, values)
+    _check_rounding(shell, data, values, strain)
     # Already in order, to rounding: repeated ones must not change places by it.
-    values = np.maximum.accumulate(_strain_eigenvalues(shell, modes, values))
-    eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), values])
+    eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), np.maximum.accumulate(strain)])
     return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name
 
 
@@ -123,8 +134,15 @@ def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
 def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
     """Eigenpairs of a small matrix on the complement of the (orthonormal) rigid motions."""
     basis = scipy.linalg.null_space(rigid.T) if rigid.shape[1] else np.eye(matrix.shape[0])
-    values, vectors = np.linalg.eigh(basis.T @ matrix @ basis)
-    return values[:wanted], basis @ vectors[:, :wanted]
+    reduced = basis.T @ matrix @ basis
+    try:
+        # Those of the inverse, by Cholesky: in the matrix itself the lowest drown in eps |K| where a mesh has needles.
+        inverse, vectors = scipy.linalg.eigh(np.eye(len(reduced)), reduced)
+    except np.linalg.LinAlgError:  # loose, or too ill-conditioned: told apart by the strain energies
+        values, vectors = np.linalg.eigh(reduced)
+        return values[:wanted], basis @ vectors[:, :wanted]
+    vectors = vectors[:, ::-1][:, :wanted]
+    return 1.0 / inverse[::-1][:wanted], basis @ (vectors / np.linalg.norm(vectors, axis=0))
 
 
 def _lanczos(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
@@ -201,6 +219,32 @@ def _lowest(
             vectors[:, k] = inverse.matvec(vectors[:, k])
         vectors, _ = np.linalg.qr(vectors)
     return values[order], vectors / np.linalg.norm(vectors, axis=0)
+
+
+def _check_rounding(shell: Shell, data: Array, values: Array, strain: Array) -> None:
+    """Raise SolverError where modes have drowned in rounding: those that were found, or others that are missing."""
+    apart = np.abs(values - strain) > _AGREEMENT * strain
+    bad = np.flatnonzero(apart & (strain > _LOOSE * strain.max(initial=0.0)))
+    if bad.size:
+        raise SolverError(
+            f"elastic mode {bad[0]} (counted from 0) is lost in rounding: its eigenvalue {values[bad[0]]:.3g} 1/s^2 "
+            f"and its strain energy {strain[bad[0]]:.3g} 1/s^2 differ, {bad.size} such modes in all; {_ILL_CONDITIONED}"
+        )
+    elastic = strain[strain > _LOOSE * strain.max(initial=0.0)]
+    false = _stiffness_of_rounding(shell, data)
+    if elastic.size and false > _FALSE_STIFFNESS * elastic.min():
+        raise SolverError(
+            f"rounding gives rigid motions a stiffness of {false:.3g} 1/s^2, beside a lowest eigenvalue of "
+            f"{elastic.min():.3g} 1/s^2, so that modes may be wrong or missing; {_ILL_CONDITIONED}"
+        )
+
+
+def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
+    """Largest Rayleigh quotient [1/s^2] that K gives to a rigid motion of the whole shell: zero but for rounding."""
+    fields = six_motions(shell.rest_positions).reshape(-1, 6)
+    mass = np.repeat(shell.mass, 3)
+    stiffness = shell.pattern.matrix(data)
+    return float((np.abs(np.sum(fields * (stiffness @ fields), axis=0)) / (mass @ fields**2)).max())
 
 
 def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
