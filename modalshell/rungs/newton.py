@@ -113,6 +113,17 @@ class Potential:
             total = gradient + self._outer(x)[1]
             return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
 
+    def linearise_led(self, x: Array, led: Array) -> tuple[Array, sps.csc_array]:
+        """As :meth:`linearise`, projected, with the held vertices' part of ``led`` (n, 3) [m] in the gradient."""
+        with self.costs.part("assembly"):
+            _, gradient, data = self.shell.energy_gradient_hessian(x, PROJECTED)
+            if self.quadratic is not None:
+                data += self.quadratic
+            total = gradient + self._outer(x)[1]
+            if led.any():
+                total += (self.shell.pattern.matrix(data) @ led.ravel()).reshape(-1, 3)
+            return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
+
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
