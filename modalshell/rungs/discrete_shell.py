@@ -156,6 +156,8 @@ class DiscreteShell(Model):
 
     def _answer(self, result: NewtonResult, watch: Stopwatch, spent: int, before: dict[str, float]) -> Equilibrium:
         status = "converged" if result.converged else f"not converged: residual {result.residual:.1e} of {ACCEPTED:.0e}"
+        if not result.converged and result.residual <= ACCEPTED:
+            status = "not converged: in balance, but at no minimum; a push aside may find one"
         return Equilibrium(
             result.positions,
             result.converged,
