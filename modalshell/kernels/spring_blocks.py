@@ -20,6 +20,7 @@ PARTS = 64
 """Runs of particles that the work is cut into, whatever the threads."""
 
 _kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
+_threaded = njit(cache=True, error_model="numpy", parallel=True)
 
 
 @_kernel
@@ -138,7 +139,8 @@ def _move(first, last, factor, step, x):  # type: ignore[no-untyped-def]
         x[i, 2] += factor * step[i, 2]
 
 
-def _forces_all(starts, others, stiffness, rest, dashpot, zeta, drag, mass, x, v, load, out):  # type: ignore[no-untyped-def]
+@_threaded
+def forces(starts, others, stiffness, rest, dashpot, zeta, drag, mass, x, v, load, out):  # type: ignore[no-untyped-def]
     """Write ``load - drag M v`` plus the force of springs and dashpots into ``out`` (n, 3)."""
     n = starts.size - 1
     for k in prange(PARTS):
@@ -146,7 +148,8 @@ def _forces_all(starts, others, stiffness, rest, dashpot, zeta, drag, mass, x, v
         _forces(first, last, starts, others, stiffness, rest, dashpot, zeta, drag, mass, x, v, load, out)
 
 
-def _blocks_all(starts, others, stiffness, rest, dashpot, zeta, drag, mass, dt, x, v, force, blocks, inverses, right):  # type: ignore[no-untyped-def]
+@_threaded
+def matrix(starts, others, stiffness, rest, dashpot, zeta, drag, mass, dt, x, v, force, blocks, inverses, right):  # type: ignore[no-untyped-def]
     """Write the springs' blocks (S, 4), the inverses of the diagonal blocks (n, 6), and the right side (n, 3)."""
     n = starts.size - 1
     for k in prange(PARTS):
@@ -154,7 +157,8 @@ def _blocks_all(starts, others, stiffness, rest, dashpot, zeta, drag, mass, dt, 
         _blocks(first, last, starts, others, stiffness, rest, dashpot, zeta, drag, mass, dt, x, v, force, blocks, inverses, right)  # noqa: E501
 
 
-def _conjugate_gradients(starts, others, blocks, inverses, weight, free, right, goal, limit, dv, p, q, r, z, sums):  # type: ignore[no-untyped-def]
+@_threaded
+def conjugate_gradients(starts, others, blocks, inverses, weight, free, right, goal, limit, dv, p, q, r, z, sums):  # type: ignore[no-untyped-def]
     """Solve A dv = right on free particles from ``dv``, to a residual of ``goal``; return iterations and residual.
 
     ``weight`` (n,) is the mass's part of A, ``free`` (n,) 1 or 0; ``p, q, r, z`` (n, 3) and ``sums`` (PARTS, 2) are work.
@@ -186,19 +190,12 @@ def _conjugate_gradients(starts, others, blocks, inverses, weight, free, right, 
     return done, math.sqrt(squared)
 
 
-def _move_all(factor, step, x):  # type: ignore[no-untyped-def]
+@_threaded
+def move(factor, step, x):  # type: ignore[no-untyped-def]
     """``x += factor step``, all (n, 3)."""
     n = x.shape[0]
     for k in prange(PARTS):
         _move(k * n // PARTS, (k + 1) * n // PARTS, factor, step, x)
-
-
-_serial = {"cache": True, "error_model": "numpy"}
-_threaded = {**_serial, "parallel": True}
-forces = (njit(**_serial)(_forces_all), njit(**_threaded)(_forces_all))
-blocks = (njit(**_serial)(_blocks_all), njit(**_threaded)(_blocks_all))
-conjugate_gradients = (njit(**_serial)(_conjugate_gradients), njit(**_threaded)(_conjugate_gradients))
-move = (njit(**_serial)(_move_all), njit(**_threaded)(_move_all))
 
 
 @njit(cache=True, error_model="numpy")

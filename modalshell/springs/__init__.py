@@ -4,5 +4,15 @@ from modalshell.springs.implicit import TASKS, ImplicitSprings, ImplicitStep
 from modalshell.springs.mesh_springs import mesh_springs, shell_springs
 from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.springs.springs import Springs
+from modalshell.springs.verlet import GridVerlet
 
-__all__ = ["TASKS", "ImplicitSprings", "ImplicitStep", "SheetGrid", "Springs", "mesh_springs", "shell_springs"]
+__all__ = [
+    "TASKS",
+    "GridVerlet",
+    "ImplicitSprings",
+    "ImplicitStep",
+    "SheetGrid",
+    "Springs",
+    "mesh_springs",
+    "shell_springs",
+]

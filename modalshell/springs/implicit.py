@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import NamedTuple
 
-import numba
 import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
@@ -16,14 +15,15 @@ from modalshell.errors import MaterialError, MeshError
 from modalshell.kernels import spring_blocks as kernels
 from modalshell.shell.supports import held_vertices
 from modalshell.springs.springs import Springs
+from modalshell.springs.threads import limited_to, threads_for
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 TASKS = ("force", "matrix update", "acceleration", "velocity", "position")
 """The parts of a step whose times are told; the acceleration is the solution of the linear equations."""
-_FEWEST = 4000
-"""Particles from which a second thread pays."""
+_EACH = 2000
+"""Particles for which a thread pays."""
 
 
 class ImplicitStep(NamedTuple):
@@ -79,8 +79,7 @@ class ImplicitSprings:
         if springs.pairs.max(initial=-1) >= n:
             raise MeshError(f"springs must join the particles 0 to {n - 1} (got {springs.pairs.max()})")
         self.held = held_vertices(held, n)
-        most = numba.config.NUMBA_NUM_THREADS if threads is None else checked_count("threads", threads)
-        self.threads = min(most, numba.config.NUMBA_NUM_THREADS) if n >= _FEWEST else 1
+        self.threads = threads_for(n, _EACH, threads)
 
         ends = np.concatenate([springs.pairs, springs.pairs[:, ::-1]])
         graph = sps.csr_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), shape=(n, n))
@@ -185,32 +184,27 @@ class ImplicitSprings:
         momentum = self._free[:, None] * (dt * self._load + self._mass[:, None] * self._v)
         scale = float(np.sqrt(np.vdot(momentum, momentum))) or 1.0
 
-        before = numba.get_num_threads()
-        numba.set_num_threads(min(self.threads, numba.config.NUMBA_NUM_THREADS))
-        try:
+        with limited_to(self.threads):
             return self._timed_step(dt, drag, zeta, limit, tolerance, scale)
-        finally:
-            numba.set_num_threads(before)
 
     def _timed_step(
         self, dt: float, drag: float, zeta: float, limit: int, tolerance: float, scale: float
     ) -> ImplicitStep:
-        how = int(self.threads > 1)
         springs = (self._starts, self._others, self._stiffness, self._rest, self._dashpot, zeta, drag, self._mass)
         x, v = self._x, self._v
         times = [time.perf_counter()]
-        kernels.forces[how](*springs, x, v, self._load, self._force)
+        kernels.forces(*springs, x, v, self._load, self._force)
         times.append(time.perf_counter())
-        kernels.blocks[how](*springs, dt, x, v, self._force, self._blocks, self._inverses, self._right)
+        kernels.matrix(*springs, dt, x, v, self._force, self._blocks, self._inverses, self._right)
         weight = (1.0 + dt * drag) * self._mass
         times.append(time.perf_counter())
         work = (self._p, self._q, self._r, self._z, self._sums)
         system = (self._starts, self._others, self._blocks, self._inverses, weight, self._free, self._right)
-        count, residual = kernels.conjugate_gradients[how](*system, tolerance * scale, limit, self._dv, *work)
+        count, residual = kernels.conjugate_gradients(*system, tolerance * scale, limit, self._dv, *work)
         times.append(time.perf_counter())
-        kernels.move[how](1.0, self._dv, v)
+        kernels.move(1.0, self._dv, v)
         times.append(time.perf_counter())
-        kernels.move[how](dt, v, x)
+        kernels.move(dt, v, x)
         times.append(time.perf_counter())
         relative = float(residual) / scale
         converged = relative <= (tolerance or 1.0)
