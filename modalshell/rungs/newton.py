@@ -300,11 +300,12 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
 def shifted_factor(problem: Potential, hessian: sps.csc_array) -> Factor | None:
     """Factor of a semi-definite Hessian, shifted by as little as makes it definite; None where nothing does.
 
-    A sheet of springs has no bending stiffness where it is flat: it needs the shift to leave its plane.
+    A sheet of springs has no bending stiffness where it is flat: it needs the shift to leave its plane. A shell that
+    nothing holds is not shifted, or it would only fly away.
     """
     factor = problem.definite_factor(hessian)
     diagonal = hessian.diagonal()
-    for share in _SHIFTS:
+    for share in _SHIFTS if problem.shell.clamped.any() else ():
         if factor is not None:
             break
         hessian.setdiag(diagonal + share * diagonal.mean())  # keeps the pattern, which a sum may not
