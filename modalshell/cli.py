@@ -78,9 +78,7 @@ def run(
     """Run a scene file, or go on with a run of it that was stopped."""
     with _progress(f"{scene.stem} steps") as on_step:
         result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
-    found = result.trajectory
-    kept = f", {result.resumed} of them from an earlier run" if result.resumed else ""
-    print(f"{scene.stem}: {found.status}, {len(found.times)} frames in {found.seconds:.3g} s{kept}")
+    print(f"{scene.stem}: {result.summary}")
     for path in result.files:
         print(path)
 

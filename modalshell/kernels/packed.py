@@ -33,7 +33,7 @@ class Packed(types.Type):
     def __init__(self, scalar: Any) -> None:
         self.scalar = scalar
         self.lanes = 8 * BYTES // scalar.bitwidth
-        super().__init__(name=f"Packed({scalar} x {self.lanes})")  # type: ignore[no-untyped-call]
+        super().__init__(name=f"Packed({scalar} x {self.lanes})")
 
 
 @register_model(Packed)
