@@ -146,8 +146,8 @@ def bench(
     out: Annotated[Path, Parameter(help="Folder of the tables and the picture.")] = Path("results"),
     quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
 ) -> None:
-    """Measure this machine: frames, modes, assembly and implicit steps against plain NumPy and SciPy."""
-    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps")
+    """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
+    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps", "crowd", "flock")
     if only is not None and only not in names:
         raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
     run = load_script("studies/benchmarks", "run").main

@@ -13,141 +13,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.crowd import LEVELS, Flight
+from modalshell.crowd import Flight
 from modalshell.files import write_npz, write_text
 from modalshell.motion.simulate import step_count
+from modalshell.render import ShadedSurface, draw_surface, look_at, write_streamed_film
+from modalshell.render.camera import Camera
+from modalshell.render.scene import checked_size, rgb
+from modalshell.run.flight_film import FlightFilm, FlightReport
 from modalshell.run.frame_file import FrameFile
-from modalshell.rungs import RotationStrain
 from modalshell.rungs.model import Stopwatch
 from modalshell.scene import Scene
+from modalshell.scene.read import located
 from modalshell.shell import Shell
 from modalshell.study import run_record
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "levels")
-
-
-@dataclass(frozen=True)
-class FlightReport:
-    """What a flight cost, and what its levels of detail show.
-
-    Attributes
-    ----------
-    birds, vertices : int
-        Number of birds, and of vertices of one.
-    shares : dict of float
-        Part of the birds' frames at each level; "RSW" is the part with any share of it, counted in its own level too.
-    allowed_pixels : float
-        Largest distance allowed between a vertex as drawn and its place by MWTS.
-    largest_error : float
-        That distance, largest over all frames [m].
-    largest_pixels : float
-        The same as it is seen: over the distance of its bird times the focal length [pixels].
-    strains_gap : float
-        Largest distance of a vertex by RSW from its place by MWTS, among the birds where RSW was blended in [m].
-    strains_jump_pixels : float
-        Largest motion that a change of RSW's share caused between two frames [pixels].
-    switches : int
-        How often a bird changed its level.
-    seconds_steps, seconds_positions : float
-        Time spent in stepping boids and shells, and in levels and positions of stored frames [s].
-    """
-
-    birds: int
-    vertices: int
-    shares: dict[str, float]
-    allowed_pixels: float
-    largest_error: float
-    largest_pixels: float
-    strains_gap: float
-    strains_jump_pixels: float
-    switches: int
-    seconds_steps: float
-    seconds_positions: float
-
-
-class FlightFilm:
-    """Frames of a flight as a camera sees them: levels of detail, positions, and what these cost.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene with a flock.
-    flight : Flight
-        Its birds; their state is overwritten.
-    """
-
-    def __init__(self, scene: Scene, flight: Flight) -> None:
-        assert scene.flock is not None
-        self._flight, self._detail, lens = flight, scene.flock.detail, scene.flock.camera
-        self._eye = np.array(lens.position)
-        self._focal = 0.5 * lens.size[1] / math.tan(0.5 * math.radians(lens.view_angle))
-        crowd = flight.crowd
-        rest = crowd.basis.shell.rest_positions
-        self._radius = float(np.linalg.norm(rest, axis=1).max())
-        self._strains = RotationStrain(crowd.basis) if self._detail.strains_within else None
-        self._out = np.empty((crowd.count, crowd.vertices, 3), crowd.dtype)
-        self._before: dict[str, NDArray[Any]] = {}
-        self._counts, self._frames = np.zeros(len(LEVELS) + 1), 0
-        self._errors = {"metres": 0.0, "pixels": 0.0, "gap": 0.0, "jump": 0.0}
-        self._switches, self._seconds = 0, 0.0
-
-    def choose_levels(self) -> None:
-        """Levels of detail at the present state."""
-        self._flight.crowd.choose_levels(self._distances(), self._detail.pixels / self._focal)
-
-    def positions(self) -> NDArray[Any]:
-        """Vertex positions (B, n, 3) [m] at the present state; overwritten by the next call."""
-        watch = Stopwatch()
-        flock, crowd = self._flight.flock, self._flight.crowd
-        frames, distances = self._flight.frames, self._distances()
-        out = crowd.positions(frames, flock.positions, self._out)
-        shares, gaps = np.zeros(crowd.count), np.zeros(crowd.count)
-        if self._strains is not None:
-            # One within the distance, zero beyond half as much again; smooth at both ends.
-            part = np.clip(3.0 - 2.0 * distances / self._detail.strains_within, 0.0, 1.0)
-            shares = part**2 * (3.0 - 2.0 * part)
-            gaps = crowd.blend_strains(self._strains, shares, out, frames, flock.positions)
-        self._seconds += watch()
-        self._note(distances, shares, gaps)
-        return out
-
-    def _distances(self) -> Array:
-        """From the camera to the nearest that a vertex of each bird may be, at least a tenth of a bird."""
-        away = np.linalg.norm(self._flight.flock.positions - self._eye, axis=1)
-        return np.asarray(np.maximum(away - self._radius, 0.1 * self._radius))
-
-    def _note(self, distances: Array, shares: Array, gaps: Array) -> None:
-        crowd = self._flight.crowd
-        errors = crowd.level_errors()
-        jumps = np.abs(shares - self._before.get("shares", shares)) * np.maximum(gaps, self._before.get("gaps", gaps))
-        found = {"metres": errors, "pixels": self._focal * errors / distances, "gap": gaps}
-        found["jump"] = self._focal * jumps / distances
-        self._errors = {name: max(value, float(found[name].max())) for name, value in self._errors.items()}
-        self._switches += int((crowd.levels != self._before.get("levels", crowd.levels)).sum())
-        self._before = {"levels": crowd.levels.copy(), "shares": shares, "gaps": gaps}
-        self._counts += [*np.bincount(crowd.levels, minlength=len(LEVELS)), np.count_nonzero(shares)]
-        self._frames += 1
-
-    def report(self, seconds_steps: float) -> FlightReport:
-        """The report on the frames so far."""
-        crowd = self._flight.crowd
-        parts = self._counts / (crowd.count * self._frames)
-        return FlightReport(
-            birds=crowd.count,
-            vertices=crowd.vertices,
-            shares=dict(zip((*LEVELS, "RSW"), parts.tolist(), strict=True)),
-            allowed_pixels=self._detail.pixels,
-            largest_error=self._errors["metres"],
-            largest_pixels=self._errors["pixels"],
-            strains_gap=self._errors["gap"],
-            strains_jump_pixels=self._errors["jump"],
-            switches=self._switches,
-            seconds_steps=seconds_steps,
-            seconds_positions=self._seconds,
-        )
 
 
 @dataclass(frozen=True)
@@ -210,10 +92,19 @@ def run_flock(
         return FlightResult(FlightReport(**record["report"]), record["frames"], files, record["frames"])
     if not restart:
         file.refuse_others(identity)
+    camera = _camera(scene)
     flight = scene.build_flight(shell)
-    records, resumed = _fly(scene, flight, file, identity, restart, on_step)
+    assert scene.motion is not None
+    steps = step_count(scene.motion.duration, scene.motion.dt)
+    drawn = -(-steps // scene.motion.store_every) + 1 if "mp4" in scene.output.formats else 0
+
+    def advance(done: int) -> None:
+        if on_step is not None:
+            on_step(done, steps + drawn)
+
+    records, resumed = _fly(scene, flight, file, identity, restart, advance)
     files[-1].unlink(missing_ok=True)
-    report = _write(scene, flight, records, folder)
+    report = _write(scene, flight, camera, records, folder, lambda done, _: advance(steps + done))
     document = {"scene": scene.name, "identity": identity, "frames": len(records), "report": asdict(report)}
     document["record"] = run_record(scene.content())
     write_text(files[-1], json.dumps(document, indent=1) + "\n")
@@ -233,7 +124,12 @@ def _record(files: list[Path]) -> dict[str, Any]:
 
 
 def _fly(
-    scene: Scene, flight: Flight, file: FrameFile, identity: dict[str, str], restart: bool, on_step: Progress | None
+    scene: Scene,
+    flight: Flight,
+    file: FrameFile,
+    identity: dict[str, str],
+    restart: bool,
+    on_step: Callable[[int], None],
 ) -> tuple[NDArray[Any], int]:
     """Step to the end from the start or from the last stored frame; the records, and how many there were."""
     assert scene.flock is not None
@@ -259,19 +155,27 @@ def _fly(
         film.choose_levels()
         if step % table.store_every == 0 or step == total:
             file.append({**flight.snapshot(), "seconds": before + watch()})
-        if on_step is not None:
-            on_step(step, total)
+        on_step(step)
     return file.records(), resumed
 
 
-def _write(scene: Scene, flight: Flight, records: NDArray[Any], folder: Path) -> FlightReport:
-    """Write the archive, the film and the picture; return the report."""
-    from modalshell.render import ShadedSurface, draw_surface, look_at, write_streamed_film
+def _camera(scene: Scene) -> Camera:
+    """The camera, refused before the flight if at all."""
+    assert scene.flock is not None
+    lens = scene.flock.camera
+    with located(scene.file, "flock.camera", lens):
+        checked_size(lens.size, even="mp4" in scene.output.formats)
+        rgb(lens.color)
+        return look_at(lens.position, lens.target, math.radians(lens.view_angle), lens.size[0] / lens.size[1])
 
+
+def _write(
+    scene: Scene, flight: Flight, camera: Camera, records: NDArray[Any], folder: Path, on_frame: Progress
+) -> FlightReport:
+    """Write the archive, the film and the picture; return the report."""
     assert scene.flock is not None
     assert scene.motion is not None
     lens, crowd, film = scene.flock.camera, flight.crowd, FlightFilm(scene, flight)
-    camera = look_at(lens.position, lens.target, math.radians(lens.view_angle), lens.size[0] / lens.size[1])
     single = np.asarray(crowd.basis.shell.mesh.faces)
     offsets = crowd.vertices * np.arange(crowd.count)[:, None, None]
     names = tuple(flight.snapshot())
@@ -290,8 +194,9 @@ def _write(scene: Scene, flight: Flight, records: NDArray[Any], folder: Path) ->
         rate = 1.0 / (scene.motion.dt * scene.motion.store_every)
         path = folder / f"{scene.name}.mp4"
         write_streamed_film(
-            path, surface(0), frames(), len(records), camera, fps=rate, size=lens.size, rate_factor=lens.rate_factor
-        )
+            path, surface(0), frames(), len(records), camera,
+            fps=rate, size=lens.size, rate_factor=lens.rate_factor, on_frame=on_frame,
+        )  # fmt: skip
     else:
         deque(frames(), maxlen=0)  # for the report
     report = film.report(float(records["seconds"][-1]))
