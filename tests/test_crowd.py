@@ -1,11 +1,17 @@
 """Crowds: a batch against single runs, levels of detail and what they show, threads, wing beats, the paper bird."""
 
+import platform
+import re
+
 import numpy as np
 import pytest
+from numba import njit
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.crowd import Flap
+from modalshell.kernels import crowd as kernels
+from modalshell.kernels.packed import BYTES
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -88,6 +94,31 @@ def test_turns_beyond_two_pi(basis):
         force = model.modal_force(q, basis.shell.gravity_force((1.0, 2.0, 3.0)))
         rates = 0.01 * (force - basis.eigenvalues * q) / (1.0 + 1e-4 * basis.eigenvalues)
         np.testing.assert_allclose(crowd.rates[b], rates, rtol=1e-9, atol=1e-12 * np.abs(rates).max())
+
+
+def test_what_is_not_finite_shows(basis):
+    crowd = ms.Crowd(basis, 3)
+    crowd.coordinates[1, 0] = np.nan
+    crowd.choose_levels(np.full(3, 1e9), 1.0)
+    np.testing.assert_array_equal(np.isnan(crowd.positions()).any(axis=(1, 2)), [False, True, False])
+    crowd.levels[:] = 2
+    crowd.step(0.01, felt=GRAVITY)
+    np.testing.assert_array_equal(np.isfinite(crowd.coordinates).all(axis=1), [True, False, True])
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="looks for x86-64 instructions")
+def test_the_kernels_are_packed():
+    """All multiplications of a pair of instances are, and no array is counted in the loops."""
+    kernel = njit(error_model="numpy")(kernels.crowd_positions.py_func)
+    shapes = ((1, 1, 6 * 128), (1, 3 * 128), (1, 1), 30, (1, 12), 6 * 128, (1, 1, 3))
+    kernel(0, 1, 2, np.zeros(1, np.int64), *(np.zeros(shape) for shape in shapes))
+    text = "".join(kernel.inspect_asm().values())
+    register = "zmm" if BYTES == 64 else "ymm"
+    packed = re.findall(rf"\bv(?:mul|fmadd\d+|fnmadd\d+|fmsub\d+)pd\b.*{register}", text)
+    # Of each of two: six rows and their modes, two polynomials, two cross products twice, and the place.
+    assert len(packed) > 2 * (12 + 20 + 21 + 9)
+    loop = text[: text.rindex(packed[-1])]
+    assert "NRT_incref" not in loop[loop.index(packed[0]) :]
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])

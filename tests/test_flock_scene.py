@@ -96,15 +96,15 @@ def test_film_and_picture(tmp_path, monkeypatch):
     ("old", "new", "message"),
     [
         ('name = "mwts"', 'name = "lma"', "model: a flock is stepped by mwts"),
-        ("count = 400", "count = 0", "flock.count: must be"),
+        ("count = 350", "count = 0", "flock.count: must be"),
         ("amplitude = ", "amplitud = ", "flock.flap.amplitud: unknown key; did you mean 'amplitude'"),
         ("pixels = 0.5", "pixels = -1.0", "flock.detail.pixels: must be"),
         ("[-3.5, -2.5, -1.0], [3.5", "[-3.5, -2.5, -1.0], [-4.5", "flock.bounds: must be a lower"),
         ('formats = ["mp4", "png"]', 'formats = ["pvd"]', "output.formats"),
         ('clamped = "z <= 0"', 'clamped = "z <= 0"\ntimes = [0.0, 1.0]', "supports.times"),
         ("size = [960, 540]", "size = [961, 540]", "flock.camera: the size of a film must be even"),
-        ("target = [0.0, 0.0, 0.3]", "target = [0.0, -8.0, 0.8]", "flock.camera: a camera needs a target"),
-        ("rate_factor = 28", 'color = "blau"', "flock.camera.color: must be a matplotlib colour"),
+        ("target = [0.0, 0.0, 0.1]", "target = [0.0, -8.8, 0.6]", "flock.camera: a camera needs a target"),
+        ("rate_factor = 29", 'color = "blau"', "flock.camera.color: must be a matplotlib colour"),
         ("times = [0.0, 2.5", "times = [3.0, 2.5", "times must increase"),
     ],
 )
@@ -123,7 +123,7 @@ def test_a_flock_is_no_single_shell():
 
 
 def test_the_command_reports(tmp_path, capsys):
-    text = FILE.read_text().replace("count = 400", "count = 20").replace("duration = 10.0", "duration = 0.1")
+    text = FILE.read_text().replace("count = 350", "count = 20").replace("duration = 10.0", "duration = 0.1")
     text = text.replace("warm_up = 10.0", "warm_up = 0.0").replace('formats = ["mp4", "png"]', "formats = []")
     (tmp_path / "birds.toml").write_text(text)
     with pytest.raises(SystemExit) as stop:
