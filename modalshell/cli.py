@@ -79,9 +79,7 @@ def run(
     """Run a scene file, or go on with a run of it that was stopped."""
     with _progress(f"{scene.stem} steps") as on_step:
         result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
-    found = result.trajectory
-    kept = f", {result.resumed} of them from an earlier run" if result.resumed else ""
-    print(f"{scene.stem}: {found.status}, {len(found.times)} frames in {found.seconds:.3g} s{kept}")
+    print(f"{scene.stem}: {result.summary}")
     for path in result.files:
         print(path)
 
@@ -149,8 +147,8 @@ def bench(
     out: Annotated[Path, Parameter(help="Folder of the tables and the picture.")] = Path("results"),
     quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
 ) -> None:
-    """Measure this machine: frames, modes, assembly and implicit steps against plain NumPy and SciPy."""
-    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps")
+    """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
+    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps", "crowd", "flock")
     if only is not None and only not in names:
         raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
     run = load_script("studies/benchmarks", "run").main

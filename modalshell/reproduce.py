@@ -12,6 +12,7 @@ from modalshell.study import load_script
 FIGURES: dict[str, tuple[str, ...]] = {
     "dancing_character": ("figure_8",),
     "flat_vs_v_beam": ("figure_4",),
+    "flock_scaling": ("flock_scaling",),
     "held_out_advice": (),
     "integrator_drift": ("integrator_drift",),
     "large_mesh": ("figure_3",),

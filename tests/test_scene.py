@@ -66,9 +66,8 @@ def test_only_what_is_declared_is_built(load, monkeypatch):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_shapes_take_the_parameters_of_their_functions(load, name):
-    scene = load(
-        'shape = "v_beam"\ncells = [12, 4]', f'shape = "{name}"\nlength = 2.0\nfamily = "right"\ncells = [8, 4]'
-    )
+    family = 'family = "right"\n' if "family" in SHAPES[name].__struct_fields__ else ""
+    scene = load('shape = "v_beam"\ncells = [12, 4]', f'shape = "{name}"\nlength = 2.0\n{family}cells = [8, 4]')
     mesh = scene.build_shell().mesh
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(2.0, rel=0.05)
     with pytest.raises(ms.SceneError, match=r"mesh\.heigth: unknown key.*allowed: shape, length"):

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 
 def interleaved(
-    functions: dict[str, Callable[[], object]], repeats: int = 15, sample_seconds: float = 1e-3
+    functions: dict[str, Callable[[], object]],
+    repeats: int = 15,
+    sample_seconds: float = 1e-3,
+    statistic: Callable[[list[float]], Any] = np.median,
 ) -> dict[str, float]:
-    """Median seconds of one call of each function.
+    """Median seconds of one call of each function, or another ``statistic`` of the samples.
 
     The functions take turns ``repeats`` times. At its turn each is called once untimed, which brings the caches back to
     what its own calls leave there, and then as often as fills ``sample_seconds``, at least once: less than a time
@@ -31,4 +35,4 @@ def interleaved(
             for _ in range(calls[name]):
                 function()
             samples[name].append((time.perf_counter() - start) / calls[name])
-    return {name: float(np.median(times)) for name, times in samples.items()}
+    return {name: float(statistic(times)) for name, times in samples.items()}
