@@ -41,6 +41,7 @@ from modalshell.rungs import (
     ReducedRotationStrain,
     RigidShell,
     RotationStrain,
+    SpringSheet,
     coarse_shell,
 )
 from modalshell.scene import Scene, load_scene
@@ -76,6 +77,7 @@ __all__ = [
     "SceneResult",
     "Shell",
     "SolverError",
+    "SpringSheet",
     "SupportError",
     "SupportPath",
     "Tradeoff",

@@ -90,9 +90,14 @@ def mass_scaled(shell: Shell, data: Array) -> tuple[sps.csc_array, Array]:
     return scaled, root
 
 
-def largest_eigenvalue(shell: Shell) -> float:
-    """Upper estimate (within 1e-4) of the largest squared angular frequency of the rest shape [1/s^2]."""
-    scaled, root = mass_scaled(shell, shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2])
+def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
+    """Upper estimate (within 1e-4) of the largest squared angular frequency of the rest shape [1/s^2].
+
+    With ``data``, values on the shell's pattern, of the matrix ``M^-1 data`` instead.
+    """
+    if data is None:
+        data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    scaled, root = mass_scaled(shell, data)
     start = np.random.default_rng(0).standard_normal(root.size)
     value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
     return float(value[0]) * (1.0 + 1e-4)

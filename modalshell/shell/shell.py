@@ -78,6 +78,13 @@ class Shell:
         further._hold(self.clamped | held_vertices(vertices, len(self.clamped)))
         return further
 
+    def with_elements(self, elements: list[ElementSet]) -> Shell:
+        """The same vertices, masses and supports under other energies, such as those of springs."""
+        other = copy.copy(self)
+        other.elements = elements
+        other._hold(self.clamped)
+        return other
+
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
 
@@ -140,9 +147,26 @@ class Shell:
             stresses.append(stress)
         return stresses
 
-    def damping_force(self, x: Array, velocity: Array) -> Array:
-        """``-K_1(x) velocity`` (n, 3), K_1 the positive semi-definite first term of the Hessian."""
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether elements are damped by dashpots of their own, whatever the Rayleigh factors."""
+        return any(e.viscosity is not None for e in self.elements)
+
+    def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
+        """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].
+
+        K_1 is the positive semi-definite first term of the Hessian, ``factor`` [s] Rayleigh's zeta, D the dashpots.
+        """
         force = np.zeros_like(x)
         for e in self.elements:
-            e.kernel.add_damping(x, velocity, e.stencils, e.weight, force)
+            e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
         return force
+
+    def damping_matrix(self, x: Array, factor: float) -> Array:
+        """Values of ``factor K_1(x) + D(x)`` [N s/m] for :attr:`pattern`; see :meth:`damping_force`."""
+        data = np.zeros(self.pattern.indices.size)
+        unused, none = np.zeros_like(x), np.empty(0)
+        for slots, e in zip(self._slots, self.elements, strict=True):
+            place = (slots, self.pattern.strides, data, unused)
+            e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *place)
+        return data

@@ -1,4 +1,4 @@
-"""A rectangular sheet of masses with three families of springs, as the classical cloth programs have it."""
+"""A rectangular sheet of masses with three families of springs, as the classical cloth programs have it [provot1995]."""
 
 from __future__ import annotations
 
@@ -17,6 +17,10 @@ FAMILIES = {
     "flexion": ((0, 2), (2, 0)),
 }
 """Half of each family's neighbours, as (rows, columns); the other half are their opposites."""
+
+
+_WAVES = 96
+"""Wave numbers along each axis among which the fastest wave is looked for."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,6 +84,31 @@ class SheetGrid:
         """Places at rest [m], shape (rows * columns, 3): flat, columns along x and rows along y."""
         row, column = np.divmod(np.arange(self.count), self.shape[1])
         return np.column_stack([self.spacing * column, self.spacing * row, np.zeros(self.count)])
+
+    def stable_step(self) -> float:
+        """Largest stable step [s] of Verlet, drag taken at mid-step, about the rest shape.
+
+        ``h^2 omega^2 + 2 h c < 4`` for the largest omega^2 and damping rate c of the endless sheet, found among its
+        plane waves: a sheet with edges or pinned masses has none larger.
+        """
+        squared, rate = (self._largest_rate(stiffness) for stiffness in (None, self.spring_damping))
+        if squared == 0.0:
+            return float("inf") if rate == 0.0 else 2.0 / rate
+        return float((np.sqrt(rate**2 + 4.0 * squared) - rate) / squared)
+
+    def _largest_rate(self, stiffness: float | None) -> float:
+        """Largest eigenvalue of ``M^-1 K`` over all plane waves, with each family's stiffness or one for all."""
+        phase = np.linspace(-np.pi, np.pi, 2 * _WAVES + 1)
+        rows, columns = phase[_WAVES:, None], phase[None]
+        xx = yy = xy = np.zeros((_WAVES + 1, 2 * _WAVES + 1))
+        for family, offsets in FAMILIES.items():
+            for down, right in offsets:
+                size = (2.0 if stiffness is None else 2.0 * stiffness) / (down**2 + right**2)
+                size *= getattr(self, family) if stiffness is None else 1.0
+                wave = size * (1.0 - np.cos(down * rows + right * columns))
+                xx, yy, xy = xx + right**2 * wave, yy + down**2 * wave, xy + down * right * wave
+        largest = 0.5 * (xx + yy) + np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
+        return float(largest.max()) / self.particle_mass
 
     def springs(self) -> Springs:
         """All springs, about 6 a mass."""

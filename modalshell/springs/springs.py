@@ -8,11 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.errors import MaterialError, MeshError
+from modalshell.kernels.generated import shear
+from modalshell.shell.elements import ElementSet
 
 
 @dataclass(frozen=True, eq=False)
 class Springs:
     """Linear springs, each of the energy stiffness / 2 (length - rest length)^2.
+
+    The energy has the measure of the shell's shear, ``k_h (l - l0)^2 / l0`` with ``k_h = stiffness l0 / 2``, and is
+    computed by the same generated kernel.
 
     Attributes
     ----------
@@ -66,3 +71,8 @@ class Springs:
     def __len__(self) -> int:
         """Count of springs."""
         return len(self.pairs)
+
+    def element_set(self) -> ElementSet:
+        """The springs as elements of a shell: weight ``stiffness / 2``, dashpots of ``damping / 2``."""
+        viscosity = 0.5 * self.damping if self.damping.any() else None
+        return ElementSet(shear, np.array(self.pairs), np.array(self.rest_lengths), 0.5 * self.stiffness, viscosity)
