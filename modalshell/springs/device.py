@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_number, checked_vectors
-from modalshell.errors import OptionError
+from modalshell.checks import checked_count, checked_number
+from modalshell.errors import OptionError, SolverError
 from modalshell.springs.sheet_grid import SheetGrid
+from modalshell.springs.verlet import _COINCIDENT, GridVerlet
 
 
 def warp() -> ModuleType:
@@ -41,29 +42,33 @@ def checked_device(name: str | None) -> str:
     return name
 
 
-class DeviceVerlet:
-    """Explicit steps of a sheet whose state stays on a device: x(t + dt) = 2 x(t) - x(t - dt) + a(t) dt^2 (Verlet).
+class DeviceVerlet(GridVerlet):
+    """The steps of :class:`GridVerlet` on a device: same state, same methods, one thread of the device to a mass.
 
-    The same steps as :class:`modalshell.springs.verlet.GridVerlet` takes, one thread of the device to a mass, each of
-    which reads its 12 neighbours. Positions are copied from the device only when they are asked for.
+    A thread works out the 12 springs of its mass, so that a spring is worked out at both ends. The state stays on the
+    device: positions and velocities are copied when they are asked for, and where ``dt`` changes.
 
     Parameters
     ----------
     grid : SheetGrid
-        Masses and springs.
-    dtype : numpy.float64 or numpy.float32
-        Of the state and of the arithmetic.
+        The sheet; without dashpots.
+    dtype : {float64, float32}
+        Precision of the state and the arithmetic.
     start : array_like, shape (rows * columns, 3), optional
-        Places [m] from which the sheet starts at rest; without it the places at rest.
+        Positions [m], at rest without them.
     device : str, optional
         "cpu" or "cuda:0" and so on; without it the first GPU, and where there is none "cpu".
+    velocity : array_like, shape (rows * columns, 3), optional
+        [m/s], none without it.
+    allow_unstable_step : bool
+        Whether steps may be longer than the stable one.
 
     Raises
     ------
     OptionError
-        Where Warp is not installed, the device is not here, or the dtype is another.
+        Where Warp is not installed or the device is not here; for another precision, or dashpots.
     LoadError
-        For ``start`` of the wrong shape, or not finite.
+        For positions or velocities of the wrong shape or not finite.
     """
 
     def __init__(
@@ -72,48 +77,74 @@ class DeviceVerlet:
         dtype: DTypeLike = np.float64,
         start: ArrayLike | None = None,
         device: str | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        allow_unstable_step: bool = False,
     ) -> None:
-        self.grid = grid
-        self.dtype = np.dtype(dtype)
-        if self.dtype not in (np.float64, np.float32):
-            raise OptionError(f"dtype must be float64 or float32 (got {self.dtype})")
         self.device = checked_device(device)
         self._warp = warp()
-        self._real = self._warp.float64 if self.dtype == np.float64 else self._warp.float32
-        self._vector = self._warp.types.vector(3, self._real)
-        places = grid.rest_positions() if start is None else checked_vectors("start", start, (grid.count, 3))
-        # Damped springs read the neighbours' last places, so that the new ones cannot be written over them.
-        self._states = [self._array(places) for _ in range(3 if grid.spring_damping > 0.0 else 2)]
+        self._states: dict[str, Any] = {}
+        super().__init__(grid, dtype, start, 1, velocity=velocity, allow_unstable_step=allow_unstable_step)
         self._pinned = self._warp.array(grid.pinned, dtype=self._warp.bool, device=self.device)
-        self._taken = 0
 
-    def _array(self, places: NDArray[np.float64]) -> Any:
-        values = places.reshape(*self.grid.shape, 3).astype(self.dtype)
-        return self._warp.array(values, dtype=self._vector, device=self.device)
+    def _types(self) -> tuple[Any, Any]:
+        """Warp's number and vector of the chosen precision."""
+        real = self._warp.float64 if self.dtype == np.float64 else self._warp.float32
+        return real, self._warp.types.vector(3, real)
+
+    def _copied(self, name: str) -> NDArray[Any]:
+        return np.ascontiguousarray(np.moveaxis(self._states[name].numpy(), -1, 0))
+
+    def _send(self, name: str, places: NDArray[Any]) -> None:
+        rows = np.ascontiguousarray(np.moveaxis(places, 0, -1))
+        self._states[name] = self._warp.array(rows, dtype=self._types()[1], device=self.device)
 
     @property
-    def positions(self) -> NDArray[Any]:
-        """Positions [m], shape (rows * columns, 3), copied from the device."""
-        latest = self._states[(self._taken + 1) % len(self._states)]
-        return np.array(latest.numpy().reshape(-1, 3))
+    def _now(self) -> NDArray[Any]:
+        return self._copied("now")
+
+    @_now.setter
+    def _now(self, places: NDArray[Any]) -> None:
+        self._send("now", places)
+
+    @property
+    def _before(self) -> NDArray[Any]:
+        return self._copied("before")
+
+    @_before.setter
+    def _before(self, places: NDArray[Any]) -> None:
+        self._send("before", places)
 
     def step(self, count: int, dt: float) -> None:
-        """Take ``count`` steps of ``dt`` [s]."""
+        """Take ``count`` steps of ``dt`` [s], as :meth:`GridVerlet.step` does."""
         count, dt = checked_count("count", count), checked_number("dt", dt, above=0.0, unit="s")
-        launches = [self._launch(turn, dt) for turn in range(len(self._states))]
-        for _ in range(count):
-            launches[self._taken % len(launches)].launch()
-            self._taken += 1
-        self._warp.synchronize_device(self.device)
+        if dt != self._dt:
+            if not self.allow_unstable_step and dt > self.grid.stable_step():
+                longest = f"{self.grid.stable_step():.3g} s"
+                raise OptionError(f"Verlet needs a step of at most {longest} on this sheet (got {dt:.3g} s)")
+            self._set_step(dt)
+        launches = [self._launch("now", "before", dt), self._launch("before", "now", dt)]
+        for turn in range(count):
+            launches[turn % 2].launch()
+        if count % 2:
+            self._states = {"now": self._states["before"], "before": self._states["now"]}
+        self.count += count
+        # The sum is taken on the device, and waits for the steps.
+        if not np.isfinite(self._warp.utils.array_sum(self._states["now"].flatten())).all():
+            raise SolverError(
+                f"the sheet left the finite numbers within {self.count} steps of {dt:.3g} s; about its rest shape "
+                f"steps are stable up to {self.grid.stable_step():.3g} s"
+            )
 
-    def _launch(self, turn: int, dt: float) -> Any:
-        """The recorded launch that reads the states ``turn`` and ``turn + 1`` and writes the next."""
+    def _launch(self, now: str, before: str, dt: float) -> Any:
+        """The recorded launch of a step from one state over the other."""
         from modalshell.kernels.device_verlet import verlet_step
 
-        grid, real = self.grid, self._real
-        before, now, after = (self._states[(turn + k) % len(self._states)] for k in range(3))
-        scale = dt**2 / grid.particle_mass
-        numbers = [grid.spacing, scale * grid.structural, scale * grid.shear, scale * grid.flexion]
-        numbers += [grid.spring_damping * dt / grid.particle_mass, 1.0 - grid.drag * dt]
-        inputs = [before, now, after, self._pinned, *map(real, numbers), self._vector(*(dt**2 * grid.gravity))]
+        grid, (real, vector) = self.grid, self._types()
+        half_drag = 0.5 * dt * grid.drag
+        factor = dt**2 / (1.0 + half_drag)
+        springs = [stiffness * factor / grid.particle_mass for stiffness in (grid.structural, grid.shear, grid.flexion)]
+        tiny, keep = (_COINCIDENT * grid.spacing) ** 2, (1.0 - half_drag) / (1.0 + half_drag)
+        numbers = [real(number) for number in (grid.spacing, *springs, tiny, keep)]
+        inputs = [self._states[now], self._states[before], self._pinned, *numbers, vector(*(factor * grid.gravity))]
         return self._warp.launch(verlet_step, grid.shape, inputs, device=self.device, record_cmd=True)

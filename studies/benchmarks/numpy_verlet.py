@@ -6,8 +6,6 @@ beforehand and every operation in place.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
