@@ -24,7 +24,8 @@ _threaded = njit(cache=True, error_model="numpy", parallel=True)
 
 
 @_kernel
-def _forces(first, last, starts, others, stiffness, rest, dashpot, zeta, drag, mass, x, v, load, out):  # type: ignore[no-untyped-def]
+def _forces(first, last, springs, zeta, drag, mass, x, v, load, out):  # type: ignore[no-untyped-def]
+    starts, others, stiffness, rest, dashpot = springs
     for i in range(first, last):
         fx = load[i, 0] - drag * mass[i] * v[i, 0]
         fy = load[i, 1] - drag * mass[i] * v[i, 1]
@@ -42,7 +43,8 @@ def _forces(first, last, starts, others, stiffness, rest, dashpot, zeta, drag, m
 
 
 @_kernel
-def _blocks(first, last, starts, others, stiffness, rest, dashpot, zeta, drag, mass, dt, x, v, force, blocks, inverses, right):  # type: ignore[no-untyped-def] # noqa: E501
+def _blocks(first, last, springs, zeta, drag, mass, dt, x, v, force, blocks, inverses, right):  # type: ignore[no-untyped-def]
+    starts, others, stiffness, rest, dashpot = springs
     for i in range(first, last):
         m = mass[i] * (1.0 + dt * drag)
         xx, yy, zz, xy, xz, yz = m, m, m, 0.0, 0.0, 0.0
@@ -140,29 +142,33 @@ def _move(first, last, factor, step, x):  # type: ignore[no-untyped-def]
 
 
 @_threaded
-def forces(starts, others, stiffness, rest, dashpot, zeta, drag, mass, x, v, load, out):  # type: ignore[no-untyped-def]
-    """Write ``load - drag M v`` plus the force of springs and dashpots into ``out`` (n, 3)."""
-    n = starts.size - 1
+def forces(springs, zeta, drag, mass, x, v, load, out):  # type: ignore[no-untyped-def]
+    """Write ``load - drag M v`` plus the force of springs and dashpots into ``out`` (n, 3).
+
+    ``springs`` are (starts, others, stiffness, rest, dashpot), ``zeta`` a dashpot's share of each stiffness besides.
+    """
+    n = mass.size
     for k in prange(PARTS):
         first, last = k * n // PARTS, (k + 1) * n // PARTS
-        _forces(first, last, starts, others, stiffness, rest, dashpot, zeta, drag, mass, x, v, load, out)
+        _forces(first, last, springs, zeta, drag, mass, x, v, load, out)
 
 
 @_threaded
-def matrix(starts, others, stiffness, rest, dashpot, zeta, drag, mass, dt, x, v, force, blocks, inverses, right):  # type: ignore[no-untyped-def]
+def matrix(springs, zeta, drag, mass, dt, x, v, force, blocks, inverses, right):  # type: ignore[no-untyped-def]
     """Write the springs' blocks (S, 4), the inverses of the diagonal blocks (n, 6), and the right side (n, 3)."""
-    n = starts.size - 1
+    n = mass.size
     for k in prange(PARTS):
         first, last = k * n // PARTS, (k + 1) * n // PARTS
-        _blocks(first, last, starts, others, stiffness, rest, dashpot, zeta, drag, mass, dt, x, v, force, blocks, inverses, right)  # noqa: E501
+        _blocks(first, last, springs, zeta, drag, mass, dt, x, v, force, blocks, inverses, right)
 
 
 @_threaded
-def conjugate_gradients(starts, others, blocks, inverses, weight, free, right, goal, limit, dv, p, q, r, z, sums):  # type: ignore[no-untyped-def]
+def conjugate_gradients(starts, others, blocks, inverses, weight, free, right, goal, limit, dv, work):  # type: ignore[no-untyped-def]
     """Solve A dv = right on free particles from ``dv``, to a residual of ``goal``; return iterations and residual.
 
-    ``weight`` (n,) is the mass's part of A, ``free`` (n,) 1 or 0; ``p, q, r, z`` (n, 3) and ``sums`` (PARTS, 2) are work.
+    ``weight`` (n,) is the mass's part of A, ``free`` (n,) 1 or 0; ``work`` is four arrays (n, 3) and one (PARTS, 2).
     """
+    p, q, r, z, sums = work
     n = starts.size - 1
     for k in prange(PARTS):
         first, last = k * n // PARTS, (k + 1) * n // PARTS
@@ -204,5 +210,3 @@ def scatter(order, values, out):  # type: ignore[no-untyped-def]
     for k in range(order.size):
         for axis in range(3):
             out[order[k], axis] = values[k, axis]
-
-

@@ -1,11 +1,11 @@
 """Verlet steps of a rectangular sheet of masses and springs, in tiles of columns and a sliding window of rows.
 
 A tile is 1024 columns. The rows that are worked on lie in rings that stay near the processor, at distances that the
-compiler knows; every inner loop runs along a row and compiles to packed instructions. Row r works out the springs to its
-right and to the next two rows, each once, keeps the pulls, and hands the reactions down with the rows. Parts of the sheet
-that go to different threads, and neighbouring tiles, work out the springs between them twice, so that no two threads
-write to one place and the result does not depend on the threads. Springs beyond the sheet's sides are multiplied by a
-gate of 0; those beyond its last row are not computed.
+compiler knows; every inner loop runs along a row and compiles to packed instructions. A row works out its springs to
+the right and to the next two rows, and their pulls are kept until the masses at the other ends have their turn. Parts
+of the sheet that go to different threads, and neighbouring tiles, work out the springs between them twice, so that no
+two threads write to one place and the result does not depend on the threads. Springs beyond the sheet's sides are
+multiplied by a gate of 0; those beyond its last row are not computed.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _ROW = 3 * _PITCH
 _STEEP, _GATES = 3 * _ROW, 3 * _ROW + 11 * _ROW
 WORK = _GATES + _ROW
 """Length of the buffer of one thread: three rows of places; pulls of eleven rows, below; gates."""
-# Pulls are kept for as many rows as they are needed: of the springs to the next row but one (three rows), to the next one
-# (two rows of three springs each), and of those along the row.
+# Pulls are kept for as many rows as they are needed: those of the springs to the next row but one for three rows, of
+# the three springs to the next row for two, and of the two along the row for one.
 _NEAR, _FAR = 0, _ROW
 _RIGHT, _LEFT = _ROW, 2 * _ROW
 # Gates of the springs one and two columns to the right, and one to the left.
@@ -174,9 +174,7 @@ def _rows(first_row, last_row, x, before, coefficients, gravity, keep, tiny, pin
             _same_row(count, centre, near, near_rest, far, far_rest, tiny, gates[start:], along[start:])
             if row + 1 < rows:
                 other = work[(row + 1) % 3 * _ROW + start - 1 :]
-                _next_row(
-                    count, centre, other, near, near_rest, skew, skew_rest, tiny, gates[start:], down[start:]
-                )
+                _next_row(count, centre, other, near, near_rest, skew, skew_rest, tiny, gates[start:], down[start:])
             else:
                 down[: 3 * _ROW] = 0
             if row + 2 < rows:

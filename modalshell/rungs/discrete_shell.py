@@ -26,7 +26,7 @@ from modalshell.rungs.newton import (
     solve,
     warped_step,
 )
-from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
+from modalshell.shell import EXACT, Shell
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -283,17 +283,15 @@ class DiscreteShell(Model):
         shell, x = self.shell, state.coordinates
         drag, kick = 0.5 * dt * damping.mass_factor, 0.5 * dt / shell.mass[:, None]
         inner = self._inner_force(x, state.rates, damping) if state.carried is None else state.carried
-        middle = (state.rates + kick * (load + inner)) / (1.0 + drag)
+        middle = state.rates * (1.0 - drag) + kick * (load + inner)
         middle[shell.clamped] = 0.0 if held is None else (held - x[shell.clamped]) / dt
         x = x + dt * middle
         inner = self._inner_force(x, middle, damping)
-        rates = middle * (1.0 - drag) + kick * (load + inner)
+        rates = (middle + kick * (load + inner)) / (1.0 + drag)
         rates[shell.clamped] = middle[shell.clamped]
         return MotionState(x, rates, inner), True
 
-    def _step_potential(
-        self, state: MotionState, dt: float, load: Array, damping: Damping
-    ) -> tuple[Potential, float]:
+    def _step_potential(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[Potential, float]:
         """``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning; and its scale."""
         shell, x = self.shell, state.coordinates
         quadratic = np.zeros(shell.pattern.indices.size)
@@ -317,7 +315,7 @@ class DiscreteShell(Model):
     def _linear_implicit(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
     ) -> tuple[MotionState, bool]:
-        """One Newton step on the step's potential from where the shell is, its Hessian projected [baraff1998, eq. 6]."""
+        """One Newton step on the step's potential from where the shell is, Hessian projected [baraff1998, eq. 6]."""
         x, free = state.coordinates, self.shell.free_unknowns
         problem, _ = self._step_potential(state, dt, load, damping)
         moved = self._held(x, held) - x

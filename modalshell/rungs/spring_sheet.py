@@ -38,8 +38,8 @@ class SpringSheet(DiscreteShell):
     integrator : {"implicit", "linear_implicit", "explicit", "verlet"}
         As for :class:`DiscreteShell`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
     solver : {"factor", "cg"}
-        How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks of
-        particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
+        How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
+        of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
     iterations : int
         Most conjugate-gradient iterations in a step.
     allow_unstable_step, step_tolerance, backend

@@ -190,17 +190,18 @@ class ImplicitSprings:
     def _timed_step(
         self, dt: float, drag: float, zeta: float, limit: int, tolerance: float, scale: float
     ) -> ImplicitStep:
-        springs = (self._starts, self._others, self._stiffness, self._rest, self._dashpot, zeta, drag, self._mass)
+        springs = (self._starts, self._others, self._stiffness, self._rest, self._dashpot)
+        matter = (zeta, drag, self._mass)
         x, v = self._x, self._v
         times = [time.perf_counter()]
-        kernels.forces(*springs, x, v, self._load, self._force)
+        kernels.forces(springs, *matter, x, v, self._load, self._force)
         times.append(time.perf_counter())
-        kernels.matrix(*springs, dt, x, v, self._force, self._blocks, self._inverses, self._right)
+        kernels.matrix(springs, *matter, dt, x, v, self._force, self._blocks, self._inverses, self._right)
         weight = (1.0 + dt * drag) * self._mass
         times.append(time.perf_counter())
         work = (self._p, self._q, self._r, self._z, self._sums)
         system = (self._starts, self._others, self._blocks, self._inverses, weight, self._free, self._right)
-        count, residual = kernels.conjugate_gradients(*system, tolerance * scale, limit, self._dv, *work)
+        count, residual = kernels.conjugate_gradients(*system, tolerance * scale, limit, self._dv, work)
         times.append(time.perf_counter())
         kernels.move(1.0, self._dv, v)
         times.append(time.perf_counter())

@@ -13,14 +13,13 @@ from modalshell.shell import Shell
 from modalshell.springs.springs import Springs
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 REFERENCE_FOLD = 0.2
 """Change of a fold angle [rad] at which a spring across a hinge shall hold as much energy as the hinge."""
 
 
-def mesh_springs(
-    mesh: TriangleMesh, structural: ArrayLike, flexion: ArrayLike, damping: ArrayLike = 0.0
-) -> Springs:
+def mesh_springs(mesh: TriangleMesh, structural: ArrayLike, flexion: ArrayLike, damping: ArrayLike = 0.0) -> Springs:
     """Springs along the edges (structural) and between the far vertices of each hinge (flexion), as cloth has them.
 
     Parameters
@@ -46,13 +45,14 @@ def mesh_springs(
         For stiffnesses of the wrong shape, not finite, or negative.
     """
     edges, far = len(mesh.edges), len(mesh.hinges)
-    stiffness = np.concatenate([_spread("structural", structural, edges), _spread("flexion", flexion, far)])
+    stiffness: Array = np.concatenate([_spread("structural", structural, edges), _spread("flexion", flexion, far)])
     dampers = _spread("damping", damping, edges + far)
     pairs = np.concatenate([mesh.edges, np.sort(mesh.hinges[:, 2:], axis=1)])
     unique, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     if len(unique) < len(pairs):
-        stiffness, dampers = (np.bincount(inverse.ravel(), values, len(unique)) for values in (stiffness, dampers))
-        pairs, stiffness, dampers = (values[np.argsort(first)] for values in (unique, stiffness, dampers))
+        order = np.argsort(first)
+        pairs = unique[order]
+        stiffness, dampers = (_summed(inverse, values, len(unique))[order] for values in (stiffness, dampers))
     lengths = np.linalg.norm(mesh.vertices[pairs[:, 1]] - mesh.vertices[pairs[:, 0]], axis=1)
     return Springs(pairs, lengths, stiffness, dampers)
 
@@ -86,6 +86,12 @@ def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Sprin
     energy = weights[flexure].weight * fold**2
     change = np.mean((distances[1:] - distances[0]) ** 2, axis=0)
     return mesh_springs(shell.mesh, 2.0 * weights[shear].weight, 2.0 * energy / change)
+
+
+def _summed(groups: Index, values: Array, count: int) -> Array:
+    total = np.zeros(count)
+    np.add.at(total, groups.ravel(), values)
+    return total
 
 
 def _far_distances(mesh: TriangleMesh, change: float) -> Array:

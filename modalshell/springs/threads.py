@@ -12,7 +12,7 @@ from modalshell.checks import checked_count
 
 def threads_for(count: int, each: int, threads: int | None) -> int:
     """Threads for ``count`` masses: one for every ``each``, at least one, at most ``threads`` or all of numba's."""
-    most = numba.config.NUMBA_NUM_THREADS
+    most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     if threads is not None:
         most = min(most, checked_count("threads", threads))
     return max(1, min(most, count // each))

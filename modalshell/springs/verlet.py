@@ -38,7 +38,7 @@ class GridVerlet:
     dtype : {float64, float32}
         Precision of the state and the arithmetic.
     start, velocity : array_like, shape (rows * columns, 3), optional
-        Positions [m], at rest without them, and velocities [m/s], none without them. Pinned masses stay where they start.
+        Positions [m], at rest without them, and velocities [m/s], none without them. Pinned masses stay put.
     threads : int, optional
         At most; all of numba's without it. Small sheets take one. The results do not depend on it.
     allow_unstable_step : bool
@@ -74,8 +74,8 @@ class GridVerlet:
             raise OptionError(f"dtype must be float64 or float32 (got {dtype!r})")
         if grid.spring_damping > 0.0:
             raise OptionError(
-                f"the grid's Verlet steps know drag, but no dashpots (got spring_damping={grid.spring_damping:g} N s/m): "
-                "set it to 0, or step SpringSheet(..., integrator='verlet')"
+                f"the grid's Verlet steps know drag, but no dashpots (got spring_damping={grid.spring_damping:g} "
+                "N s/m): set it to 0, or step SpringSheet(..., integrator='verlet')"
             )
         self.allow_unstable_step = allow_unstable_step
         self.threads = threads_for(grid.count, _EACH, threads)
@@ -133,19 +133,21 @@ class GridVerlet:
             If the masses have left the finite numbers.
         """
         count, dt = checked_count("count", count), checked_number("dt", dt, above=0.0, unit="s")
-        grid, number = self.grid, self.dtype.type
+        grid = self.grid
         if dt != self._dt:
             if not self.allow_unstable_step and dt > grid.stable_step():
                 raise OptionError(
-                    f"Verlet needs a step of at most {grid.stable_step():.3g} s on this sheet (got {dt:.3g} s): shorten "
-                    "the step, step ImplicitSprings, or pass allow_unstable_step=True"
+                    f"Verlet needs a step of at most {grid.stable_step():.3g} s on this sheet (got {dt:.3g} s): "
+                    "shorten the step, step ImplicitSprings, or pass allow_unstable_step=True"
                 )
             self._set_step(dt)
         half_drag = 0.5 * dt * grid.drag
         factor = dt**2 / (1.0 + half_drag)
         lengths = grid.spacing * np.array([1.0, np.sqrt(2.0), 2.0])
         stiffness = np.array([grid.structural, grid.shear, grid.flexion]) * factor / grid.particle_mass
-        coefficients = tuple(number(value) for pair in zip(stiffness, stiffness * lengths, strict=True) for value in pair)
+        pairs = np.column_stack([stiffness, stiffness * lengths])
+        coefficients = tuple(pairs.ravel().astype(self.dtype))
+        keep, tiny = np.array([(1.0 - half_drag) / (1.0 + half_drag), (_COINCIDENT * grid.spacing) ** 2], self.dtype)
         with limited_to(self.threads):
             verlet_steps(
                 count,
@@ -153,8 +155,8 @@ class GridVerlet:
                 self._before,
                 coefficients,
                 (grid.gravity * factor).astype(self.dtype),
-                number((1.0 - half_drag) / (1.0 + half_drag)),
-                number((_COINCIDENT * grid.spacing) ** 2),
+                keep,
+                tiny,
                 *self._pins,
                 self._work,
             )
@@ -165,6 +167,6 @@ class GridVerlet:
             finite = np.isfinite(self._now.sum())
         if not finite:
             raise SolverError(
-                f"the sheet left the finite numbers within {self.count} steps of {dt:.3g} s; about its rest shape steps are "
-                f"stable up to {grid.stable_step():.3g} s, less where springs are stretched far or masses meet"
+                f"the sheet left the finite numbers within {self.count} steps of {dt:.3g} s; about its rest shape "
+                f"steps are stable up to {grid.stable_step():.3g} s, less where springs are stretched far"
             )
