@@ -151,7 +151,7 @@ def _wound_up(tile, size, modal, rest, q, pose, out):  # type: ignore[no-untyped
             for row in range(6):
                 sums[row] += q[mode] * modal[tile, mode, row * TILE + j]
         wx, wy, wz = sums[3], sums[4], sums[5]
-        _, second, third = coefficients(wx * wx + wy * wy + wz * wz)
+        _, second, third = coefficients(wx, wy, wz)
         x, y, z = _turned(sums[0], sums[1], sums[2], wx, wy, wz, second, third)
         x, y, z = x + rest[tile, j], y + rest[tile, TILE + j], z + rest[tile, 2 * TILE + j]
         for axis in range(3):
@@ -231,7 +231,7 @@ def _turn_back_wound_up(tile, modal, mass, q, felt, work):  # type: ignore[no-un
         for mode in range(q.size):
             for row in range(3):
                 w[row] += q[mode] * modal[tile, mode, (3 + row) * TILE + j]
-        first, second, _ = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        first, second, _ = coefficients(w[0], w[1], w[2])
         turned = _turned(felt[0], felt[1], felt[2], w[0], w[1], w[2], -first, second)
         for axis in range(3):
             work[axis * TILE + j] = mass[tile, j] * turned[axis]
