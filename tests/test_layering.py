@@ -34,7 +34,7 @@ MAY_IMPORT = {
     "scene": _TO_MOTION | {"selection", "study"},
     "run": _TO_MOTION | {"export", "render", "scene", "study"},
     "ladder": _TO_MOTION | {"measure", "render", "scene", "study"},
-    "viewer": _TO_MOTION | {"render", "scene"},
+    "viewer": _TO_MOTION | {"render", "run", "scene"},
     "reproduce": _PLAIN | {"study", "bundled"},
     "cli": _TO_MOTION
     | {
