@@ -13,6 +13,8 @@ import modalshell as ms
 from modalshell.cli import main
 from modalshell.run import RunFollower
 
+pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells who holds a file")
+
 RUN = """
 import os, sys, time
 import modalshell as ms

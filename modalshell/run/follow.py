@@ -125,6 +125,9 @@ class RunFollower:
             self._reader = following
         held = self._reader.is_held()  # asked first: what a process that has ended wrote is all there
         self._take_newest(self._reader)
+        if held is False and not self._reader.is_file(path):  # it has finished since we looked for the file
+            self._look_at_results(path)
+            return
         if self.index < 0 or self._reader.index < 0:  # at work, if at all, on what comes before the first frame
             self.state = "waiting"
         else:

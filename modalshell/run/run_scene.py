@@ -64,8 +64,9 @@ def run_scene(
 ) -> SceneResult:
     """Run a scene and write its results; a run that was stopped, even killed, goes on after its last stored frame.
 
-    Stored frames are kept in ``NAME.frames`` until the results are whole. However often a run was stopped, its results
-    are those of an uninterrupted one to the last bit. A scene whose results are whole already is not run again.
+    Stored frames are kept in ``NAME.frames`` until the results are whole; :class:`RunFollower` shows them to other
+    processes. However often a run was stopped, its results are those of an uninterrupted one to the last bit. A scene
+    whose results are whole already is not run again.
 
     Parameters
     ----------
