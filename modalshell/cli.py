@@ -27,6 +27,7 @@ from modalshell.rungs.modal import ModalModel
 from modalshell.scene import MODELS
 from modalshell.selection import select_vertices
 from modalshell.study import load_script
+from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
@@ -86,14 +87,28 @@ def run(
 
 @app.command
 def view(
-    scene: Annotated[Path, Parameter(help="TOML file.")],
+    scene: Annotated[Path | None, Parameter(help="TOML file; not with --attach.")] = None,
     *,
     web: Annotated[bool, Parameter(help="A page for a browser on this machine instead of a window.")] = False,
     port: Annotated[int, Parameter(help="Of the page; 0 takes a free one.")] = 8080,
-    frames: Annotated[int, Parameter(help="Frames to play, of 1/30 s each, before the screenshot.")] = 30,
+    frames: Annotated[
+        int | None, Parameter(help="Frames to play, of 1/30 s each, before the screenshot; 30 without it.")
+    ] = None,
     screenshot: Annotated[Path | None, Parameter(help="Write the window's picture to this PNG file instead.")] = None,
+    attach: Annotated[
+        Path | None, Parameter(help="Folder, scene file or .frames file of a run to follow live instead of playing.")
+    ] = None,
+    wait: Annotated[float, Parameter(help="Time [s] that an attached run may take to its first frame.")] = 60.0,
+    follow: Annotated[bool, Parameter(help="Print a line for each new frame of an attached run instead.")] = False,
 ) -> None:
-    """Play a scene: pause it, pull at it by gravity, give it another model or number of modes."""
+    """Play a scene: pause it, pull at it by gravity, give it another model or number of modes; or follow a run."""
+    if attach is not None:
+        if scene is not None or frames is not None:
+            raise OptionError("--attach shows a run's own scene and frames: leave out SCENE and --frames")
+        follow_run(attach, wait=wait, web=web, port=port, screenshot=screenshot, follow=follow)
+        return
+    if scene is None or follow:
+        raise OptionError("name a scene file to play, or a run to follow with --attach RUN")
     if web and screenshot is not None:
         raise OptionError("--screenshot pictures the window: leave out --web")
     declared = ms.load_scene(scene)
@@ -102,7 +117,7 @@ def view(
     elif screenshot is None:
         open_window(declared)
     else:
-        print(take_picture(declared, frames, screenshot))
+        print(take_picture(declared, 30 if frames is None else frames, screenshot))
 
 
 @app.command

@@ -35,7 +35,7 @@ MAY_IMPORT = {
     "scene": _TO_MOTION | {"crowd", "selection", "study"},
     "run": _TO_MOTION | {"crowd", "export", "render", "scene", "study"},
     "ladder": _TO_MOTION | {"measure", "render", "scene", "study"},
-    "viewer": _TO_MOTION | {"render", "scene"},
+    "viewer": _TO_MOTION | {"render", "run", "scene"},
     "doctor": {"errors", "modes", "render"},
     "reproduce": _PLAIN | {"study", "bundled"},
     "cli": _TO_MOTION

@@ -68,8 +68,9 @@ def run_scene(
 ) -> SceneResult | FlightResult:
     """Run a scene and write its results; a run that was stopped, even killed, goes on after its last stored frame.
 
-    Stored frames are kept in ``NAME.frames`` until the results are whole. However often a run was stopped, its results
-    are those of an uninterrupted one to the last bit. A scene whose results are whole already is not run again.
+    Stored frames are kept in ``NAME.frames`` until the results are whole; :class:`RunFollower` shows them to other
+    processes. However often a run was stopped, its results are those of an uninterrupted one to the last bit. A scene
+    whose results are whole already is not run again.
 
     Parameters
     ----------
@@ -139,7 +140,7 @@ def _move(
     """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
     motion = built.start_motion()
     watch, observer, before = Stopwatch(), Observer(motion), 0.0
-    file.begin(identity, _record_fields(motion, built.scene.output.positions), restart)
+    file.begin(identity, _record_fields(motion, built.scene.output.positions), restart, _constants(built))
     resumed = file.count
 
     def store() -> None:
@@ -180,6 +181,17 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
         ("positions", np.dtype(precision).newbyteorder("<").str, motion.model.shell.rest_positions.shape),
     ]
     return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
+
+
+def _constants(built: BuiltScene) -> dict[str, NDArray[Any]]:
+    """What those who follow the run need beside its frames."""
+    shell = built.shell
+    return {
+        "rest_positions": np.asarray(shell.rest_positions, "<f8"),
+        "faces": np.asarray(shell.mesh.faces, "<i8"),
+        "held": np.asarray(shell.clamped, "?"),
+        "gravity": np.asarray(built.gravity or (0.0, 0.0, 0.0), "<f8"),
+    }
 
 
 def _take_up(motion: Motion, observer: Observer, records: NDArray[Any], path: Path) -> float:
