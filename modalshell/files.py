@@ -1,8 +1,9 @@
-"""Writing files so that a killed run leaves a whole file or none."""
+"""Writing files so that a killed run leaves a whole file or none, and holding one against other processes."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,11 @@ from typing import IO
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+from modalshell.errors import OptionError
+
+if sys.platform != "win32":
+    import fcntl
 
 
 @contextmanager
@@ -46,3 +52,27 @@ def write_text(path: str | os.PathLike[str], text: str) -> Path:
 
 def _write(file: IO[bytes], data: bytes) -> None:
     file.write(data)
+
+
+def lock_file(path: Path) -> int:
+    """Descriptor of the file, locked until it is closed or the process ends (not under Windows).
+
+    OptionError if another process holds the file.
+    """
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+        if sys.platform == "win32":
+            return descriptor
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            raise OptionError(
+                f"{path} is in use by another process: let it finish, or choose another --out folder"
+            ) from error
+        try:  # the holder before may have deleted the file between our two calls
+            if os.fstat(descriptor).st_ino == os.stat(path).st_ino:
+                return descriptor
+        except FileNotFoundError:
+            pass
+        os.close(descriptor)

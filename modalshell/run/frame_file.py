@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import zlib
 from pathlib import Path
 from types import TracebackType
@@ -17,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
-
-if sys.platform != "win32":
-    import fcntl
+from modalshell.files import lock_file
 
 _MAGIC = b"modalshell frames 1\n"
 _ALIGNMENT = 64
@@ -51,7 +48,7 @@ class FrameFile:
         self._header = b""
         self._dtype = np.dtype([])
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._descriptor = _lock(path)
+        self._descriptor = lock_file(path)
 
     def __enter__(self) -> FrameFile:
         return self
@@ -159,24 +156,3 @@ def _header(identity: dict[str, str]) -> bytes:
 
 def _sound(record: Any) -> bool:
     return bool(zlib.crc32(record.tobytes()[:-4]) == record[_CHECKSUM])
-
-
-def _lock(path: Path) -> int:
-    """Descriptor of the file, locked until it is closed or the process ends (not under Windows)."""
-    while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
-        if sys.platform == "win32":
-            return descriptor
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(descriptor)
-            raise OptionError(
-                f"{path} is in use by another process: let it finish, or choose another --out folder"
-            ) from error
-        try:  # the holder before may have deleted the file between our two calls
-            if os.fstat(descriptor).st_ino == os.stat(path).st_ino:
-                return descriptor
-        except FileNotFoundError:
-            pass
-        os.close(descriptor)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
@@ -122,9 +121,7 @@ def run_scene(
 
 def _identity(scene: Scene, shell: Shell) -> dict[str, str]:
     """Digests of all that decides the frames, and what computes them: versions, factorisations, processor."""
-    content = json.dumps(scene.content(), sort_keys=True).encode()
-    mesh = shell.mesh.vertices.tobytes() + np.asarray(shell.mesh.faces, dtype="<i8").tobytes()
-    identity = {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(mesh).hexdigest()}
+    identity = scene.digests(shell.mesh)
     identity |= {f"{name} version": str(version) for name, version in run_record({})["versions"].items()}
     return identity | {"factorisation": ", ".join(available_backends()), "processor": str(get_host_cpu_name())}
 
