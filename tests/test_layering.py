@@ -35,6 +35,7 @@ MAY_IMPORT = {
     "run": _TO_MOTION | {"export", "render", "scene", "study"},
     "ladder": _TO_MOTION | {"measure", "render", "scene", "study"},
     "viewer": _TO_MOTION | {"render", "scene"},
+    "sweep": _TO_MOTION | {"measure", "render", "scene", "study"},
     "reproduce": _PLAIN | {"study", "bundled"},
     "cli": _TO_MOTION
     | {
@@ -47,13 +48,14 @@ MAY_IMPORT = {
         "run",
         "ladder",
         "viewer",
+        "sweep",
         "reproduce",
         "bundled",
         ROOT,
     },
     "__main__": {"cli"},
     "symbolic": set(),
-    ROOT: _TO_MOTION | {"crowd", "measure", "selection", "export", "study", "scene", "run", "ladder"},
+    ROOT: _TO_MOTION | {"crowd", "measure", "selection", "export", "study", "scene", "run", "ladder", "sweep"},
 }
 
 

@@ -27,6 +27,8 @@ class MapPanel:
         Texts.
     log_x : bool
         Whether columns are spaced by ratio; their tick labels are the values either way.
+    x_ticks : mapping of float to str, optional
+        The only ticks of the x axis, and their texts.
     boundary : array_like, shape (Y,), optional
         Column value at which a line crosses each row; NaN where it does not, with ``boundary_label``.
     """
@@ -38,6 +40,7 @@ class MapPanel:
     x_label: str
     y_label: str
     log_x: bool = False
+    x_ticks: Mapping[float, str] | None = None
     boundary: ArrayLike | None = None
     boundary_label: str = ""
 
@@ -102,6 +105,9 @@ def draw_maps(panels: Sequence[MapPanel], colors: Mapping[str, str], path: str |
             at = np.asarray(panel.boundary, dtype=float)
             for row in np.flatnonzero(np.isfinite(at)):
                 axes.plot([at[row], at[row]], [row - 0.5, row + 0.5], color="black", linewidth=2.5)
+        if panel.x_ticks is not None:
+            axes.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
+            axes.set_xticks([], minor=True)
         axes.set_yticks(range(len(y)), [f"{value:g}" for value in y])
         axes.set_title(panel.title, fontsize=11)
         axes.set_xlabel(panel.x_label)
