@@ -44,11 +44,17 @@ def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
         bar.start()  # at the first step, so that refused options leave one line alone
         bar.update(task, completed=done, total=total)
 
+    stopped = None
     try:
         yield advance
+    except KeyboardInterrupt as stop:  # cyclopts would end without a word
+        stopped = ": ".join(["modalshell: stopped", *map(str, stop.args)])
     finally:
         if bar.live.is_started:
             bar.stop()
+    if stopped is not None:
+        print(stopped, file=sys.stderr)
+        sys.exit(130)
 
 
 @app.command
@@ -308,6 +314,6 @@ def main(arguments: list[str] | None = None) -> None:
         message = " ".join(str(error).split())
         print(f"modalshell: {message}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt as stop:
-        print(": ".join(["modalshell: stopped", *map(str, stop.args)]), file=sys.stderr)
+    except KeyboardInterrupt:
+        print("modalshell: stopped", file=sys.stderr)
         sys.exit(130)

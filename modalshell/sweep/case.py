@@ -144,11 +144,11 @@ def run_case(task: Task) -> Outcome:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", RuntimeWarning)
         warnings.simplefilter("always", ModalShellWarning)
-        numba.set_num_threads(1)
         scene, mesh = parse_scene(Path(task.file), task.scene), task.mesh()
         if case_digest(scene, mesh) != task.digest:
             raise WorkerError("the worker names the case otherwise: give workers and driver the same modalshell")
-        watch, building = Stopwatch(), 0.0
+        watch, building, threads = Stopwatch(), 0.0, numba.get_num_threads()
+        numba.set_num_threads(1)
         kind: Ending = "done"
         status, measures, positions = "", None, b""
         try:
@@ -160,6 +160,8 @@ def run_case(task: Task) -> Outcome:
             kind, status = "refused", str(error)
         except Exception as error:  # one case's fault must not end the sweep
             kind, status = "failed", f"{type(error).__name__}: {error}"
+        finally:
+            numba.set_num_threads(threads)
         made = _made(building, watch() - building, [str(warning.message) for warning in heard])
     return Outcome(task.digest, kind, status, measures, positions, made)
 

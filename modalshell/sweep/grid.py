@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import json
 import math
 import os
 import re
@@ -19,7 +20,7 @@ from msgspec import Meta
 from modalshell.errors import SceneError
 from modalshell.scene import MODELS
 from modalshell.scene.read import checked_table, read_toml, refuse_unknown_keys
-from modalshell.scene.tables import Count, Table
+from modalshell.scene.tables import Table
 
 _KEYS = ("name", "scene", "axes", "truth", "output")
 _NAME = "[A-Za-z0-9][A-Za-z0-9_-]*"
@@ -32,7 +33,7 @@ class Range(Table, frozen=True):
 
     start: int | float = msgspec.field(name="from")
     stop: int | float = msgspec.field(name="to")
-    count: Count
+    count: Annotated[int, Meta(ge=1, le=_LARGEST)]
     spacing: Literal["linear", "log"] = "linear"
 
     def values(self) -> list[int | float]:
@@ -205,8 +206,11 @@ def _refuse_bad_axes(sweep: Sweep) -> None:
                 raise SceneError(
                     f"{sweep.file}: axes.{later.key}: undoes axes.{axis.key}: put it first, or leave one out"
                 )
+        seen = set[str]()
         for index, value in enumerate(axis.values):
-            if value in axis.values[:index]:
+            text = json.dumps(value, sort_keys=True, default=str)
+            if text in seen:
                 raise SceneError(f"{sweep.file}: axes.{axis.key}[{index}]: is there twice (got {value!r:.60})")
+            seen.add(text)
     if sweep.count > _LARGEST:
         raise SceneError(f"{sweep.file}: axes: span {sweep.count} cases; at most {_LARGEST} are allowed in one sweep")
