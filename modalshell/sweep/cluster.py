@@ -65,7 +65,8 @@ def run_on_cluster(tasks: Sequence[Task], client: Any) -> Generator[Outcome, Non
     def submit(task: Task) -> Any:
         return client.submit(run_case, task, key=f"modalshell-{task.digest}", pure=True)
 
-    ahead = as_completed([submit(task) for task in itertools.islice(rest, _AHEAD * threads)])
+    first = [submit(task) for task in itertools.islice(rest, _AHEAD * threads)]
+    ahead = as_completed(first, loop=client.loop)
     for future in ahead:
         if future.status == "finished":
             yield future.result()
