@@ -46,11 +46,17 @@ def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
         bar.start()  # at the first step, so that refused options leave one line alone
         bar.update(task, completed=done, total=total)
 
+    stopped = None
     try:
         yield advance
+    except KeyboardInterrupt as stop:  # cyclopts would end without a word
+        stopped = ": ".join(["modalshell: stopped", *map(str, stop.args)])
     finally:
         if bar.live.is_started:
             bar.stop()
+    if stopped is not None:
+        print(stopped, file=sys.stderr)
+        sys.exit(130)
 
 
 @app.command
@@ -118,6 +124,29 @@ def view(
         open_window(declared)
     else:
         print(take_picture(declared, 30 if frames is None else frames, screenshot))
+
+
+@app.command
+def sweep(
+    file: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    out: Annotated[Path | None, Parameter(help="Folder of the results instead of the sweep's own.")] = None,
+    workers: Annotated[int | None, Parameter(help="Processes; one for each core without it.")] = None,
+    cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, as tcp://10.0.0.1:8786.")] = None,
+    time_limit: Annotated[float | None, Parameter(help="Seconds after which a case is given up.")] = None,
+    retry: Annotated[bool, Parameter(help="Also do again what failed, crashed or timed out.")] = False,
+) -> None:
+    """Run a grid of scenes, or what is missing of it, and sum up what each found."""
+    with _progress(f"{file.stem} cases") as on_step:
+        found = ms.run_sweep(
+            file, out=out, workers=workers, cluster=cluster, time_limit=time_limit, retry=retry, on_step=on_step
+        )
+    counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
+    print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
+    if found.note:
+        print(found.note)
+    for path in found.files:
+        print(path)
 
 
 @app.command

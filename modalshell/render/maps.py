@@ -50,6 +50,8 @@ class MapPanel:
         Texts; without an x label the columns have no tick labels, either.
     x_scale : {"linear", "log", "even"}
         Whether columns are spaced by difference, by ratio, or evenly whatever their values.
+    x_ticks : mapping of float to str, optional
+        The only ticks of the x axis, and their texts.
     boundaries : sequence of Boundary
         Lines over the map.
     """
@@ -62,6 +64,7 @@ class MapPanel:
     y_label: str
     x_scale: Literal["linear", "log", "even"] = "linear"
     boundaries: Sequence[Boundary] = ()
+    x_ticks: Mapping[float, str] | None = None
 
 
 def draw_maps(
@@ -159,6 +162,9 @@ def _draw(axes: Axes, panel: MapPanel, colors: Mapping[str, str], width: float) 
     axes.set_yticks(range(len(y)), [_number(value) for value in y])
     if panel.x_scale == "even":
         axes.set_xticks(range(len(x)), [_number(value) for value in x], rotation=90)
+    if panel.x_ticks is not None:
+        axes.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
+        axes.set_xticks([], minor=True)
     axes.set_title(panel.title)
     axes.set_xlabel(panel.x_label)
     axes.set_ylabel(panel.y_label)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
-from modalshell.run.hold import hold
+from modalshell.hold import hold
 
 MAGIC = b"modalshell frames 2\n"
 ALIGNMENT = 64

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.hold import is_held
 from modalshell.run.frame_file import ALIGNMENT, CHECKSUM_BYTES, CONSTANTS, MAGIC, is_sound, record_dtype
-from modalshell.run.hold import is_held
 
 _LINE_LIMIT = 1 << 20
 """Length [bytes] beyond which no header's line is looked for."""

@@ -66,7 +66,7 @@ def _refuse_unknown_keys(file: Path, path: str, raw: Any, kind: type[msgspec.Str
     if not isinstance(raw, dict):
         raise SceneError(f"{file}: {path}: must be a table (got {raw!r:.60})")
     tag = kind.__struct_config__.tag_field
-    refuse_unknown_keys(file, path, raw, [*([tag] if tag else []), *kind.__struct_fields__])
+    refuse_unknown_keys(file, path, raw, [*([tag] if tag else []), *kind.__struct_encode_fields__])
     for field in msgspec.structs.fields(kind):
         inner = [
             part

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import re
 from collections.abc import Sequence
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from modalshell.crowd import Flight
 from modalshell.errors import SceneError
+from modalshell.mesh import TriangleMesh
 from modalshell.modes import solve_modes
 from modalshell.motion import Motion, SupportPath
 from modalshell.rungs import Constraint, DiscreteShell, Equilibrium, Model
@@ -80,10 +83,23 @@ class Scene:
         content["constraints"] = [table.plain() for table in self.constraints]
         return content | {"positions": self.output.positions}
 
-    def build_shell(self) -> Shell:
-        """The shell with its mesh, material and supports; SceneError where one of them is refused."""
+    def digests(self, mesh: TriangleMesh) -> dict[str, str]:
+        """SHA-256 of what is declared and of the mesh's vertices and faces: together they decide the results."""
+        content = json.dumps(self.content(), sort_keys=True).encode()
+        arrays = mesh.vertices.tobytes() + np.asarray(mesh.faces, dtype="<i8").tobytes()
+        return {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(arrays).hexdigest()}
+
+    def build_mesh(self) -> TriangleMesh:
+        """The mesh, generated or read from its file; SceneError where it is refused."""
         with located(self.file, "mesh", self.mesh):
-            mesh = build_mesh(self.mesh, self.file.parent)
+            return build_mesh(self.mesh, self.file.parent)
+
+    def build_shell(self, mesh: TriangleMesh | None = None) -> Shell:
+        """The shell with its mesh (``mesh`` if that is built already), material and supports.
+
+        SceneError where one of them is refused.
+        """
+        mesh = mesh or self.build_mesh()
         with located(self.file, "material", self.material):
             material = build_material(self.material, mesh)
         held = None
@@ -106,7 +122,19 @@ class Scene:
         if self.flock is not None:
             raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
         shell = shell or self.build_shell()
-        path, force, constraints = None, None, []
+        path, force, constraints = self.build_loading(shell)
+        with located(self.file, "model", self.model):
+            model = self.model.build(shell)
+        if constraints and not isinstance(model, ModalModel | DiscreteShell):
+            raise SceneError(f"{self.file}: constraints: {model.name} takes none; use a modal model or ds")
+        return BuiltScene(self, shell, model, force, path, constraints)
+
+    def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Constraint]]:
+        """What acts on ``shell`` beside gravity: path of the supports, forces (n, 3) [N] and constraints.
+
+        SceneError where a table is refused, naming its key.
+        """
+        path, force, constraints = None, None, list[Constraint]()
         if self.supports is not None:
             with located(self.file, "supports", self.supports):
                 path = build_path(self.supports)
@@ -120,11 +148,7 @@ class Scene:
             with located(self.file, f"constraints[{index}]", table):
                 constraint = build_constraint(table, shell.mesh, self.motion is not None)
                 constraints += checked_constraints([constraint], shell)
-        with located(self.file, "model", self.model):
-            model = self.model.build(shell)
-        if constraints and not isinstance(model, ModalModel | DiscreteShell):
-            raise SceneError(f"{self.file}: constraints: {model.name} takes none; use a modal model or ds")
-        return BuiltScene(self, shell, model, force, path, constraints)
+        return path, force, constraints
 
     def build_flight(self, shell: Shell) -> Flight:
         """The birds that ``flock`` declares, at their start; SceneError where it or a table beside it is refused."""
@@ -226,8 +250,14 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         key's path, what was got and what is allowed. Values that depend on the mesh are checked by
         :meth:`Scene.build`.
     """
-    file = Path(path)
-    raw = read_toml(file)
+    return parse_scene(Path(path), read_toml(Path(path)))
+
+
+def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
+    """The scene of plain tables as :func:`~modalshell.scene.read.read_toml` gives them, said to be from ``file``.
+
+    SceneError as :func:`load_scene`.
+    """
     refuse_unknown_keys(file, "", raw, _TABLES)
     for name in _REQUIRED:
         if name not in raw:
