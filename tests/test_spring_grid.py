@@ -9,15 +9,15 @@ from spring_scenes import grid_model, grid_of, shaken
 import modalshell as ms
 from modalshell.errors import OptionError, SolverError
 from modalshell.springs import GridVerlet
+from modalshell.springs.threads import ThreadChoice
 
 
 @pytest.mark.parametrize("shape", [(3, 3), (7, 4), (4, 19), (33, 48), (3, 1030)])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_grid_kernel_is_the_general_path(shape, threads, monkeypatch):
     """Verlet on the grid against Verlet on SpringSheet, pinned corners, drag and gravity, to rounding."""
-    monkeypatch.setattr("modalshell.springs.verlet._EACH", 1)
-    monkeypatch.setattr("modalshell.springs.threads.numba.config.NUMBA_NUM_THREADS", max(threads, 1))
-    monkeypatch.setattr("modalshell.springs.verlet.limited_to", nullcontext)
+    monkeypatch.setattr("modalshell.springs.threads.numba.config.NUMBA_NUM_THREADS", threads)
+    monkeypatch.setattr("modalshell.springs.threads.limited_to", nullcontext)
     pull = (0.3, 1.0, -9.81)
     grid = grid_of(shape, [(0, 0), (0, -1)], drag=0.5, gravity=pull)
     start, dt = shaken(grid, 0.01), 0.3 * grid.stable_step()
@@ -26,7 +26,7 @@ def test_grid_kernel_is_the_general_path(shape, threads, monkeypatch):
     assert general.status == "completed"
     for dtype, bound in ((np.float64, 1e-13), (np.float32, 1e-5)):
         sheet = GridVerlet(grid, dtype, start, threads)
-        assert sheet.threads == threads
+        assert sheet.threads.most == threads
         sheet.step(17, dt)
         np.testing.assert_allclose(sheet.positions, general.positions[17], rtol=0, atol=bound * max(shape) * 0.1)
         sheet.step(23, dt)
@@ -35,16 +35,40 @@ def test_grid_kernel_is_the_general_path(shape, threads, monkeypatch):
 
 
 def test_grid_results_do_not_depend_on_the_threads(monkeypatch):
-    monkeypatch.setattr("modalshell.springs.verlet.limited_to", nullcontext)
+    monkeypatch.setattr("modalshell.springs.threads.numba.config.NUMBA_NUM_THREADS", 5)
+    monkeypatch.setattr("modalshell.springs.threads.limited_to", nullcontext)
     grid = grid_of((40, 37), [(0, 0)], gravity=(0.0, 0.0, -9.81))
     ends = []
-    for threads in (1, 2, 5):
-        sheet = GridVerlet(grid, start=shaken(grid, 0.01))
-        sheet._work = np.zeros((threads, sheet._work.shape[1]))
+    for threads in (1, 2, 5, None):
+        sheet = GridVerlet(grid, start=shaken(grid, 0.01), threads=threads)
+        assert threads is None or sheet._work.shape[0] == threads
         sheet.step(50, 0.3 * grid.stable_step())
         ends.append(sheet.positions)
     np.testing.assert_array_equal(ends[0], ends[1])
-    np.testing.assert_array_equal(ends[0], ends[2])
+    for end in ends[2:]:
+        np.testing.assert_array_equal(ends[0], end)
+
+
+def test_threads_are_those_that_were_faster(monkeypatch):
+    """Trials first, then the faster; the slower is tried again ever more rarely, and taken once it is the faster."""
+    monkeypatch.setattr("modalshell.springs.threads.numba.config.NUMBA_NUM_THREADS", 4)
+    monkeypatch.setattr("modalshell.springs.threads.limited_to", nullcontext)
+    clock = [0.0]
+    monkeypatch.setattr("modalshell.springs.threads.perf_counter", lambda: clock[0])
+    choice, speed, taken = ThreadChoice(10_000, 1000), {1: 1.0, 4: 3.0}, []
+    for step in range(3000):
+        if step == 1000:
+            speed = {1: 1.0, 4: 0.3}
+        with choice.steps() as threads:
+            clock[0] += speed[threads]
+        taken.append(threads)
+    assert taken[:6] == [4, 1, 4, 1, 4, 1]
+    assert taken[6:1000].count(4) < 10
+    assert taken[-500:].count(1) < 10
+    assert ThreadChoice(1500, 1000).most == 1
+    assert ThreadChoice(10, 1000, 3).most == 3
+    with pytest.raises(OptionError, match="threads"):
+        ThreadChoice(10, 1000, 0)
 
 
 def test_another_step_goes_on_from_the_same_velocities():
