@@ -10,6 +10,7 @@ from modalshell.files import write_text
 from modalshell.study import load_script
 
 FIGURES: dict[str, tuple[str, ...]] = {
+    "cloth_scaling": ("cloth_scaling",),
     "dancing_character": ("figure_8",),
     "flat_vs_v_beam": ("figure_4",),
     "flock_scaling": ("flock_scaling",),

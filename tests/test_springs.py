@@ -1,48 +1,18 @@
-"""Springs: energies through the shell's own kernels, the classical grid, springs from meshes, implicit steps."""
-
-from contextlib import nullcontext
+"""Springs: energies through the shell's own kernels, springs from meshes, implicit steps, and the rung."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from spring_scenes import grid_model, grid_of, shaken
 
 import modalshell as ms
-from modalshell.errors import MaterialError, MeshError, OptionError, SolverError, SupportError
+from modalshell.errors import MaterialError, MeshError, OptionError, SupportError
 from modalshell.rungs import MotionState
 from modalshell.rungs.model import Damping
 from modalshell.shell import EXACT, GAUSS_NEWTON, PROJECTED
-from modalshell.springs import GridVerlet, ImplicitSprings, SheetGrid, Springs, mesh_springs, shell_springs
-
-EPSILON = np.finfo(float).eps
-
-
-def grid_of(shape=(6, 8), pins=(), **changes):
-    pinned = np.zeros(shape, bool)
-    for pin in pins:
-        pinned[pin] = True
-    values = {"spacing": 0.1, "particle_mass": 0.01, "structural": 50.0, "shear": 20.0, "flexion": 8.0}
-    return SheetGrid(shape=shape, pinned=pinned, **(values | changes))
-
-
-def grid_mesh(grid):
-    index = np.arange(grid.count).reshape(grid.shape)
-    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
-    return ms.TriangleMesh(grid.rest_positions(), np.vstack([np.c_[a, b, c], np.c_[b, d, c]]))
-
-
-def grid_model(grid, **options):
-    """The grid's springs and masses as a SpringSheet."""
-    shell = ms.Shell(grid_mesh(grid), ms.Material(1.0, 1.0, 1.0, 1.0), clamped=grid.pinned.ravel())
-    shell.mass = np.full(grid.count, grid.particle_mass)
-    return ms.SpringSheet(shell, grid.springs(), **options)
-
-
-def shaken(grid, size, seed=0):
-    noise = size * np.random.default_rng(seed).standard_normal((grid.count, 3))
-    noise[grid.pinned.ravel()] = 0.0
-    return grid.rest_positions() + noise
+from modalshell.springs import GridVerlet, ImplicitSprings, Springs, mesh_springs, shell_springs
 
 
 def brute_force(positions, springs):
@@ -192,138 +162,6 @@ def test_bad_springs_are_refused():
         GridVerlet(grid_of(), np.int64)
 
 
-# The grid's kernel
-
-
-@pytest.mark.parametrize("shape", [(3, 3), (7, 4), (4, 19), (33, 48), (3, 1030)])
-@pytest.mark.parametrize("threads", [1, 3])
-def test_grid_kernel_is_the_general_path(shape, threads, monkeypatch):
-    """Verlet on the grid against Verlet on SpringSheet, pinned corners, drag and gravity, to rounding."""
-    monkeypatch.setattr("modalshell.springs.verlet._EACH", 1)
-    monkeypatch.setattr("modalshell.springs.threads.numba.config.NUMBA_NUM_THREADS", max(threads, 1))
-    monkeypatch.setattr("modalshell.springs.verlet.limited_to", nullcontext)
-    pull = (0.3, 1.0, -9.81)
-    grid = grid_of(shape, [(0, 0), (0, -1)], drag=0.5, gravity=pull)
-    start, dt = shaken(grid, 0.01), 0.3 * grid.stable_step()
-    model = grid_model(grid, integrator="verlet")
-    general = ms.simulate(model, duration=40 * dt, dt=dt, gravity=pull, damping=(0.5, 0.0), start=start)
-    assert general.status == "completed"
-    for dtype, bound in ((np.float64, 1e-13), (np.float32, 1e-5)):
-        sheet = GridVerlet(grid, dtype, start, threads)
-        assert sheet.threads == threads
-        sheet.step(17, dt)
-        np.testing.assert_allclose(sheet.positions, general.positions[17], rtol=0, atol=bound * max(shape) * 0.1)
-        sheet.step(23, dt)
-        assert sheet.positions.dtype == dtype
-        np.testing.assert_allclose(sheet.positions, general.positions[40], rtol=0, atol=bound * max(shape) * 0.1)
-
-
-def test_grid_results_do_not_depend_on_the_threads(monkeypatch):
-    monkeypatch.setattr("modalshell.springs.verlet.limited_to", nullcontext)
-    grid = grid_of((40, 37), [(0, 0)], gravity=(0.0, 0.0, -9.81))
-    ends = []
-    for threads in (1, 2, 5):
-        sheet = GridVerlet(grid, start=shaken(grid, 0.01))
-        sheet._work = np.zeros((threads, sheet._work.shape[1]))
-        sheet.step(50, 0.3 * grid.stable_step())
-        ends.append(sheet.positions)
-    np.testing.assert_array_equal(ends[0], ends[1])
-    np.testing.assert_array_equal(ends[0], ends[2])
-
-
-def test_another_step_goes_on_from_the_same_velocities():
-    grid = grid_of(drag=0.3, gravity=(0.0, 0.0, -9.81))
-    sheet = GridVerlet(grid, start=shaken(grid, 0.005), velocity=np.ones((grid.count, 3)))
-    np.testing.assert_array_equal(sheet.velocities, 1.0)
-    sheet.step(30, 0.2 * grid.stable_step())
-    before = sheet.velocities
-    sheet._set_step(0.1 * grid.stable_step())
-    np.testing.assert_allclose(sheet.velocities, before, rtol=0, atol=1e-11)
-
-
-def test_stable_step_of_the_grid():
-    """The endless sheet's bound lies above every finite sheet's own limit, and near it."""
-    small, large = grid_of((5, 5)), grid_of((16, 16))
-    for grid, share in ((small, 0.9), (large, 0.99)):
-        exact = grid_model(grid, integrator="verlet").stable_step()
-        assert share * exact < grid.stable_step() <= exact * (1.0 + 2e-4)
-    damped = grid_of((16, 16), spring_damping=0.5)
-    exact = grid_model(damped, integrator="verlet").stable_step()
-    assert damped.stable_step() <= exact * (1.0 + 2e-4)
-    assert damped.stable_step() == pytest.approx(exact, rel=0.02)
-    sheet = GridVerlet(large)
-    with pytest.raises(OptionError, match="at most"):
-        sheet.step(1, 1.01 * large.stable_step())
-
-
-def grows(grid, dt, steps):
-    sheet = GridVerlet(grid, start=shaken(grid, 1e-9), allow_unstable_step=True)
-    try:
-        sheet.step(steps, dt)
-    except SolverError:
-        return True
-    return bool(np.abs(sheet.positions - grid.rest_positions()).max() > 1e-6)
-
-
-def test_verlet_blows_up_where_the_estimate_says():
-    grid = grid_of((12, 12))
-    low, high = 0.5 * grid.stable_step(), 2.0 * grid.stable_step()
-    for _ in range(12):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if grows(grid, middle, 5000) else (middle, high)
-    assert low == pytest.approx(grid.stable_step(), rel=0.05)
-    assert grows(grid, 1.1 * grid.stable_step(), 2000)
-    with pytest.raises(SolverError, match="left the finite numbers"):
-        GridVerlet(grid, start=shaken(grid, 1e-3), allow_unstable_step=True).step(5000, 1.5 * grid.stable_step())
-
-
-def energy_of(model, sheet, grid):
-    x, v = sheet.positions, sheet.velocities
-    weight = grid.particle_mass * np.vdot(x, np.broadcast_to(grid.gravity, x.shape))
-    return model.shell.energy(x) + 0.5 * grid.particle_mass * np.vdot(v, v) - weight
-
-
-@pytest.mark.parametrize(("steps", "share"), [(4000, 0.9), pytest.param(100_000, 0.9, marks=pytest.mark.slow)])
-def test_energy_of_the_undamped_sheet_stays_bounded(steps, share):
-    """A symplectic method's energy swings, but does not drift: the last tenth as the first."""
-    grid = grid_of((10, 10), [(0, 0), (0, -1)], gravity=(0.0, 0.0, -0.5))
-    model = grid_model(grid)
-    sheet = GridVerlet(grid, start=shaken(grid, 1e-3))
-    energies = []
-    for _ in range(400):
-        sheet.step(steps // 400, share * grid.stable_step())
-        energies.append(energy_of(model, sheet, grid))
-    energies = np.array(energies)
-    scale = np.ptp([model.shell.energy(sheet.positions), 0.0]) + 0.5 * grid.particle_mass * 1.0
-    assert np.abs(energies - energies[0]).max() < 0.2 * scale
-    assert abs(energies[-40:].mean() - energies[:40].mean()) < 0.05 * scale
-
-
-def test_verlet_is_of_second_order_with_drag():
-    grid = grid_of((5, 6), [(0, 0), (0, -1)], drag=2.0, gravity=(0.0, 0.0, -9.81))
-    start, longest = shaken(grid, 0.005), 0.2 * grid.stable_step()
-    ends = []
-    for refinement in (1, 2, 4, 16):
-        sheet = GridVerlet(grid, start=start, velocity=np.full((grid.count, 3), 0.3))
-        sheet.step(32 * refinement, longest / refinement)
-        ends.append(np.concatenate([sheet.positions, 0.01 * sheet.velocities]))
-    errors = [np.abs(end - ends[-1]).max() for end in ends[:-1]]
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    np.testing.assert_allclose(orders, 2.0, atol=0.15)
-
-
-def test_free_sheet_keeps_its_momenta():
-    grid = grid_of((6, 6))
-    start, rates = shaken(grid, 0.01), np.random.default_rng(5).standard_normal((grid.count, 3))
-    sheet = GridVerlet(grid, start=start, velocity=rates)
-    sheet.step(500, 0.5 * grid.stable_step())
-    x, v = sheet.positions, sheet.velocities
-    np.testing.assert_allclose(v.sum(axis=0), rates.sum(axis=0), rtol=0, atol=1e-10)
-    # Verlet keeps x cross p of its staggered velocities.
-    spin = [np.cross(a, b).sum(axis=0) for a, b in ((start, rates), (x, v))]
-    np.testing.assert_allclose(spin[1], spin[0], rtol=0, atol=1e-10)
-
-
 # Implicit steps
 
 
@@ -342,8 +180,7 @@ def dense_step(model, x, v, load, dt, drag, zeta):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_implicit_step_solves_the_equation_of_baraff_and_witkin(threads, monkeypatch):
-    monkeypatch.setattr("modalshell.springs.implicit._EACH", 1)
+def test_implicit_step_solves_the_equation_of_baraff_and_witkin(threads):
     grid = grid_of((7, 6), [(0, 0), (0, 5)], spring_damping=0.05)
     model = grid_model(grid)
     x, v = shaken(grid, 0.02), shaken(grid, 0.5, 1) - grid.rest_positions()

@@ -15,7 +15,7 @@ from modalshell.errors import MaterialError, MeshError
 from modalshell.kernels import spring_blocks as kernels
 from modalshell.shell.supports import held_vertices
 from modalshell.springs.springs import Springs
-from modalshell.springs.threads import limited_to, threads_for
+from modalshell.springs.threads import ThreadChoice
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -57,7 +57,7 @@ class ImplicitSprings:
     held : array_like of bool, shape (n,), or of int, optional
         Particles that do not move by themselves.
     threads : int, optional
-        At most; all of numba's without it. Small sheets take one. The results do not depend on it.
+        So many; one or all of numba's without it, as its own steps show to be faster. The results do not depend on it.
 
     Raises
     ------
@@ -79,7 +79,7 @@ class ImplicitSprings:
         if springs.pairs.max(initial=-1) >= n:
             raise MeshError(f"springs must join the particles 0 to {n - 1} (got {springs.pairs.max()})")
         self.held = held_vertices(held, n)
-        self.threads = threads_for(n, _EACH, threads)
+        self.threads = ThreadChoice(n, _EACH, threads)
 
         ends = np.concatenate([springs.pairs, springs.pairs[:, ::-1]])
         graph = sps.csr_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), shape=(n, n))
@@ -184,7 +184,7 @@ class ImplicitSprings:
         momentum = self._free[:, None] * (dt * self._load + self._mass[:, None] * self._v)
         scale = float(np.sqrt(np.vdot(momentum, momentum))) or 1.0
 
-        with limited_to(self.threads):
+        with self.threads.steps():
             return self._timed_step(dt, drag, zeta, limit, tolerance, scale)
 
     def _timed_step(

@@ -12,7 +12,7 @@ from modalshell.errors import OptionError, SolverError
 from modalshell.kernels.generated import shear
 from modalshell.kernels.spring_grid import WORK, verlet_steps
 from modalshell.springs.sheet_grid import SheetGrid
-from modalshell.springs.threads import limited_to, threads_for
+from modalshell.springs.threads import ThreadChoice
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class GridVerlet:
     start, velocity : array_like, shape (rows * columns, 3), optional
         Positions [m], at rest without them, and velocities [m/s], none without them. Pinned masses stay put.
     threads : int, optional
-        At most; all of numba's without it. Small sheets take one. The results do not depend on it.
+        So many; one or all of numba's without it, as its own steps show to be faster. The results do not depend on it.
     allow_unstable_step : bool
         Whether steps may be longer than the stable one.
 
@@ -78,7 +78,7 @@ class GridVerlet:
                 "N s/m): set it to 0, or step SpringSheet(..., integrator='verlet')"
             )
         self.allow_unstable_step = allow_unstable_step
-        self.threads = threads_for(grid.count, _EACH, threads)
+        self.threads = ThreadChoice(grid.count, _EACH, threads)
         self.count = 0
         first = grid.rest_positions() if start is None else checked_vectors("start", start, (grid.count, 3))
         rates = np.zeros_like(first) if velocity is None else checked_vectors("velocity", velocity, first.shape)
@@ -88,7 +88,7 @@ class GridVerlet:
         self._dt = 0.0
         rows, columns = np.nonzero(grid.pinned)
         self._pins = np.searchsorted(rows, np.arange(grid.shape[0] + 1)), columns
-        self._work = np.zeros((self.threads, WORK), self.dtype)
+        self._work = np.zeros((self.threads.most, WORK), self.dtype)
         self._springs = grid.springs().element_set()
 
     def _on_grid(self, vectors: Array) -> NDArray[Any]:
@@ -148,20 +148,24 @@ class GridVerlet:
         pairs = np.column_stack([stiffness, stiffness * lengths])
         coefficients = tuple(pairs.ravel().astype(self.dtype))
         keep, tiny = np.array([(1.0 - half_drag) / (1.0 + half_drag), (_COINCIDENT * grid.spacing) ** 2], self.dtype)
-        with limited_to(self.threads):
-            verlet_steps(
-                count,
-                self._now,
-                self._before,
-                coefficients,
-                (grid.gravity * factor).astype(self.dtype),
-                keep,
-                tiny,
-                *self._pins,
-                self._work,
-            )
-        if count % 2:
-            self._now, self._before = self._before, self._now
+        left = count
+        while left:
+            now = min(left, self.threads.steps_left)
+            with self.threads.steps(now) as threads:
+                verlet_steps(
+                    now,
+                    self._now,
+                    self._before,
+                    coefficients,
+                    (grid.gravity * factor).astype(self.dtype),
+                    keep,
+                    tiny,
+                    *self._pins,
+                    self._work[:threads],
+                )
+            if now % 2:
+                self._now, self._before = self._before, self._now
+            left -= now
         self.count += count
         with np.errstate(over="ignore", invalid="ignore"):
             finite = np.isfinite(self._now.sum())
