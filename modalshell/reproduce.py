@@ -16,6 +16,7 @@ FIGURES: dict[str, tuple[str, ...]] = {
     "integrator_drift": ("integrator_drift",),
     "large_mesh": ("figure_3",),
     "manipulation": ("figure_7",),
+    "spring_sheet_speed": ("spring_sheet_speed",),
     "tradeoff": ("tradeoff",),
     "validity_map": ("validity_map",),
     "v_beam_accuracy": ("figure_5", "figure_6a", "figure_6b"),
