@@ -18,6 +18,7 @@ FIGURES: dict[str, tuple[str, ...]] = {
     "integrator_drift": ("integrator_drift",),
     "large_mesh": ("figure_3",),
     "manipulation": ("figure_7",),
+    "spring_sheet_speed": ("spring_sheet_speed",),
     "stability_atlas": ("stability_atlas",),
     "tradeoff": ("tradeoff",),
     "validity_map": ("validity_map",),

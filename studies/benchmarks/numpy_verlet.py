@@ -13,7 +13,7 @@ from modalshell.springs.sheet_grid import FAMILIES, SheetGrid
 
 
 class NumpyVerlet:
-    """x(t + dt) = x + (1 - drag dt) (x - x(t - dt)) + a dt^2 of every mass of a sheet, starting at rest.
+    """The steps of :class:`modalshell.springs.GridVerlet` of one length, from rest, in NumPy.
 
     Attributes
     ----------
@@ -34,6 +34,7 @@ class NumpyVerlet:
         self._squared = np.empty_like(self.now)
         self._length = np.empty((rows, columns), dtype)
         self._free = (~grid.pinned).astype(dtype)
+        self._resting = True
 
     @property
     def positions(self) -> NDArray[np.float64]:
@@ -41,11 +42,12 @@ class NumpyVerlet:
         return self.now.reshape(3, -1).T.astype(np.float64)
 
     def step(self, count: int, dt: float) -> None:
-        """Take ``count`` steps of ``dt`` [s]; the springs' damping is left out."""
+        """Take ``count`` steps of ``dt`` [s]."""
         grid, kind = self.grid, self.now.dtype.type
-        scale = dt**2 / grid.particle_mass
-        keep = kind(1.0 - grid.drag * dt)
-        fall = [kind(value * dt**2) for value in grid.gravity]
+        half_drag = 0.5 * dt * grid.drag
+        factor = dt**2 / (1.0 + half_drag)
+        keep = kind((1.0 - half_drag) / (1.0 + half_drag))
+        fall = [kind(value * factor) for value in grid.gravity]
         rows, columns = grid.shape
         for _ in range(count):
             # The sum is what the step adds: drag and inertia, gravity, springs.
@@ -55,7 +57,7 @@ class NumpyVerlet:
                 if value != 0.0:
                     plane += value
             for family, offsets in FAMILIES.items():
-                stiffness = kind(getattr(grid, family) * scale)
+                stiffness = kind(getattr(grid, family) * factor / grid.particle_mass)
                 for down, right in offsets:
                     first = (slice(0, rows - down), slice(max(0, -right), columns - max(0, right)))
                     second = (slice(down, rows), slice(max(0, right), columns - max(0, -right)))
@@ -73,5 +75,9 @@ class NumpyVerlet:
                     self._sum[:, *first] += offset
                     self._sum[:, *second] -= offset
             self._sum *= self._free
+            if self._resting:
+                # From rest the first step is half the acceleration's, without drag.
+                self._sum *= kind(0.5 * (1.0 + half_drag))
+                self._resting = False
             np.add(self.now, self._sum, out=self.before)
             self.now, self.before = self.before, self.now
