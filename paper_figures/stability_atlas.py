@@ -9,6 +9,7 @@ from modalshell.study import StudyResult
 
 COLORS = {
     "converged": "#7fc29b",
+    "agrees with half the step": "#cde6d3",
     "inaccurate": "#f2d98d",
     "bounded cycle": "#8fb3e8",
     "wound up": "#7d5fb2",
