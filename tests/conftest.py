@@ -6,12 +6,35 @@ import numpy as np
 import pytest
 
 from modalshell import Material, Shell, solve_modes, v_beam
+from modalshell.reproduce import reproduce
 
 with contextlib.suppress(ImportError):
     # Variables such as OPENBLAS_NUM_THREADS come too late here: pytest's warning filters have loaded NumPy already.
     from threadpoolctl import threadpool_limits
 
     _ONE_THREAD = threadpool_limits(1)
+
+
+def pytest_addoption(parser):
+    text = "write the golden numbers of the studies that run (choose with -k) anew; their tolerances stay"
+    parser.addoption("--accept-golden", action="store_true", help=text)
+
+
+@pytest.fixture(scope="session")
+def quick_study(tmp_path_factory):
+    """A function of a study's name that runs it once a session, quick and without OpenGL, and gives the results' folder."""
+    folder = tmp_path_factory.mktemp("results")
+    done = set()
+
+    def run(name):
+        if name not in done:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv("MODALSHELL_RENDERER", "matplotlib")
+                reproduce(name, folder, folder / "figures", quick=True)
+            done.add(name)
+        return folder
+
+    return run
 
 
 @pytest.fixture(scope="session")
