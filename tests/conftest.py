@@ -22,7 +22,7 @@ def pytest_addoption(parser):
 
 @pytest.fixture(scope="session")
 def quick_study(tmp_path_factory):
-    """A function of a study's name that runs it once a session, quick and without OpenGL, and gives the results' folder."""
+    """A function of a study's name that runs it once a session, quick and without OpenGL; the results' folder."""
     folder = tmp_path_factory.mktemp("results")
     done = set()
 
