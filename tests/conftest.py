@@ -9,6 +9,7 @@ import pytest
 from modalshell import Material, ModalShellWarning, Shell, solve_modes, v_beam
 from modalshell.render import choose_backend
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
+from modalshell.reproduce import reproduce
 
 with contextlib.suppress(ImportError):
     # Variables such as OPENBLAS_NUM_THREADS come too late here: pytest's warning filters have loaded NumPy already.
@@ -72,6 +73,28 @@ def opengl():
         if choose_backend() != "pyvista":
             pytest.skip("PyVista renders nothing on this machine: no OpenGL (apt-get install libegl1 libgl1-mesa-dri)")
         yield
+
+
+def pytest_addoption(parser):
+    text = "write the golden numbers of the studies that run (choose with -k) anew; their tolerances stay"
+    parser.addoption("--accept-golden", action="store_true", help=text)
+
+
+@pytest.fixture(scope="session")
+def quick_study(tmp_path_factory):
+    """A function of a study's name that runs it once a session, quick and without OpenGL; the results' folder."""
+    folder = tmp_path_factory.mktemp("results")
+    done = set()
+
+    def run(name):
+        if name not in done:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv("MODALSHELL_RENDERER", "matplotlib")
+                reproduce(name, folder, folder / "figures", quick=True)
+            done.add(name)
+        return folder
+
+    return run
 
 
 @pytest.fixture(scope="session")
