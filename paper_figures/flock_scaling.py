@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
 
-SERIES = (
-    ("mwts", "MWTS", "#2b5fc8", False),
-    ("placed", "MWTS, placed", "#2f9e44", False),
-    ("products", "two products alone (BLAS)", "#c8322b", True),
-    ("writing", "writing positions alone", "#777777", True),
-)
+LABELS = {
+    "mwts": "MWTS",
+    "placed": "MWTS, placed",
+    "products": "products",
+    "writing": "writing alone",
+}
+COLORS = {"mwts": "#2b5fc8", "placed": "#2f9e44", "products": "#c8322b", "writing": "#777777"}
 
 
 def draw(results: Path, folder: Path) -> list[Path]:
@@ -27,20 +29,32 @@ def draw(results: Path, folder: Path) -> list[Path]:
         rows = [row for row in found["flock"] if row["search"] == search]
         rates = [row["boids"] * row["steps_per_second"] for row in rows]
         flock.append(Curve([row["boids"] for row in rows], rates, label, color, dashed))
-    panels = [Panel(flock, "flock", "boids", "boid steps a second", log=True, log_x=True)]
-    panels.append(_panel(found["instances"], "instances", "float64", "crowd of a bird of 493 vertices, float64"))
-    panels.append(_panel(found["instances"], "instances", "float32", "the same, float32"))
-    panels.append(_panel(found["vertices"], "vertices", "float64", "crowds of finer birds, float64"))
-    return [draw_curves(panels, folder / "flock_scaling.png", columns=2)]
+    instances = [
+        curve
+        for dtype, colors in (("float64", ("#2b5fc8", "#c8322b")), ("float32", ("#2f9e44", "#c8802b")))
+        for curve in _curves(found["instances"], "instances", dtype, zip(("mwts", "products"), colors, strict=True))
+    ]
+    finer = _curves(found["vertices"], "vertices", "float64", COLORS.items())
+    label = "vertices a second"
+    panels = [
+        Panel(flock, "flock", "boids", "boid steps a second", log=True, log_x=True),
+        Panel(instances, "birds of 493 vertices", "instances", label, log=True, log_x=True),
+        Panel(finer, "finer birds", "vertices of one instance", label, log=True, log_x=True),
+    ]
+    return [draw_curves(panels, folder / "flock_scaling.png")]
 
 
-def _panel(rows: list[dict[str, Any]], over: str, dtype: str, title: str) -> Panel:
-    """Vertices a second of one precision over instances or vertices."""
+def _curves(rows: list[dict[str, Any]], over: str, dtype: str, series: Iterable[tuple[str, str]]) -> list[Curve]:
+    """Vertices a second of one precision over instances or vertices; bounds are dashed."""
     chosen = [row for row in rows if row["dtype"] == dtype]
     x = [row[over] for row in chosen]
-    curves = [
-        Curve(x, [row[f"per_second_{name}"] * row["vertices"] for row in chosen], label, color, dashed)
-        for name, label, color, dashed in SERIES
+    return [
+        Curve(
+            x,
+            [row[f"per_second_{name}"] * row["vertices"] for row in chosen],
+            f"{LABELS[name]}, {dtype}",
+            color,
+            dashed=name in ("products", "writing"),
+        )
+        for name, color in series
     ]
-    label = "instances" if over == "instances" else "vertices of one instance"
-    return Panel(curves, title, label, "vertices a second", log=True, log_x=True)

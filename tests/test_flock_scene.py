@@ -103,7 +103,7 @@ def test_film_and_picture(tmp_path, monkeypatch):
         ('formats = ["mp4", "png"]', 'formats = ["pvd"]', "output.formats"),
         ('clamped = "z <= 0"', 'clamped = "z <= 0"\ntimes = [0.0, 1.0]', "supports.times"),
         ("size = [960, 540]", "size = [961, 540]", "flock.camera: the size of a film must be even"),
-        ("target = [0.0, 0.0, -0.25]", "target = [0.0, -8.8, 0.6]", "flock.camera: a camera needs a target"),
+        ("target = [0.0, 0.0, -0.45]", "target = [0.0, -8.8, 0.6]", "flock.camera: a camera needs a target"),
         ("rate_factor = 29", 'color = "blau"', "flock.camera.color: must be a matplotlib colour"),
         ("times = [0.0, 2.5", "times = [3.0, 2.5", "times must increase"),
     ],

@@ -16,12 +16,12 @@ def interleaved(
     statistic: Callable[[list[float]], Any] = np.median,
     clock: Callable[[], float] = time.perf_counter,
 ) -> dict[Any, float]:
-    """Median seconds of one call of each function, or another ``statistic`` of the samples.
+    """Median seconds of one call of each function, or another ``statistic`` of the samples, by a ``clock``.
 
     The functions take turns ``repeats`` times. At its turn each is called once untimed, which brings the caches back to
     what its own calls leave there, and then as often as fills ``sample_seconds``, at least once: less than a time
     slice, so that on a machine with little else to do most samples are undisturbed. On a busy machine functions of one
-    thread are better compared by the processor's time (``clock=time.process_time``), which stands still while others run.
+    thread are better compared by the processor's time (``clock=time.process_time``): it stands still while others run.
     """
     calls = {}
     for name, function in functions.items():
