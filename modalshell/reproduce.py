@@ -19,6 +19,7 @@ FIGURES: dict[str, tuple[str, ...]] = {
     "large_mesh": ("figure_3",),
     "manipulation": ("figure_7",),
     "spring_sheet_speed": ("spring_sheet_speed",),
+    "sheet_vs_shell": ("sheet_vs_shell",),
     "stability_atlas": ("stability_atlas",),
     "tradeoff": ("tradeoff",),
     "validity_map": ("validity_map",),

@@ -21,7 +21,7 @@ def draw(results: Path, folder: Path) -> Path:
     threads = max(row["threads"] for row in rows)
     mark = f"published, {published['threads']} threads"
     times = [
-        Curve([published["particles"]], [published["frame"]], mark, "#c8322b"),
+        Curve([published["particles"]], [published["frame"]], mark, "0.2"),
         Curve(particles, [row["explicit"]["frame"] for row in rows], "explicit, 1 thread", "0.55", dashed=True),
         Curve(particles, [row["one"]["frame"] for row in rows], "implicit, 1 thread", "#8fb3e8"),
         Curve(particles, [row["free"]["frame"] for row in rows], f"implicit, up to {threads} threads", "#2b5fc8"),
@@ -36,7 +36,7 @@ def draw(results: Path, folder: Path) -> Path:
         for task in TASKS
     ]
     shares.append(
-        Curve([published["particles"]], [100.0 * published["matrix_share"]], "matrix update, published", "#c8322b")
+        Curve([published["particles"]], [100.0 * published["matrix_share"]], "matrix update, published", "0.2")
     )
     panels = [
         Panel(times, "Three steps of ten iterations", "particles", "seconds a frame", log=True, log_x=True),
