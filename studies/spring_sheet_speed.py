@@ -58,7 +58,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     }
     findings["load"] = load
     findings["streaming_bound"] = {kind: bandwidth / bytes_of_a_mass(kind) for kind in PRECISIONS}
-    return StudyResult("spring_sheet_speed", findings, {}, run_record({"sizes": sizes, "checked_steps": CHECKED_STEPS}))
+    record = run_record({"sizes": sizes, "checked_steps": CHECKED_STEPS})
+    return StudyResult("spring_sheet_speed", findings, {"sizes": np.array(sizes)}, record)
 
 
 def bytes_of_a_mass(precision: str) -> int:
