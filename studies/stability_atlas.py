@@ -250,9 +250,9 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
         omega = models.first_frequency(models.BASE.ratio, models.BASE.fold)
         if row.theory == "implicit":
             theory, measured = limits.numerical_damping(model, models.BASE.step, 0, Damping(0.2 * omega, 0.01))
-            return [limits.entry(name, "shrinking of mode 1 in a step of 1/30 s", "1", theory, measured)]
+            return [limits.entry(name, "shrinking of mode 1 stepped at 30 Hz", "1", theory, measured)]
         theory, measured = limits.oscillation(model, models.BASE.step, 1, 1000)
-        return [limits.entry(name, "frequency of mode 2 at 1/30 s", "rad/s", theory, measured)]
+        return [limits.entry(name, "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, measured)]
     if not isinstance(model, ModalModel) or name.startswith("MWTS sum"):  # its coordinates move as with the closed form
         return []
     unit = models.BASE.gravity  # Gamma = 1
@@ -269,7 +269,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
             light = replace(models.BASE, damping=ratio).rayleigh
             count = 600 if quick else 4000
             pair = limits.largest_load(model, unit, models.BASE.step, light, count, (20.0, 400.0))
-            words = f"largest Γ at 1/30 s, damping ratio {ratio:g}"
+            words = f"largest Γ stepped at 30 Hz (damping ratio {ratio:g})"
             found.append(limits.entry(name, words, "1", *pair))
             if not quick:
                 rest = limits.bisect(
@@ -278,7 +278,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
                     400.0,
                 )
                 # No theory of small motion holds from rest: beside it, not against it.
-                found.append(limits.entry(name, words + ", let go from rest", "1", None, rest) | {"beside": pair[0]})
+                found.append(limits.entry(name, words + " let go from rest", "1", None, rest) | {"beside": pair[0]})
     return found
 
 
@@ -287,14 +287,14 @@ def full_limits(row: models.Row, model: ms.DiscreteShell, count: int) -> list[di
     omega = float(np.sqrt(largest_eigenvalue(model.shell)))
     if row.theory == "implicit":
         pair = limits.stiffest_mode(model, 1.0 / omega, Damping(0.1 * omega, 0.2 / omega))
-        return [limits.entry(row.name, "shrinking of the stiffest mode in a step of 1 / omega_max", "1", *pair)]
+        return [limits.entry(row.name, "shrinking of the stiffest mode at h omega = 1", "1", *pair)]
     cases = {
         "undamped": Damping(),
         "xi = omega_max": Damping(omega, 0.0),
-        "zeta = 1 / omega_max": Damping(0.0, 1.0 / omega),
+        "zeta omega_max = 1": Damping(0.0, 1.0 / omega),
     }
     return [
-        limits.entry(row.name, f"longest step at rest, {words}", "s", *limits.explicit_step(model, case, count))
+        limits.entry(row.name, f"longest step at rest ({words})", "s", *limits.explicit_step(model, case, count))
         for words, case in cases.items()
     ]
 
@@ -305,7 +305,7 @@ def grid_limits(quick: bool) -> list[dict[str, Any]]:
     for name, stiffness in {"alike": (1.0, 1.0), "soft": (0.3, 0.1)}.items():
         for ratio in (0.0, 0.5):
             grid = limits.grid_of(*stiffness, ratio)
-            words = f"longest step at rest, shear and flexion {name}, drag = {ratio:g} omega_max"
+            words = f"longest step at rest (shear and flexion {name}; drag = {ratio:g} omega_max)"
             pair = limits.grid_step(grid, 300 if quick else 900)
             found.append(limits.entry("classical grid, Verlet", words, "s", *pair))
     return found

@@ -47,7 +47,9 @@ def bisect(stable: Callable[[float], bool], low: float, high: float) -> float | 
 def entry(row: str, what: str, unit: str, theory: float | None, measured: float | None) -> dict[str, Any]:
     """One limit, ready for JSON."""
     ratio = None if theory is None or measured is None else measured / theory
-    return {"row": row, "what": what, "unit": unit, "theory": theory, "measured": measured, "ratio": ratio}
+    model, _, rule = row.partition(", ")
+    found = {"row": row, "model": model, "rule": rule, "what": what, "unit": unit}
+    return found | {"theory": theory, "measured": measured, "ratio": ratio}
 
 
 def dies_out(step: Callable[[np.ndarray], np.ndarray], start: np.ndarray, count: int, margin: float = 1.0) -> bool:
