@@ -26,24 +26,22 @@ import multiprocessing
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
+from modalshell.modes import largest_eigenvalue
 from modalshell.motion import Motion, Trajectory, stability
 from modalshell.motion.simulate import Observer
 from modalshell.rungs import Damping, Model
 from modalshell.rungs.modal import ModalModel
 from modalshell.study import StudyResult, call_script, load_script, run_record
 
-limits = load_script("studies", "stability_limits")
+limits, models = (load_script("studies", f"stability_{name}") for name in ("limits", "models"))
 
-LENGTH, CELLS, FLEXURE, DENSITY, MODES = 1.0, (12, 2), 0.05, 0.2, 4
-RIGIDITY = 5.0 * FLEXURE
-"""D [N m] of this mesh family, for Gamma = (mass per area) g L^3 / D."""
 TOLERANCE = 0.1
 FEWEST, MOST = 40, 80
 """Steps of a run."""
@@ -54,31 +52,6 @@ AGREES = "agrees with half the step"
 OUTCOMES = ("converged", AGREES, "inaccurate", "bounded cycle", "wound up", "unsolved", "diverged", "refused")
 ADDED_DAMPING, FREQUENCY_SHIFT = 0.05, 0.05
 """Numerical damping ratio, and relative shift of frequency, of the first mode from which motion is coloured by it."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """One point: step [s], membrane over bending stiffness, Gamma, damping ratio of mode 1, aspect, rest fold [deg]."""
-
-    step: float = 1.0 / 30.0
-    ratio: float = 1e2
-    gamma: float = 1.0
-    damping: float = 0.7
-    aspect: float = 1.0
-    fold: float = 0.0
-
-    @property
-    def gravity(self) -> np.ndarray:
-        """Gravity (3,) [m/s^2]."""
-        return np.array([0.0, 0.0, -self.gamma * RIGIDITY / (DENSITY * LENGTH**3)])
-
-    @property
-    def rayleigh(self) -> Damping:
-        """Damping of the mass that gives the first mode of the strip without needles its damping ratio."""
-        return Damping(2.0 * self.damping * first_frequency(self.ratio, self.fold), 0.0)
-
-
-BASE = Scene()
 
 
 @dataclass(frozen=True)
@@ -105,118 +78,6 @@ SLICES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Row:
-    """A model with its integrator.
-
-    Attributes
-    ----------
-    name : str
-        For readers.
-    make : callable
-        The model of a shell.
-    theory : {"implicit", "midpoint", "explicit", "rigid"}
-        Which theory its limits have. Explicit rows take half their longest stable step at the base point for their own.
-    """
-
-    name: str
-    make: Callable[[ms.Shell], Model]
-    theory: str = "implicit"
-
-
-def modal(kind: Callable[..., Model], shell: ms.Shell, **options: Any) -> Model:
-    """A model on the modes of a shell."""
-    return kind(ms.solve_modes(shell, MODES), **options)
-
-
-def reduced(shell: ms.Shell, integrator: str) -> Model:
-    """Reduced RSW, trained on gravity up to Gamma = 30."""
-    loads = [replace(BASE, gamma=gamma).gravity for gamma in (0.3, 1.0, 3.0, 10.0, 30.0)]
-    return ms.ReducedRotationStrain.trained(modal(ms.RotationStrain, shell, integrator=integrator), loads, rank=12)
-
-
-def coarse(shell: ms.Shell) -> Model:
-    """DS with ten cells along the strip instead of twelve, its rows at the clamp those of ``shell``."""
-    fold, along = fold_of(shell), 10
-    mesh = ms.v_beam(length=LENGTH, cells=(along, CELLS[1]), fold=180.0 - abs(fold))
-    vertices, held, cell = np.array(mesh.vertices), LENGTH / CELLS[0], LENGTH / along
-    beyond = held + (vertices[:, 0] - cell) * (LENGTH - held) / (LENGTH - cell)
-    vertices[:, 0] = np.where(vertices[:, 0] < 0.5 * cell, 0.0, beyond)
-    vertices[:, 2] *= 1.0 if fold >= 0.0 else -1.0
-    return ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, ms.TriangleMesh(vertices, mesh.faces)))
-
-
-EULER, MIDPOINT = "implicit_euler", "implicit_midpoint"
-WARPS = {"MWTS": {}, "MWTS sum": {"warp": "sum"}, "MWTS consistent": {"consistent_force": True}}
-ROWS = (
-    Row("LMA, implicit Euler", partial(modal, ms.LinearModal, integrator=EULER)),
-    Row("LMA, midpoint", partial(modal, ms.LinearModal, integrator=MIDPOINT), "midpoint"),
-    *(
-        Row(f"{name}, {word}", partial(modal, ms.ModalWarping, integrator=integrator, **options), theory)
-        for name, options in WARPS.items()
-        for integrator, word, theory in ((EULER, "implicit Euler", "implicit"), (MIDPOINT, "midpoint", "midpoint"))
-    ),
-    Row("RSW, implicit Euler", partial(modal, ms.RotationStrain, integrator=EULER)),
-    Row("RSW, midpoint", partial(modal, ms.RotationStrain, integrator=MIDPOINT), "midpoint"),
-    Row("reduced RSW, implicit Euler", partial(reduced, integrator=EULER)),
-    Row("reduced RSW, midpoint", partial(reduced, integrator=MIDPOINT), "midpoint"),
-    Row("MD-ROM, implicit Euler", partial(ms.ModalDerivatives, count=MODES)),
-    Row("rigid, free and spinning", ms.RigidShell, "rigid"),
-    Row("coarse DS, implicit Euler", coarse),
-    Row("DS, implicit Euler", ms.DiscreteShell),
-    Row("DS, explicit Euler", partial(ms.DiscreteShell, integrator="explicit", allow_unstable_step=True), "explicit"),
-)
-"""Every model with every integrator; a further one, a spring sheet's say, is one more line."""
-
-
-@cache
-def shell_of(ratio: float, aspect: float, fold: float, held: bool = True) -> ms.Shell:
-    """The strip, folded along its middle, one column of its cells squeezed to needles of ``aspect``."""
-    mesh = ms.v_beam(length=LENGTH, cells=CELLS, fold=180.0 - abs(fold))
-    vertices, cell = np.array(mesh.vertices), LENGTH / CELLS[0]
-    vertices[:, 2] *= 1.0 if fold >= 0.0 else -1.0
-    column = np.isclose(vertices[:, 0], 0.5 * LENGTH)
-    vertices[column, 0] = 0.5 * LENGTH + cell * (1.0 - 1.0 / aspect)
-    material = ms.Material(ratio * FLEXURE, ratio * FLEXURE, FLEXURE, DENSITY)
-    return ms.Shell(ms.TriangleMesh(vertices, mesh.faces), material, vertices[:, 0] < 1.5 * cell if held else None)
-
-
-def fold_of(shell: ms.Shell) -> float:
-    """Rest fold [degrees] of a shell of :func:`shell_of`, from the slope of a flange."""
-    x = shell.rest_positions
-    side = x[np.argmax(x[:, 1] - x[:, 0])]
-    return float(np.degrees(2.0 * np.arctan2(-side[2], side[1])))
-
-
-@cache
-def first_frequency(ratio: float, fold: float) -> float:
-    """Lowest angular frequency [rad/s] of the strip without needles."""
-    return float(np.sqrt(ms.solve_modes(shell_of(ratio, 1.0, fold), 2).eigenvalues[0]))
-
-
-@cache
-def static_tip(ratio: float, gamma: float, fold: float) -> np.ndarray | None:
-    """Displacement (3,) [m] of the tip in the static answer of DS; None where there is none."""
-    shell = shell_of(ratio, 1.0, fold)
-    answer = ms.DiscreteShell(shell).equilibrium(gravity=replace(BASE, gamma=gamma).gravity)
-    return tip_displacement(answer.positions, shell.rest_positions) if answer.converged else None
-
-
-@cache
-def model_of(row: str, ratio: float, aspect: float, fold: float) -> Model | str:
-    """A row's model of a strip, or the words in which it was refused."""
-    row_of = next(one for one in ROWS if one.name == row)
-    try:
-        return row_of.make(shell_of(ratio, aspect, fold, held=row_of.theory != "rigid"))
-    except ModalShellError as error:
-        return str(error)
-
-
-def tip_displacement(positions: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Mean displacement (3,) of the free end."""
-    return np.asarray((positions - rest)[rest[:, 0] > LENGTH - 1e-9].mean(axis=0))
-
-
 def classify(trajectory: Trajectory, truth: np.ndarray | None, static: bool = True) -> str:
     """Outcome of a motion whose tip ought to have moved by ``truth`` (3,) [m]; without a truth nothing is accurate.
 
@@ -230,13 +91,13 @@ def classify(trajectory: Trajectory, truth: np.ndarray | None, static: bool = Tr
             return name
     if trajectory.unconverged_steps >= PATIENCE:
         return "unsolved"
-    moved = tip_displacement(trajectory.positions[-1], trajectory.rest_positions)
+    moved = models.tip_displacement(trajectory.positions[-1], trajectory.rest_positions)
     if truth is not None and np.linalg.norm(moved - truth) <= TOLERANCE * np.linalg.norm(truth):
         return "converged" if static else AGREES
     return "unsolved" if trajectory.unconverged_steps else "inaccurate"
 
 
-def follow(model: Model, scene: Scene, dt: float, count: int) -> Trajectory:
+def follow(model: Model, scene: models.Scene, dt: float, count: int) -> Trajectory:
     """A run of ``count`` steps; given up once a few steps have not converged. ModalShellError where it is refused."""
     damping = scene.rayleigh
     spins = isinstance(model, ms.RigidShell)
@@ -260,17 +121,17 @@ def follow(model: Model, scene: Scene, dt: float, count: int) -> Trajectory:
     )
 
 
-def spin_of(scene: Scene) -> np.ndarray:
+def spin_of(scene: models.Scene) -> np.ndarray:
     """Angular velocity (3,) [rad/s] of the rigid body: ``sqrt(g / L)`` about the axis across the strip."""
-    return np.sqrt(scene.gamma * RIGIDITY / DENSITY) / LENGTH**2 * np.array([0.0, 1.0, 0.0])
+    return np.sqrt(scene.gamma * models.RIGIDITY / models.DENSITY) / models.LENGTH**2 * np.array([0.0, 1.0, 0.0])
 
 
-def outcome(row: Row, scene: Scene) -> str:
+def outcome(row: models.Row, scene: models.Scene) -> str:
     """Class of one cell."""
-    model = model_of(row.name, scene.ratio, scene.aspect, scene.fold)
+    model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
         return "refused"
-    ratio, omega = scene.damping, first_frequency(scene.ratio, scene.fold)
+    ratio, omega = scene.damping, models.first_frequency(scene.ratio, scene.fold)
     decay = omega * (ratio if ratio <= 1.0 else ratio - float(np.sqrt(ratio**2 - 1.0)))
     settled = -np.log(LEFT) / decay if decay > 0.0 else np.inf
     count = int(np.clip(np.ceil(min(settled / scene.step, 1e9)), FEWEST, MOST))
@@ -278,33 +139,33 @@ def outcome(row: Row, scene: Scene) -> str:
         run = follow(model, scene, scene.step, count)
         truth = None
         if count * scene.step >= settled and row.theory != "rigid":
-            truth = static_tip(scene.ratio, scene.gamma, scene.fold)
+            truth = models.static_tip(scene.ratio, scene.gamma, scene.fold)
         static = truth is not None
         if not static and classify(run, truth) in ("inaccurate", "unsolved"):
             finer = follow(model, scene, 0.5 * scene.step, 2 * count)
             if finer.status == "completed":
-                truth = tip_displacement(finer.positions[-1], finer.rest_positions)
+                truth = models.tip_displacement(finer.positions[-1], finer.rest_positions)
     except ModalShellError:
         return "refused"
     return classify(run, truth, static)
 
 
-def own_base(row: Row) -> Scene:
+def own_base(row: models.Row) -> models.Scene:
     """The base point, with an explicit row's own step."""
     if row.theory != "explicit":
-        return BASE
-    return replace(BASE, step=0.5 * explicit_limit(row, BASE))
+        return models.BASE
+    return replace(models.BASE, step=0.5 * explicit_limit(row, models.BASE))
 
 
-def explicit_limit(row: Row, scene: Scene) -> float:
+def explicit_limit(row: models.Row, scene: models.Scene) -> float:
     """Longest stable step [s] at rest, by theory."""
-    model = model_of(row.name, scene.ratio, scene.aspect, scene.fold)
+    model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     return model.stable_step(scene.rayleigh)  # type: ignore[union-attr]
 
 
-def excess(row: Row, scene: Scene) -> float | None:
+def excess(row: models.Row, scene: models.Scene) -> float | None:
     """Positive where theory calls a scene unstable, negative where stable; None where there is no theory."""
-    model = model_of(row.name, scene.ratio, scene.aspect, scene.fold)
+    model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
         return None
     if row.theory == "explicit":
@@ -324,13 +185,13 @@ def excess(row: Row, scene: Scene) -> float | None:
 
 @cache
 def _equilibrium(row: str, ratio: float, gamma: float, aspect: float, fold: float) -> np.ndarray | None:
-    model = model_of(row, ratio, aspect, fold)
+    model = models.model_of(row, ratio, aspect, fold)
     if isinstance(model, ms.ModalWarping) and model.warp == "sum":  # the coordinates move as with the closed form
         model = ms.ModalWarping(model.basis, integrator=model.integrator)
-    return limits.at_rest(model, replace(BASE, gamma=gamma).gravity)
+    return limits.at_rest(model, replace(models.BASE, gamma=gamma).gravity)
 
 
-def crossings(row: Row, plane: Slice, base: Scene, y: float) -> list[float]:
+def crossings(row: models.Row, plane: Slice, base: models.Scene, y: float) -> list[float]:
     """Values of x at which theory's limit is crossed in one row of a map; the first x where all of it is unstable."""
     grid = np.geomspace(plane.x_values[0], plane.x_values[-1], 3 * len(plane.x_values))
     at = [excess(row, replace(base, **{plane.y: y, plane.x: float(x)})) for x in grid]
@@ -343,9 +204,11 @@ def crossings(row: Row, plane: Slice, base: Scene, y: float) -> list[float]:
     return found
 
 
-def coloured_step(row: Row, scene: Scene) -> float | None:
+def coloured_step(row: models.Row, scene: models.Scene) -> float | None:
     """Step from which the integrator colours the first mode: numerical damping, or frequency, off by 5 %."""
-    omega = first_frequency(scene.ratio, scene.fold)
+    omega = models.first_frequency(scene.ratio, scene.fold)
+    if row.name.startswith("springs"):  # flat, they have no bending mode
+        return None
     if row.theory == "implicit":
         # A damping ratio: about omega h / 2.
         steps = np.geomspace(1e-3, 1.0, 2000) / omega
@@ -360,7 +223,7 @@ def coloured_step(row: Row, scene: Scene) -> float | None:
 
 def maps_of(name: str, slices: dict[str, Slice]) -> dict[str, Any]:
     """All maps of one row, with theory's lines over them."""
-    row = next(one for one in ROWS if one.name == name)
+    row = next(one for one in models.ROWS if one.name == name)
     base = own_base(row)
     found: dict[str, Any] = {}
     for key, plane in slices.items():
@@ -376,29 +239,23 @@ def maps_of(name: str, slices: dict[str, Slice]) -> dict[str, Any]:
 
 def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     """Limits of one row that have a theory, measured."""
-    row = next(one for one in ROWS if one.name == name)
-    model = model_of(name, BASE.ratio, BASE.aspect, BASE.fold)
-    damping, count = BASE.rayleigh, 300 if quick else 900
-    if isinstance(model, ms.DiscreteShell) and row.theory == "explicit":
-        omega = 2.0 / model.stable_step()
-        cases = {"undamped": Damping(), "xi = omega_max / 2": Damping(0.5 * omega, 0.0)}
-        cases["zeta = 1 / (2 omega_max)"] = Damping(0.0, 0.5 / omega)
-        return [
-            limits.entry(name, f"longest step at rest, {words}", "s", *limits.explicit_step(model, case, count))
-            for words, case in cases.items()
-        ]
+    row = next(one for one in models.ROWS if one.name == name)
+    model = models.model_of(name, models.BASE.ratio, models.BASE.aspect, models.BASE.fold)
+    damping, count = models.BASE.rayleigh, 300 if quick else 900
+    if isinstance(model, ms.DiscreteShell):
+        return full_limits(row, model, count)
     if isinstance(model, ms.RigidShell):
         return [limits.entry(name, "longest step of a spin of 2 rad/s", "s", *limits.spin_step(model, 2.0))]
     if isinstance(model, ms.LinearModal):
-        omega = first_frequency(BASE.ratio, BASE.fold)
+        omega = models.first_frequency(models.BASE.ratio, models.BASE.fold)
         if row.theory == "implicit":
-            theory, measured = limits.numerical_damping(model, BASE.step, 0, Damping(0.2 * omega, 0.01))
-            return [limits.entry(name, "shrinking of mode 1 in a step of 1/30 s", "1", theory, measured)]
-        theory, measured = limits.oscillation(model, BASE.step, 1, 1000)
-        return [limits.entry(name, "frequency of mode 2 at 1/30 s", "rad/s", theory, measured)]
+            theory, measured = limits.numerical_damping(model, models.BASE.step, 0, Damping(0.2 * omega, 0.01))
+            return [limits.entry(name, "shrinking of mode 1 stepped at 30 Hz", "1", theory, measured)]
+        theory, measured = limits.oscillation(model, models.BASE.step, 1, 1000)
+        return [limits.entry(name, "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, measured)]
     if not isinstance(model, ModalModel) or name.startswith("MWTS sum"):  # its coordinates move as with the closed form
         return []
-    unit = BASE.gravity  # Gamma = 1
+    unit = models.BASE.gravity  # Gamma = 1
     found = [
         limits.entry(name, "longest step at Γ = 30", "s", *limits.longest_step(model, 30.0 * unit, damping, count))
     ]
@@ -409,19 +266,48 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
         found.append(limits.entry(name, "largest Γ of the iteration q ← Λ⁻¹p(q)", "1", *pair))
     if isinstance(model, ms.ModalWarping) and not model.consistent_force:
         for ratio in (0.7,) if quick else (0.05, 0.2, 0.7):
-            light = replace(BASE, damping=ratio).rayleigh
+            light = replace(models.BASE, damping=ratio).rayleigh
             count = 600 if quick else 4000
-            pair = limits.largest_load(model, unit, BASE.step, light, count, (20.0, 400.0))
-            words = f"largest Γ at 1/30 s, damping ratio {ratio:g}"
+            pair = limits.largest_load(model, unit, models.BASE.step, light, count, (20.0, 400.0))
+            words = f"largest Γ stepped at 30 Hz (damping ratio {ratio:g})"
             found.append(limits.entry(name, words, "1", *pair))
             if not quick:
                 rest = limits.bisect(
-                    lambda factor, light=light: limits.settles_from_rest(model, factor * unit, BASE.step, light),
+                    lambda factor, light=light: limits.settles_from_rest(model, factor * unit, models.BASE.step, light),
                     20.0,
                     400.0,
                 )
                 # No theory of small motion holds from rest: beside it, not against it.
-                found.append(limits.entry(name, words + ", let go from rest", "1", None, rest) | {"beside": pair[0]})
+                found.append(limits.entry(name, words + " let go from rest", "1", None, rest) | {"beside": pair[0]})
+    return found
+
+
+def full_limits(row: models.Row, model: ms.DiscreteShell, count: int) -> list[dict[str, Any]]:
+    """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
+    omega = float(np.sqrt(largest_eigenvalue(model.shell)))
+    if row.theory == "implicit":
+        pair = limits.stiffest_mode(model, 1.0 / omega, Damping(0.1 * omega, 0.2 / omega))
+        return [limits.entry(row.name, "shrinking of the stiffest mode at h omega = 1", "1", *pair)]
+    cases = {
+        "undamped": Damping(),
+        "xi = omega_max": Damping(omega, 0.0),
+        "zeta omega_max = 1": Damping(0.0, 1.0 / omega),
+    }
+    return [
+        limits.entry(row.name, f"longest step at rest ({words})", "s", *limits.explicit_step(model, case, count))
+        for words, case in cases.items()
+    ]
+
+
+def grid_limits(quick: bool) -> list[dict[str, Any]]:
+    """Limits of the classical grid of springs, whose step is estimated without its supports and edges."""
+    found = []
+    for name, stiffness in {"alike": (1.0, 1.0), "soft": (0.3, 0.1)}.items():
+        for ratio in (0.0, 0.5):
+            grid = limits.grid_of(*stiffness, ratio)
+            words = f"longest step at rest (shear and flexion {name}; drag = {ratio:g} omega_max)"
+            pair = limits.grid_step(grid, 300 if quick else 900)
+            found.append(limits.entry("classical grid, Verlet", words, "s", *pair))
     return found
 
 
@@ -443,7 +329,7 @@ def thinned(plane: Slice) -> Slice:
 
 def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
     """Map every row, two at a time; ``quick`` takes a few cells of each map, and the limits less finely."""
-    slices, names = chosen_slices(quick), [row.name for row in ROWS]
+    slices, names = chosen_slices(quick), [row.name for row in models.ROWS]
     done: dict[str, dict[str, Any]] = {}
     if quick:
         for name in names:
@@ -463,16 +349,17 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
                     on_step(len(done), len(names))
     findings = {
         "rows": {name: done[name]["maps"] for name in names},
-        "limits": [limit for name in names for limit in done[name]["limits"]],
+        "limits": [limit for name in names for limit in done[name]["limits"]] + grid_limits(quick),
         "slices": {key: asdict(plane) for key, plane in slices.items()},
         "outcomes": OUTCOMES,
-        "steps": {row.name: own_base(row).step for row in ROWS},
+        "steps": {row.name: own_base(row).step for row in models.ROWS},
     }
     arrays = {
         key: np.array([[[OUTCOMES.index(c) for c in line] for line in done[n]["maps"][key]["classes"]] for n in names])
         for key in slices
     }
-    parameters = {"base": asdict(BASE), "cells": CELLS, "flexure": FLEXURE, "density": DENSITY, "modes": MODES}
+    parameters = {name.lower(): getattr(models, name) for name in ("CELLS", "FLEXURE", "DENSITY", "MODES")}
+    parameters |= {"base": asdict(models.BASE)}
     parameters |= {"tolerance": TOLERANCE, "steps": (FEWEST, MOST), "patience": PATIENCE, "left": LEFT}
     return StudyResult("stability_atlas", findings, arrays, run_record(parameters))
 

@@ -2,30 +2,36 @@
 
 Part of the study ``stability_atlas``, which names the models; a limit is given as theory, measurement and their ratio.
 
-* Explicit (symplectic) Euler of DS: ``h^2 omega^2 + 2 h c < 4`` for the stiffest mode, ``c = xi + zeta omega^2``.
+* Explicit (symplectic) Euler of DS and springs: ``h^2 omega^2 + 2 h c < 4`` for the stiffest mode, ``c = xi + zeta
+  omega^2``; Verlet takes xi at mid-step, which leaves it out. The classical grid takes omega of the endless sheet.
 * Modal models: the spectral radius of the step's linearisation at the model's own equilibrium
   (:mod:`modalshell.motion.stability`); the force lags by a step, or half of one, which long steps do not forgive.
 * Implicit Euler at a very long step is the iteration ``q <- Lambda^-1 p(q)``: spectral radius of ``Lambda^-1 dp/dq``.
-* Implicit Euler's numerical damping and the midpoint rule's frequency, mode by mode.
+* Implicit Euler's numerical damping and the midpoint rule's frequency, mode by mode; of full models in the stiffest.
 * A rigid body that spins: one radian a step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import eigh
 
 import modalshell as ms
 from modalshell.motion import stability
 from modalshell.rungs import Damping, MotionState
 from modalshell.rungs.modal import ModalModel
+from modalshell.springs import GridVerlet, SheetGrid
 
 PRECISION = 2e-3
 """Relative width at which bisection stops."""
 _SMALL = 1e-6
 """Size of the disturbance, as a share of the equilibrium."""
+_STILL = 1e-9
+"""Size of the disturbance of a shell at rest [m]."""
 
 
 def bisect(stable: Callable[[float], bool], low: float, high: float) -> float | None:
@@ -41,7 +47,9 @@ def bisect(stable: Callable[[float], bool], low: float, high: float) -> float | 
 def entry(row: str, what: str, unit: str, theory: float | None, measured: float | None) -> dict[str, Any]:
     """One limit, ready for JSON."""
     ratio = None if theory is None or measured is None else measured / theory
-    return {"row": row, "what": what, "unit": unit, "theory": theory, "measured": measured, "ratio": ratio}
+    model, _, rule = row.partition(", ")
+    found = {"row": row, "model": model, "rule": rule, "what": what, "unit": unit}
+    return found | {"theory": theory, "measured": measured, "ratio": ratio}
 
 
 def dies_out(step: Callable[[np.ndarray], np.ndarray], start: np.ndarray, count: int, margin: float = 1.0) -> bool:
@@ -142,16 +150,30 @@ def numerical_damping(model: ms.LinearModal, dt: float, mode: int, damping: Damp
     stiffness = float(model.basis.eigenvalues[mode])
     damp = damping.mass_factor + damping.stiffness_factor * stiffness
     load = np.zeros_like(model.shell.rest_positions)
-    # The area that two different motions span shrinks by the determinant: free of the phase.
     states = [MotionState(np.zeros(model.basis.count), np.zeros(model.basis.count)) for _ in range(2)]
     states[0].coordinates[mode], states[1].rates[mode] = 1.0, np.sqrt(stiffness)
-    areas = []
-    for _ in range(20):
-        (q, v), (r, w) = ((state.coordinates[mode], state.rates[mode]) for state in states)
-        areas.append(abs(q * w - r * v))
-        states = [model.step(state, dt, load, damping)[0] for state in states]
-    measured = float((areas[-1] / areas[0]) ** (0.5 / (len(areas) - 1)))
+    measured = _shrinking(
+        states,
+        lambda state: model.step(state, dt, load, damping)[0],
+        lambda state: (state.coordinates[mode], state.rates[mode]),
+        20,
+    )
     return float(stability.implicit_euler_amplification(stiffness, damp, dt)), measured
+
+
+def _shrinking(
+    states: list[MotionState],
+    step: Callable[[MotionState], MotionState],
+    in_mode: Callable[[MotionState], tuple[float, float]],
+    count: int,
+) -> float:
+    """Factor by which one mode shrinks in a step: root of that of the area two motions span, free of the phase."""
+    areas = []
+    for _ in range(count):
+        (q, v), (r, w) = (in_mode(state) for state in states)
+        areas.append(abs(q * w - r * v))
+        states = [step(state) for state in states]
+    return float((areas[-1] / areas[0]) ** (0.5 / (len(areas) - 1)))
 
 
 def oscillation(model: ms.LinearModal, dt: float, mode: int, count: int) -> tuple[float, float]:
@@ -173,23 +195,87 @@ def oscillation(model: ms.LinearModal, dt: float, mode: int, count: int) -> tupl
 
 
 def explicit_step(model: ms.DiscreteShell, damping: Damping, count: int) -> tuple[float, float | None]:
-    """Longest stable step [s] of explicit Euler at rest: theory, and by disturbing the rest shape."""
-    theory = model.stable_step(damping)
-    shell = model.shell
-    load, size = np.zeros_like(shell.rest_positions), shell.rest_positions.size
-    start = np.random.default_rng(0).standard_normal(load.shape) * 1e-9
-    start[shell.clamped] = 0.0
+    """Longest stable step [s] of explicit Euler or Verlet at rest: theory, and by disturbing the rest shape."""
+    theory, shell = model.stable_step(damping), model.shell
+    rest = shell.rest_positions
+    start = _noise(rest.shape, shell.clamped)
+    load = np.zeros_like(rest)
 
     def stable(dt: float) -> bool:
-        def step(away: np.ndarray) -> np.ndarray:
-            x, v = away[:size].reshape(load.shape), away[size:].reshape(load.shape) / dt
-            after, _ = model.step(MotionState(shell.rest_positions + x, v), dt, load, damping)
-            moved = after.coordinates - shell.rest_positions
-            return np.concatenate([moved.ravel(), dt * after.rates.ravel()])
+        state = model.start_motion(rest + start)
+
+        def step(_: np.ndarray) -> np.ndarray:
+            nonlocal state
+            state, _ = model.step(state, dt, load, damping)
+            return np.concatenate([(state.coordinates - rest).ravel(), dt * state.rates.ravel()])
 
         # Undamped motion beats; above its limit it grows by more than a tenth a step.
-        return dies_out(step, np.concatenate([start.ravel(), 0.0 * start.ravel()]), count, margin=2.0)
+        return dies_out(step, start, count, margin=2.0)
 
+    return theory, bisect(stable, 0.5 * theory, 2.0 * theory)
+
+
+def stiffest_mode(model: ms.DiscreteShell, dt: float, damping: Damping) -> tuple[float, float]:
+    """Factor by which a step of implicit Euler shrinks small motion of the stiffest mode: theory, and measured."""
+    shell = model.shell
+    rest, free = shell.rest_positions, shell.free_unknowns
+    mass = np.repeat(shell.mass, 3)[free]
+    stiffness = shell.stiffness(rest).toarray()[np.ix_(free, free)]
+    values, modes = eigh(stiffness / np.sqrt(np.outer(mass, mass)), subset_by_index=(mass.size - 1, mass.size - 1))
+    squared, shape = float(values[0]), np.zeros(rest.size)
+    shape[free] = _STILL * modes[:, 0] / np.sqrt(mass) / np.abs(modes[:, 0] / np.sqrt(mass)).max()
+    weight = np.repeat(shell.mass, 3) * shape / (np.repeat(shell.mass, 3) @ shape**2)
+
+    def in_mode(state: MotionState) -> tuple[float, float]:
+        return float(weight @ (state.coordinates - rest).ravel()), float(weight @ state.rates.ravel())
+
+    states = [model.start_motion(), model.start_motion()]
+    states[0].coordinates = rest + shape.reshape(-1, 3)
+    states[1].rates = np.sqrt(squared) * shape.reshape(-1, 3)
+    damp = damping.mass_factor + damping.stiffness_factor * squared
+    return float(stability.implicit_euler_amplification(squared, damp, dt)), _shrinking(
+        states, lambda state: model.step(state, dt, np.zeros_like(rest), damping)[0], in_mode, 10
+    )
+
+
+def _noise(shape: tuple[int, ...], held: np.ndarray) -> np.ndarray:
+    """Small displacements (n, 3) [m], none where held."""
+    start = _STILL * np.random.default_rng(0).standard_normal(shape)
+    start[held] = 0.0
+    return start
+
+
+def grid_of(shear: float, flexion: float, drag: float) -> SheetGrid:
+    """A pinned grid of 24 x 24 masses, its springs over the structural ones, its drag over its highest frequency."""
+    corners = np.zeros((24, 24), bool)
+    corners[0, [0, -1]] = True
+    grid = SheetGrid(
+        shape=corners.shape,
+        spacing=0.04,
+        particle_mass=1e-3,
+        structural=50.0,
+        shear=50.0 * shear,
+        flexion=50.0 * flexion,
+        pinned=corners,
+    )
+    return replace(grid, drag=drag * 2.0 / grid.stable_step())
+
+
+def grid_step(grid: SheetGrid, count: int) -> tuple[float, float | None]:
+    """Longest stable step [s] of the classical grid's Verlet at rest: its own estimate, and by disturbing it."""
+    rest = grid.rest_positions()
+    start = _noise(rest.shape, grid.pinned.ravel())
+
+    def stable(dt: float) -> bool:
+        sheet = GridVerlet(grid, start=rest + start, threads=1, allow_unstable_step=True)
+
+        def step(_: np.ndarray) -> np.ndarray:
+            sheet.step(1, dt)
+            return np.asarray(sheet.positions - rest)
+
+        return dies_out(step, start, count, margin=2.0)
+
+    theory = grid.stable_step()
     return theory, bisect(stable, 0.5 * theory, 2.0 * theory)
 
 

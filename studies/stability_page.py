@@ -13,12 +13,20 @@ LIMIT = ("theory", "measured")
 RIGHT = ("converged", "agrees with half the step")
 ADVICE = """Before choosing a step:
 
-* Explicit Euler (DS): stay below `DiscreteShell.stable_step(damping)`; needles and a stiffer membrane shorten it.
+* Explicit Euler and Verlet: stay below `stable_step(damping)` of `DiscreteShell` or `SpringSheet`{steps}. A stiffer
+  membrane and needles shorten it; so do springs across hinges. It is a limit of small motion about rest: under very
+  large loads even half of it may fail. The classical grid has its own, `SheetGrid.stable_step()`.
 * Implicit Euler is stable at any step as such, but adds less than 5 % of damping to the first mode only below 0.1 / ω₁.
   The midpoint rule shifts that mode's frequency by less than 5 % up to 0.79 / ω₁, and rings on at long steps.
+* Linearised implicit Euler solves once a step, and gives up less often than the Newton of implicit Euler; but nothing
+  says that one solution was enough: take half the step and compare.
 * MWTS and RSW take their modal force from the step before, or from a predicted middle. Long steps lose the equilibrium
   by that, the sooner the larger the load: where `modalshell.motion.stability.step_radius` passes one.
 * MWTS loses its equilibrium under large loads at any step, by flutter; damping puts it off. RSW does not.
+* Needles of an aspect of 1e5 have modes refused and DS unsolved, MD-ROM and springs sooner; no step mends that, a
+  better mesh does.
+* A flat sheet of springs has no bending stiffness at small angles and hangs as cloth does: the maps call that
+  inaccurate whatever the step, and right only where the load outweighs the bending.
 """
 
 
@@ -68,7 +76,17 @@ def page(result: StudyResult) -> str:
     counts = [sum(line.count(c) for maps in found["rows"].values() for m in maps.values() for line in m["classes"])
               for c in found["outcomes"]]  # fmt: skip
     lines += ["", "Cells: " + ", ".join(f"{n} {c}" for n, c in zip(counts, found["outcomes"], strict=True)) + "."]
-    return "\n".join([ADVICE, *lines])
+    return "\n".join([ADVICE.format(steps=shown_steps(found["limits"])), *lines])
+
+
+def shown_steps(limits: list[dict[str, Any]]) -> str:
+    """The longest steps of Verlet at the base point, as an aside."""
+    steps = {
+        limit["model"]: f"{1e3 * limit['theory']:.2g} ms for {limit['model']}"
+        for limit in limits
+        if limit["rule"] == "Verlet" and limit["what"] == "longest step at rest (undamped)"
+    }
+    return f" (here, undamped, {steps['DS']} and {steps['springs']})"
 
 
 def longest_step(limits: list[dict[str, Any]], name: str) -> str:
@@ -79,7 +97,7 @@ def longest_step(limits: list[dict[str, Any]], name: str) -> str:
         if limit["row"] == name and limit["what"].startswith("longest step"):
             theory, measured = ("none found" if limit[key] is None else f"{limit[key]:.4g}" for key in LIMIT)
             return f"{theory}, {measured} {limit['what'].removeprefix('longest step ')}"
-    return "any"
+    return "any" if name.startswith("LMA") else "any, about rest"
 
 
 def nearest(values: tuple[float, ...], wanted: float) -> int:

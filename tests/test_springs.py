@@ -214,6 +214,22 @@ def test_both_solvers_and_both_ways_to_hold_agree():
     np.testing.assert_allclose(ends[0][:6], grid.rest_positions()[:6], rtol=0, atol=1e-12)
 
 
+@pytest.mark.parametrize("size", [1e-9, 1e-3])
+@pytest.mark.parametrize("led", [False, True])
+def test_conjugate_gradients_set_a_sheet_at_rest_in_motion(size, led):
+    """Without load or velocity nothing but the springs, or the supports, says how small a residual is."""
+    grid = grid_of((6, 6), [(0, k) for k in range(6)])
+    x = grid.rest_positions() if led else shaken(grid, size)
+    held = x[grid.pinned.ravel()] + [0.0, -size, 0.0] if led else None
+    moved = []
+    for options in ({"solver": "factor"}, {"solver": "cg"}):
+        model = grid_model(grid, integrator="linear_implicit", **options)
+        state, solved = model.step(MotionState(x, np.zeros_like(x)), 0.02, np.zeros_like(x), Damping(), held)
+        assert solved
+        moved.append(state.coordinates - x)
+    assert np.linalg.norm(moved[1] - moved[0]) < 1e-4 * np.linalg.norm(moved[0])
+
+
 def test_one_newton_step_nears_implicit_euler_as_the_step_shrinks():
     """Both of first order; their difference over one step is of third."""
     grid = grid_of((5, 5), [(0, 0), (0, 4)])

@@ -1,20 +1,25 @@
 """The atlas: its classes on constructed motions, its theory against steps of the models, and its limits measured."""
 
 from dataclasses import replace
+from itertools import product
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
 
 import modalshell as ms
+import modalshell.rungs
 from modalshell.errors import OptionError
 from modalshell.motion import Trajectory, stability
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
-from modalshell.rungs import Damping, MotionState
+from modalshell.rungs import Damping, Model, MotionState
+from modalshell.scene.models import MODELS
 from modalshell.study import load_script
 
 atlas = load_script("studies", "stability_atlas")
 page = load_script("studies", "stability_page")
-ROWS = {row.name: row for row in atlas.ROWS}
+models = atlas.models
+ROWS = {row.name: row for row in models.ROWS}
 
 
 def constructed(tip, status="completed", unconverged=0):
@@ -65,27 +70,72 @@ def test_outcome_of_constructed_motions(tip, status, unconverged, truth, name):
         ("DS, implicit Euler", {"aspect": 1e6}, "unsolved"),
         ("DS, explicit Euler", {"step": 1e-3}, atlas.AGREES),
         ("DS, explicit Euler", {"step": 2e-3}, "diverged"),
+        ("DS, Verlet", {"step": 1e-3}, atlas.AGREES),
+        ("DS, Verlet", {"step": 2e-3}, "diverged"),
+        ("springs, Verlet", {"step": 1e-4}, atlas.AGREES),
+        ("springs, Verlet", {"step": 2e-4}, "diverged"),
+        ("springs, linearised implicit Euler", {}, "inaccurate"),
         ("rigid, free and spinning", {"damping": 0.0}, atlas.AGREES),
         ("rigid, free and spinning", {"damping": 0.0, "step": 1.0}, "unsolved"),
     ],
 )
 def test_outcome_of_single_cells(row, change, name):
-    assert atlas.outcome(ROWS[row], replace(atlas.BASE, **change)) == name
+    assert atlas.outcome(ROWS[row], replace(models.BASE, **change)) == name
 
 
-def test_every_model_has_its_rows():
-    kinds = {type(atlas.model_of(name, 1e2, 1.0, 0.0)).__name__ for name in ROWS}
-    assert kinds >= {
-        "LinearModal", "ModalWarping", "RotationStrain", "ReducedRotationStrain", "ModalDerivatives", "RigidShell",
-        "CoarseDiscreteShell", "DiscreteShell",
-    }  # fmt: skip
-    assert len(ROWS) == len(atlas.ROWS)
+CHOICES = ("integrator", "warp", "consistent_force", "solver")
+"""Options by which a model moves otherwise; ``cubature`` is told by what the model has."""
+
+
+def moves_by(model):
+    """What a row is a row of: the kind of model, and how it moves."""
+    return type(model), *(getattr(model, option, None) for option in CHOICES), bool(getattr(model, "cubature", False))
+
+
+def variants(table):
+    """A scene's model with every integrator, and every value of one of its other options at a time."""
+    hints = get_type_hints(table)
+    values = {option: get_args(hints[option]) or (False, True) for option in CHOICES if option in hints}
+    if "cubature" in hints:
+        values["cubature"] = (False, True)
+    for chosen in product(*values.values()):
+        options = dict(zip(values, chosen, strict=True))
+        unusual = [name for name, value in options.items() if name != "integrator" and value != values[name][0]]
+        if len(unusual) > 1:
+            continue
+        try:
+            yield table(**options).build(models.shell_of(1e2, 1.0, 0.0))
+        except OptionError:  # options that exclude each other
+            continue
+
+
+@pytest.fixture(scope="module")
+def rows_of():
+    return {moves_by(models.model_of(name, 1e2, 1.0, 0.0)): name for name in ROWS}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_of_a_scene_has_a_row_for_every_way_to_move(name, rows_of):
+    """A new model or integrator that scenes know fails here until the atlas has it."""
+    found = [moves_by(model) for model in variants(MODELS[name])]
+    assert found
+    for kind in found:
+        assert kind in rows_of, f"{name}: no row of the atlas for {kind}"
+
+
+def test_every_rung_has_a_row(rows_of):
+    """Also those that no scene names."""
+    rungs = {getattr(modalshell.rungs, name) for name in modalshell.rungs.__all__}
+    kinds = {kind for kind in rungs if isinstance(kind, type) and issubclass(kind, Model) and kind is not Model}
+    assert kinds <= {kind[0] for kind in rows_of}
+    assert len(ROWS) == len(models.ROWS)
+    assert len(rows_of) == len(ROWS)
 
 
 def test_slices_pass_through_the_base_point():
     for plane in atlas.SLICES.values():
         for axis, values in ((plane.x, plane.x_values), (plane.y, plane.y_values)):
-            at = getattr(atlas.BASE, axis)
+            at = getattr(models.BASE, axis)
             assert min(values) <= at <= max(values)
             assert list(values) == sorted(values)
 
@@ -97,8 +147,8 @@ def test_slices_pass_through_the_base_point():
 @pytest.mark.parametrize("kind", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
 def test_step_matrix_is_the_derivative_of_a_step(kind, integrator):
     """The remainder of the linearisation at an equilibrium falls with the square of the disturbance."""
-    model = kind(ms.solve_modes(atlas.shell_of(1e2, 1.0, 0.0), 4), integrator=integrator)
-    gravity, damping, dt = replace(atlas.BASE, gamma=20.0).gravity, Damping(2.0, 1e-3), 0.1
+    model = kind(ms.solve_modes(models.shell_of(1e2, 1.0, 0.0), 4), integrator=integrator)
+    gravity, damping, dt = replace(models.BASE, gamma=20.0).gravity, Damping(2.0, 1e-3), 0.1
     q = model.equilibrium(gravity=gravity).coordinates
     load = model.shell.gravity_force(gravity)
     matrix = stability.step_matrix(model, q, load, dt, damping)
@@ -116,7 +166,7 @@ def test_step_matrix_is_the_derivative_of_a_step(kind, integrator):
 
 
 def test_amplification_is_the_decay_rate_of_a_mode_that_oscillates():
-    model = ms.LinearModal(ms.solve_modes(atlas.shell_of(1e2, 1.0, 0.0), 1))
+    model = ms.LinearModal(ms.solve_modes(models.shell_of(1e2, 1.0, 0.0), 1))
     stiffness, damping, dt = model.basis.eigenvalues, Damping(0.5, 0.01), 0.05
     factor = stability.implicit_euler_amplification(stiffness, 0.5 + 0.01 * stiffness, dt)
     assert float(-2.0 * np.log(factor[0]) / dt) == pytest.approx(model.decay_rate(dt, damping))
@@ -125,8 +175,8 @@ def test_amplification_is_the_decay_rate_of_a_mode_that_oscillates():
 
 
 def test_radius_at_long_steps_is_that_of_the_iteration():
-    model = ms.ModalWarping(ms.solve_modes(atlas.shell_of(1e2, 1.0, 0.0), 4))
-    gravity = replace(atlas.BASE, gamma=20.0).gravity
+    model = ms.ModalWarping(ms.solve_modes(models.shell_of(1e2, 1.0, 0.0), 4))
+    gravity = replace(models.BASE, gamma=20.0).gravity
     q, load = model.equilibrium(gravity=gravity).coordinates, model.shell.gravity_force(gravity)
     radius = stability.iteration_radius(model, q, load)
     assert stability.step_radius(model, q, load, 1e6, Damping(1.0, 0.0)) == pytest.approx(radius, rel=1e-4)
@@ -141,8 +191,16 @@ def test_every_limit_is_met_by_measurement(row):
         assert limit["theory"] is not None
         assert limit["measured"] is not None, limit["what"]
         assert limit["ratio"] == pytest.approx(1.0, abs=0.05), limit["what"]
-    without = ("MD-ROM, implicit Euler", "coarse DS, implicit Euler", "DS, implicit Euler")
-    assert bool(found) != (row in without or row.startswith("MWTS sum"))
+    without = ("MD-ROM", "coarse DS", "MWTS sum")
+    assert bool(found) != row.startswith(without)
+
+
+def test_limits_of_the_classical_grid_are_met_from_above():
+    """Its estimate is that of the endless sheet: never above what a sheet with edges can do."""
+    found = atlas.grid_limits(quick=True)
+    assert len(found) == 4
+    for limit in found:
+        assert 0.998 < limit["ratio"] < 1.05, limit["what"]
 
 
 def test_bisection_says_where_there_is_no_limit():

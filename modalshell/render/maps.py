@@ -132,8 +132,8 @@ def draw_maps(
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
         drawn = BytesIO()
         figure.savefig(drawn, format="png")
-    # Few colours: a palette makes the file three times smaller.
-    picture = Image.open(drawn).convert("RGB").quantize(64)
+    # Few colours: a palette makes the file three times smaller; with 64, a class of few cells lost its own.
+    picture = Image.open(drawn).convert("RGB").quantize(128)
     return write_atomically(path, lambda file: picture.save(file, format="PNG", optimize=True))
 
 

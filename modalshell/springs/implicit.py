@@ -160,7 +160,8 @@ class ImplicitSprings:
         iterations : int
             Most iterations of conjugate gradients.
         tolerance : float
-            Norm of the residual over that of ``h load + M v`` at which they stop. 0: all iterations are done.
+            Norm of the residual over that of ``h load + M v``, or of the springs' and the held particles' impulse
+            where that is zero, at which they stop. 0: all iterations are done.
 
         Returns
         -------
@@ -182,7 +183,7 @@ class ImplicitSprings:
             pull = (checked_vectors("held", held, (len(places), 3)) - self._x[places]) / dt
         self._dv[places] = pull - self._v[places]
         momentum = self._free[:, None] * (dt * self._load + self._mass[:, None] * self._v)
-        scale = float(np.sqrt(np.vdot(momentum, momentum))) or 1.0
+        scale = float(np.sqrt(np.vdot(momentum, momentum)))
 
         with self.threads.steps():
             return self._timed_step(dt, drag, zeta, limit, tolerance, scale)
@@ -198,6 +199,9 @@ class ImplicitSprings:
         times.append(time.perf_counter())
         kernels.matrix(springs, *matter, dt, x, v, self._force, self._blocks, self._inverses, self._right)
         weight = (1.0 + dt * drag) * self._mass
+        if scale == 0.0:  # let go at rest, or led from there: by what sets it in motion
+            led = self._mass[self._held_places, None] * self._dv[self._held_places]
+            scale = float(np.hypot(np.linalg.norm(self._free[:, None] * self._right), np.linalg.norm(led))) or 1.0
         times.append(time.perf_counter())
         work = (self._p, self._q, self._r, self._z, self._sums)
         system = (self._starts, self._others, self._blocks, self._inverses, weight, self._free, self._right)

@@ -175,7 +175,8 @@ class RankedSprings:
         iterations : int
             Most iterations of conjugate gradients.
         tolerance : float
-            Norm of the residual over that of ``h load + M v`` at which they stop.
+            Norm of the residual over that of ``h load + M v``, or of the springs' impulse where that is zero, at which
+            they stop.
 
         Returns
         -------
@@ -202,7 +203,7 @@ class RankedSprings:
             x, v = (near.getArray().reshape(-1, 3) for near in (near_x, near_v))
             right = self._right.getArray().reshape(-1, 3)
             right[:] = free * (dt * self._load + self._mass[:, None] * v[: block.owned])
-            scale = self._right.norm() or 1.0
+            scale = self._right.norm()
             spring_blocks.forces(*springs, x, v, self._load, self._force)
             times.append(time.perf_counter())
             spring_blocks.matrix(*springs, dt, x, v, self._force, self._blocks, self._inverses, right)
@@ -212,6 +213,7 @@ class RankedSprings:
         self._matrix.setValuesBlockedCSR(self._rows, self._columns, self._values)
         self._matrix.assemble()
         times.append(time.perf_counter())
+        scale = scale or self._right.norm() or 1.0
         self._solver.setTolerances(rtol=1e-300, atol=tolerance * scale, max_it=limit)
         self._solver.solve(self._right, self._dv)
         times.append(time.perf_counter())
