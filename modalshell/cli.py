@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 import modalshell as ms
+from modalshell.checks import shortened
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.ladder import MODES
 from modalshell.reproduce import chosen_studies
@@ -31,6 +32,7 @@ from modalshell.viewer import open_window, serve_page, take_picture
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 _console = Console()
 _errors = Console(stderr=True)
+_LONGEST_MESSAGE = 1000
 
 
 @contextmanager
@@ -282,8 +284,7 @@ def main(arguments: list[str] | None = None) -> None:
     except (ModalShellError, CycloptsError, OSError) as error:
         if debug:
             raise
-        message = " ".join(str(error).split())
-        print(f"modalshell: {message}", file=sys.stderr)
+        print(f"modalshell: {shortened(str(error), _LONGEST_MESSAGE)}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("modalshell: stopped", file=sys.stderr)

@@ -202,8 +202,8 @@ def test_what_is_not_allowed_is_refused_at_its_path(load, old, new, message):
     ("old", "new", "message"),
     [
         ("[12, 4]", "[12, 3]", "mesh.cells[1]: must be even"),
-        ("[12, 4]", "[12, 4]\nlength = -1", "mesh.length: must be a positive"),
-        ("[12, 4]", '[12, 4]\nfamily = "x"', "mesh: unknown mesh family 'x'"),
+        ("[12, 4]", "[12, 4]\nlength = -1", "mesh.length: must be a finite number above 0"),
+        ("[12, 4]", '[12, 4]\nfamily = "x"', "mesh.family: must be one of 'alternating'"),
         ('shape = "v_beam"\ncells = [12, 4]', 'file = "no.obj"', "mesh: "),
         ('shape = "v_beam"\ncells = [12, 4]', 'file = "meshes/no.obj"', "mesh: meshes/no.obj"),
         ("stretch = 20.0", "stretch = -900", "material.stretch: -900 N/m makes triangle"),

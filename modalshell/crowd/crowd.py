@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_number, checked_vectors
+from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors, shown
 from modalshell.errors import OptionError
 from modalshell.kernels import crowd as kernels
 from modalshell.kernels.frame import TILE, WORK
@@ -66,11 +66,11 @@ class Crowd:
         damping: tuple[float, float] = (0.0, 0.0),
         dtype: DTypeLike = np.float64,
     ) -> None:
-        self.basis = basis
+        self.basis = checked_kind("basis", basis, Basis)
         self.count = checked_count("count", count)
         mass_factor, stiffness_factor = checked_vectors("damping", damping, (2,), OptionError)
         if min(mass_factor, stiffness_factor) < 0.0:
-            raise OptionError(f"damping must be two factors at least 0 (got {damping!r})")
+            raise OptionError(f"damping must be two factors at least 0 (got {shown(damping)})")
         self._damping = mass_factor + stiffness_factor * basis.eigenvalues
         frame = WarpFrame(basis, dtype=dtype)
         self.dtype, self.vertices = frame.dtype, frame.vertices
@@ -150,8 +150,10 @@ class Crowd:
     def set_levels(self, distances: ArrayLike, linear_beyond: float, rigid_beyond: float) -> None:
         """Level of every instance by its distance (B,) [m] from the viewer: MWTS near, LMA, and rigid far off."""
         near = checked_vectors("distances", distances, (self.count,), OptionError)
-        if not 0.0 <= linear_beyond <= rigid_beyond:
-            raise OptionError(f"switches must be at 0 <= linear <= rigid (got {linear_beyond!r}, {rigid_beyond!r})")
+        linear_beyond = checked_number("linear_beyond", linear_beyond, at_least=0.0, unit="m")
+        rigid_beyond = checked_number("rigid_beyond", rigid_beyond, at_least=0.0, unit="m")
+        if linear_beyond > rigid_beyond:
+            raise OptionError(f"switches must be at 0 <= linear <= rigid (got {linear_beyond:g}, {rigid_beyond:g})")
         levels = np.where(near < rigid_beyond, kernels.LINEAR, kernels.RIGID)
         self.levels = np.where(near < linear_beyond, kernels.WARPED, levels).astype(np.int8)
 

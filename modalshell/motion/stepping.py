@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_number
+from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.errors import OptionError, SupportError
 from modalshell.motion.supports import Pose, SupportPath
 from modalshell.rungs import Constraint, Damping, DiscreteShell, Model, MotionState
@@ -48,12 +48,13 @@ class Motion:
         constraints: Sequence[Constraint] | None = None,
     ) -> None:
         self.dt = checked_number("dt", dt, above=0.0, unit="s")
-        if np.shape(damping) != (2,):
-            raise OptionError(f"damping must be two Rayleigh factors xi, zeta (got {damping!r})")
-        self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in damping))
+        factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
+        self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
         self.load = total_load(model.shell, gravity, force)
         model.check_step(self.dt, self.damping)
         shell = model.shell
+        if supports is not None:
+            checked_kind("supports", supports, SupportPath)
         if supports is not None and not shell.clamped.any():
             raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
         self.supports = supports

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import shown
 from modalshell.errors import OptionError
 from modalshell.render.camera import camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
@@ -126,14 +127,14 @@ def _scalar_colors(
     import matplotlib
 
     if colormap not in matplotlib.colormaps:
-        raise OptionError(f"colormap must be the name of a matplotlib colour map (got {colormap!r})")
+        raise OptionError(f"colormap must be the name of a matplotlib colour map (got {shown(colormap)})")
     valued = [surface for view in views for surface in view.surfaces if surface.scalars is not None]
     if not valued:
         return None, None
     values = np.concatenate([np.asarray(surface.scalars) for surface in valued])
     low, high = (float(values.min()), float(values.max())) if limits is None else limits
     if not (np.isfinite(low) and np.isfinite(high) and low <= high):
-        raise OptionError(f"scalar_range must be two finite numbers in order (got {limits!r})")
+        raise OptionError(f"scalar_range must be two finite numbers in order (got {shown(limits)})")
     return ScalarColors(colormap, low, high), next((surface.label for surface in valued if surface.label), None)
 
 

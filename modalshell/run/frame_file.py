@@ -114,7 +114,7 @@ class FrameFile:
             return "" if _MAGIC.startswith(magic) else "it is no file of frames, or damaged"
         try:
             other = dict(json.loads(line)) if magic == _MAGIC else None
-        except ValueError:
+        except (ValueError, TypeError, RecursionError):
             other = None
         if other is None:
             return "it is no file of frames, or damaged"

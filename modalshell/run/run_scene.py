@@ -219,7 +219,7 @@ def _whole_results(folder: Path, name: str, identity: dict[str, str]) -> tuple[T
             return None
         run = load_trajectory(folder / f"{name}.npz", verify=True)
         return run, [kind for kind in record["formats"] if (folder / f"{name}.{kind}").exists()]
-    except (OSError, ValueError, KeyError, TypeError, FileFormatError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, FileFormatError):
         return None
 
 

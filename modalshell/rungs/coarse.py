@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from modalshell.checks import checked_kind
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
 from modalshell.modes import solve_modes
@@ -59,8 +60,8 @@ class CoarseDiscreteShell(Model):
     in_shell_frame = True
 
     def __init__(self, shell: Shell, coarse: Shell) -> None:
-        self.shell = shell
-        self.coarse = DiscreteShell(coarse)
+        self.shell = checked_kind("shell", shell, Shell)
+        self.coarse = DiscreteShell(checked_kind("coarse", coarse, Shell))
         mesh, under = shell.mesh, coarse.mesh
         size = float(np.ptp(mesh.vertices, axis=0).max())
         below, self._vertex_shares, distance = closest_points(under, mesh.vertices)
@@ -188,7 +189,9 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | None = N
     SupportError
         If no vertex of ``mesh`` lies where ``shell`` is held.
     """
-    given = material or shell.material
+    checked_kind("shell", shell, Shell)
+    checked_kind("mesh", mesh, TriangleMesh)
+    given = shell.material if material is None else checked_kind("material", material, Material)
     if material is None:
         if any(np.ndim(value) for value in (given.stretch, given.shear, given.flexure, given.density)):
             raise OptionError("the fine shell's material has a value an element: pass the material of the coarse mesh")

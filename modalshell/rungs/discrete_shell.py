@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_number
+from modalshell.checks import checked_choice, checked_kind, checked_number
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes import Factoriser, largest_eigenvalue
 from modalshell.rungs.boundary_motion import lead
@@ -72,9 +72,8 @@ class DiscreteShell(Model):
         step_tolerance: float = 1e-6,
         backend: str | None = None,
     ) -> None:
-        if integrator not in ("implicit", "explicit"):
-            raise OptionError(f"integrator must be 'implicit' or 'explicit' (got {integrator!r})")
-        self.shell = shell
+        checked_choice("integrator", integrator, ("implicit", "explicit"))
+        self.shell = checked_kind("shell", shell, Shell)
         self.integrator: Literal["implicit", "explicit"] = integrator
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None

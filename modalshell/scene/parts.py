@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_vectors, shown
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, sheet, v_beam
 from modalshell.motion import SupportPath
@@ -92,7 +92,7 @@ def select(key: str, selection: int | str | list[int], mesh: TriangleMesh) -> ND
         mask[indices] = True
     if not mask.any():
         low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
-        raise OptionError(f"{key} selects no vertex (got {selection!r}); the mesh reaches from {low} to {high}")
+        raise OptionError(f"{key} selects no vertex (got {shown(selection)}); the mesh reaches from {low} to {high}")
     return mask
 
 
@@ -160,5 +160,5 @@ def checked_keyframes(times: list[float] | None, targets: list[Vector] | None) -
         raise OptionError("targets need keyframe times beside them: give times")
     moments = np.array(times, dtype=np.float64)
     if (np.diff(moments) <= 0.0).any():
-        raise OptionError(f"times must increase (got {times!r})")
+        raise OptionError(f"times must increase (got {shown(times)})")
     return moments, checked_vectors("targets", targets, (moments.size, 3), OptionError)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_kind, checked_vectors, finite_answer
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elements import ElementSet, element_sets
 from modalshell.shell.material import Material
@@ -56,8 +56,8 @@ class Shell:
     """
 
     def __init__(self, mesh: TriangleMesh, material: Material, clamped: ArrayLike | None = None) -> None:
-        self.mesh = mesh
-        self.material = material
+        self.mesh = checked_kind("mesh", mesh, TriangleMesh)
+        self.material = checked_kind("material", material, Material)
         self.rest_positions: Array = np.asarray(mesh.vertices)
         clamped = held_vertices(clamped, len(mesh.vertices))
         self.elements: list[ElementSet] = element_sets(mesh, material, clamped)
@@ -83,16 +83,22 @@ class Shell:
 
     def energy(self, positions: ArrayLike) -> float:
         """Elastic energy [J] at ``positions`` (n, 3) [m]."""
-        return self.raw_energy(self.checked_positions(positions))
+        energy = self.raw_energy(self.checked_positions(positions))
+        finite_answer("the energy", energy)
+        return energy
 
     def force(self, positions: ArrayLike) -> Array:
         """Elastic force (n, 3) [N], minus the energy's gradient, at ``positions`` (n, 3) [m]."""
-        return -self.energy_gradient(self.checked_positions(positions))[1]
+        force = -self.energy_gradient(self.checked_positions(positions))[1]
+        finite_answer("the force", force)
+        return force
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
         """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them."""
         x = self.rest_positions if positions is None else self.checked_positions(positions)
-        return self.pattern.matrix(self.energy_gradient_hessian(x, EXACT)[2])
+        entries = self.energy_gradient_hessian(x, EXACT)[2]
+        finite_answer("the stiffness", entries)
+        return self.pattern.matrix(entries)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
