@@ -13,21 +13,37 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.errors import FileFormatError
+
 _DIGEST = "sha256"
 """Member of an ``.npz`` file over all others, so that not even one from another file goes unnoticed."""
 
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path beside ``path``, with its suffix; what was written there is put in place in one move."""
+    """A temporary path beside ``path``, with its suffix; what was written there is put in place in one move.
+
+    FileFormatError where nothing can be written.
+    """
     target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
         yield temporary
         os.replace(temporary, target)
+    except OSError as error:
+        raise FileFormatError(f"{target}: cannot be written ({error.strerror}); give another path or folder") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for results, and those above it; FileFormatError where there can be none."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise FileFormatError(f"{str(folder)!r}: no folder for results ({reason}); give another one") from error
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], None]) -> Path:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
+from modalshell.files import make_folder
 
 if sys.platform != "win32":
     import fcntl
@@ -50,7 +51,7 @@ class FrameFile:
         self.count = 0
         self._header = b""
         self._dtype = np.dtype([])
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         self._descriptor = _lock(path)
 
     def __enter__(self) -> FrameFile:

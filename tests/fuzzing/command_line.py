@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import modalshell as ms
 from fuzzing.drawing import without_pictures
 from fuzzing.expressions import expressions
-from fuzzing.harness import DirtyExit, Escape, Input
+from fuzzing.harness import DirtyExit, Escape, Input, UncaughtException
 from fuzzing.scenes import BASES, files_of, toml
 from modalshell import cli
 from modalshell.files import write_text
@@ -97,6 +97,8 @@ def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
             cli.main(list(argv))
         except SystemExit as stop:
             status = stop.code
+        except Exception as error:  # a refusal that gets this far would be a traceback as well
+            raise UncaughtException(f"{type(error).__name__}: {error}"[:500]) from error
         finally:
             os.chdir(here)
     return out.text, errors.text, status or 0

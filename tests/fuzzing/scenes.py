@@ -21,6 +21,7 @@ from fuzzing.mutations import damaged, text_damage
 from modalshell.selection import select_vertices
 
 BASE: dict[str, Any] = {
+    "name": "panel",
     "mesh": {"shape": "v_beam", "cells": [2, 2]},
     "material": {"stretch": 20.0, "shear": 20.0, "flexure": 0.05, "density": 0.2},
     "supports": {"clamped": "x < 0.6"},
@@ -32,7 +33,6 @@ BASES: tuple[dict[str, Any], ...] = (
     BASE | {"output": {"folder": "kept", "positions": "float32", "formats": ["npz", "png", "mp4"]}},
     BASE
     | {
-        "name": "moved",
         "supports": {
             "clamped": [0, 1, 2],
             "times": [0.0, 0.1],
