@@ -19,6 +19,7 @@ from rich.table import Table
 import modalshell as ms
 from modalshell.checks import shortened
 from modalshell.errors import ModalShellError, OptionError
+from modalshell.files import make_folder
 from modalshell.ladder import MODES
 from modalshell.reproduce import chosen_studies
 from modalshell.reproduce import reproduce as reproduce_study
@@ -63,7 +64,9 @@ def reproduce(
     quick: Annotated[bool, Parameter(help="Coarser meshes and fewer loads, to try things out.")] = False,
 ) -> None:
     """Run the studies and draw the paper's figures."""
-    for name in chosen_studies(only, everything):
+    names = chosen_studies(only, everything)
+    make_folder(out)
+    for name in names:
         with _progress(name) as on_step:
             written = reproduce_study(name, out, figures or out / "figures", quick=quick, on_step=on_step)
         for path in written:
@@ -119,6 +122,7 @@ def tradeoff(
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
     """Measure every rung that a scene allows: error against DS, cost of a frame, and what none cheaper matches."""
+    make_folder(out)
     with _progress(f"{scene.stem} rungs") as on_step:
         found = ms.tradeoff(scene, truth=truth, modes=modes, on_step=on_step)
     print(found.table())
@@ -136,6 +140,7 @@ def advise(
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
     """Name the cheapest rung that is as accurate and as fast as asked on a scene, from measured runs."""
+    make_folder(out)
     with _progress(f"{scene.stem} rungs") as on_step:
         found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
     _console.print(Markdown(found.explanation))
@@ -154,6 +159,7 @@ def bench(
     names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps")
     if only is not None and only not in names:
         raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
+    make_folder(out)
     run = load_script("studies/benchmarks", "run").main
     with _progress("benchmarks") as on_step:
         written = run(out, quick=quick, only=only, on_step=on_step)
@@ -224,6 +230,7 @@ def simulate(
         basis = chosen.basis
         span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
         print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
+    make_folder(out)
     if static:
         answer = chosen.equilibrium(gravity=gravity)
         print(f"{chosen.name}: {answer.status}, {answer.iterations} iterations, residual {answer.residual:.1e}")
@@ -252,6 +259,7 @@ def modes(
     from modalshell.render import ShadedSurface, View, draw_views
 
     built = (shell or _ShellOptions()).build(mesh)
+    make_folder(out)
     basis = ms.solve_modes(built, count)
     table = Table("mode", "frequency [Hz]", "kind")
     size = float(np.ptp(built.rest_positions, axis=0).max())
@@ -266,7 +274,6 @@ def modes(
         surface = ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)
         views.append(View([surface], title=title))
     _console.print(table)
-    out.mkdir(parents=True, exist_ok=True)
     basis.save(out / f"{mesh.stem}_basis.npz")
     print(out / f"{mesh.stem}_basis.npz")
     print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))

@@ -6,13 +6,14 @@ import hashlib
 import os
 import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import shortened, shown
 from modalshell.errors import FileFormatError
 
 _DIGEST = "sha256"
@@ -32,9 +33,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, target)
     except OSError as error:
-        raise FileFormatError(f"{target}: cannot be written ({error.strerror}); give another path or folder") from error
+        place = shortened(str(target))
+        raise FileFormatError(f"{place}: cannot be written ({error.strerror}); give another path or folder") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def make_folder(folder: Path) -> None:
@@ -43,7 +46,7 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
         reason = error.strerror if isinstance(error, OSError) else error
-        raise FileFormatError(f"{str(folder)!r}: no folder for results ({reason}); give another one") from error
+        raise FileFormatError(f"{shown(str(folder))}: no folder for results ({reason}); give another one") from error
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], None]) -> Path:

@@ -31,10 +31,10 @@ from modalshell import cli, files
 from modalshell.mesh import file_checks, validation
 from modalshell.mesh import files as mesh_io
 from modalshell.scene import parts
-from modalshell.scene import scene as scene_module
 from modalshell.study import StudyResult
 
 SURFACES = {module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line)}
+runs = sys.modules["modalshell.run.run_scene"]
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
 DEFAULT, LONG = 750, 4000
@@ -152,8 +152,12 @@ def unchecked_files(monkeypatch):
     monkeypatch.setattr(StudyResult, "load", load)
 
 
-def any_name(monkeypatch):
-    monkeypatch.setattr(scene_module, "_NAME", "[./a-z]*")
+def beside_the_folder(monkeypatch):
+    def write(folder, scene, *rest, sound=runs._write_record):
+        files.write_text(folder.parent / f"{scene.name}.log", "done")
+        sound(folder, scene, *rest)
+
+    monkeypatch.setattr(runs, "_write_record", write)
 
 
 def traceback_at_the_command_line(monkeypatch):
@@ -184,7 +188,7 @@ def evaluated(monkeypatch):
         (short_message, "mesh_files", UselessMessage),
         (not_a_number, "arrays", SilentNonFinite),
         (unchecked_files, "saved", HalfRead),
-        (any_name, "scenes", Escape),
+        (beside_the_folder, "scenes", Escape),
         (evaluated, "scenes", (UncaughtException, Hang)),
         (traceback_at_the_command_line, "command_line", (UncaughtException, DirtyExit)),
         (two_lines, "command_line", DirtyExit),

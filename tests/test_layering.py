@@ -17,7 +17,7 @@ _TO_MOTION = _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs", "motion"}
 MAY_IMPORT = {
     "errors": set(),
     "checks": {"errors"},
-    "files": {"errors"},
+    "files": {"errors", "checks"},
     "bundled": {"errors", "files"},
     "kernels": {"errors"},
     "mesh": _PLAIN | {"kernels"},

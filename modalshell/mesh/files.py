@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import warnings
 from pathlib import Path
@@ -17,6 +18,8 @@ from modalshell.mesh.file_checks import Expected, check_off, check_ply, check_st
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of files that it then reads
 
 READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import shown
 from modalshell.errors import OptionError
+from modalshell.files import make_folder
 
 Style = Literal["surface", "wireframe", "outline"]
 Color = str | tuple[float, float, float]
@@ -164,7 +165,7 @@ def checked_path(path: str | Path, suffix: str) -> Path:
     target = Path(path)
     if target.suffix.lower() != suffix:
         raise OptionError(f"the file name must end in {suffix} (got {str(path)!r})")
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     return target
 
 

@@ -165,7 +165,10 @@ def _sound(record: Any) -> bool:
 def _lock(path: Path) -> int:
     """Descriptor of the file, locked until it is closed or the process ends (not under Windows)."""
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+        except OSError as error:
+            raise OptionError(f"{path}: cannot be written ({error.strerror}); choose another --out folder") from error
         if sys.platform == "win32":
             return descriptor
         try:

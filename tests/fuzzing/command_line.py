@@ -117,7 +117,7 @@ def check_exit(status: Any, errors: str) -> None:
     if status == 2:
         if len(lines) != 1 or not lines[0].startswith("modalshell: "):
             raise DirtyExit(f"status 2 with {len(lines)} lines: {errors[:500]!r}")
-        raise ms.ModalShellError(lines[0].removeprefix("modalshell: "))
+        raise ms.ModalShellError(lines[0])
 
 
 def run(folder: Path, argv: list[str]) -> None:

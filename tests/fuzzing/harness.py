@@ -21,6 +21,8 @@ from modalshell.errors import ModalShellError
 
 LIMIT = 10.0
 """Seconds that one input may take."""
+FEW = 300
+"""Steps, and vertices of a mesh, beyond which an accepted scene counts as long work."""
 _SHORTEST, _LONGEST = 20, 1500
 _NAMES_SOMETHING = re.compile(r"['\"\d/]|\(got |, got |\S: | -")
 """A value, a path, an option, or the place of a fault before a colon."""
@@ -59,6 +61,10 @@ class DirtyExit(FuzzFinding):
     """A command that ended otherwise than with status 0, or with status 2 and one line."""
 
 
+class LongWork(Exception):
+    """Raised out of accepted input that asks for much work, as it may: an answer, in bits that a suite has time for."""
+
+
 class _TimeUp(BaseException):
     """Raised by the timer; no Exception, so that ``except Exception`` does not take it for a damaged file."""
 
@@ -77,6 +83,7 @@ class Input:
 def outcome(call: Callable[[], Any], limit: float = LIMIT) -> str:
     """``"answer"`` or ``"refused"``; a FuzzFinding for anything else."""
     started = time.perf_counter()
+    answer, found = None, "answer"
     try:
         with warnings.catch_warnings(), _time_limit(limit):
             warnings.simplefilter("ignore")
@@ -84,19 +91,21 @@ def outcome(call: Callable[[], Any], limit: float = LIMIT) -> str:
                 answer = call()
             except ModalShellError as error:
                 check_message(str(error))
-                return "refused"
+                found = "refused"
+            except LongWork:
+                pass
     except FuzzFinding:
         raise
     except _TimeUp:
         raise Hang(f"no answer within {limit:g} s") from None
     except Exception as error:
         raise UncaughtException(f"{type(error).__name__}: {error}"[:500]) from error
-    if time.perf_counter() - started > limit:
-        raise Hang(f"an answer after {time.perf_counter() - started:.1f} s, above {limit:g} s")
+    if time.perf_counter() - started > limit:  # native code, or something that swallowed the timer's exception
+        raise Hang(f"{found} after {time.perf_counter() - started:.1f} s, above {limit:g} s")
     place = next(not_finite(answer), None)
     if place is not None:
         raise SilentNonFinite(f"the answer{place} is not finite")
-    return "answer"
+    return found
 
 
 def check_message(message: str) -> None:
@@ -153,6 +162,12 @@ class _time_limit:
     @staticmethod
     def _stop(*_: object) -> None:
         raise _TimeUp
+
+
+def few_steps(done: int, _total: int) -> None:
+    """A callback of steps that ends long runs: 1e9 steps are allowed, and no hang."""
+    if done >= FEW:
+        raise LongWork
 
 
 def fuzz(

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import modalshell as ms
 from fuzzing.drawing import without_pictures
 from fuzzing.expressions import expressions
-from fuzzing.harness import Escape, Input
+from fuzzing.harness import FEW, Escape, Input, LongWork, few_steps
 from fuzzing.mutations import damaged, text_damage
 from modalshell.selection import select_vertices
 
@@ -143,7 +143,9 @@ def run(folder: Path, data: bytes, out: Path | None) -> Any:
             chosen = chosen if chosen.is_absolute() else work / chosen
             if out is None and not chosen.resolve().is_relative_to(folder):
                 return None  # the user chose a folder elsewhere: not ours to fill
-            return ms.run_scene(scene, out=out)
+            if len(scene.build_shell().rest_positions) > FEW:
+                raise LongWork
+            return ms.run_scene(scene, out=out, on_step=few_steps)
     finally:
         os.chdir(here)
         outside = [path for path in files_of(folder) - before if not Path(path).is_relative_to(chosen.resolve())]
