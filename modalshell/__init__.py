@@ -13,6 +13,7 @@ from modalshell.errors import (
     SceneError,
     SolverError,
     SupportError,
+    WorkerError,
 )
 from modalshell.export import load_trajectory, save_trajectory
 from modalshell.ladder import Advice, Tradeoff, advise, tradeoff
@@ -41,10 +42,12 @@ from modalshell.rungs import (
     ReducedRotationStrain,
     RigidShell,
     RotationStrain,
+    SpringSheet,
     coarse_shell,
 )
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Material, Shell
+from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
 
@@ -76,11 +79,14 @@ __all__ = [
     "SceneResult",
     "Shell",
     "SolverError",
+    "SpringSheet",
     "SupportError",
     "SupportPath",
+    "SweepResult",
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
+    "WorkerError",
     "advise",
     "coarse_shell",
     "cylinder_panel",
@@ -92,6 +98,7 @@ __all__ = [
     "measure",
     "paper_bird",
     "run_scene",
+    "run_sweep",
     "save_mesh",
     "save_trajectory",
     "sheet",

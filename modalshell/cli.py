@@ -18,6 +18,7 @@ from rich.table import Table
 
 import modalshell as ms
 from modalshell.checks import shortened
+from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.files import make_folder
 from modalshell.ladder import MODES
@@ -28,6 +29,7 @@ from modalshell.rungs.modal import ModalModel
 from modalshell.scene import MODELS
 from modalshell.selection import select_vertices
 from modalshell.study import load_script
+from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
@@ -47,11 +49,17 @@ def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
         bar.start()  # at the first step, so that refused options leave one line alone
         bar.update(task, completed=done, total=total)
 
+    stopped = None
     try:
         yield advance
+    except KeyboardInterrupt as stop:  # cyclopts would end without a word
+        stopped = ": ".join(["modalshell: stopped", *map(str, stop.args)])
     finally:
         if bar.live.is_started:
             bar.stop()
+    if stopped is not None:
+        print(stopped, file=sys.stderr)
+        sys.exit(130)
 
 
 @app.command
@@ -83,23 +91,35 @@ def run(
     """Run a scene file, or go on with a run of it that was stopped."""
     with _progress(f"{scene.stem} steps") as on_step:
         result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
-    found = result.trajectory
-    kept = f", {result.resumed} of them from an earlier run" if result.resumed else ""
-    print(f"{scene.stem}: {found.status}, {len(found.times)} frames in {found.seconds:.3g} s{kept}")
+    print(f"{scene.stem}: {result.summary}")
     for path in result.files:
         print(path)
 
 
 @app.command
 def view(
-    scene: Annotated[Path, Parameter(help="TOML file.")],
+    scene: Annotated[Path | None, Parameter(help="TOML file; not with --attach.")] = None,
     *,
     web: Annotated[bool, Parameter(help="A page for a browser on this machine instead of a window.")] = False,
     port: Annotated[int, Parameter(help="Of the page; 0 takes a free one.")] = 8080,
-    frames: Annotated[int, Parameter(help="Frames to play, of 1/30 s each, before the screenshot.")] = 30,
+    frames: Annotated[
+        int | None, Parameter(help="Frames to play, of 1/30 s each, before the screenshot; 30 without it.")
+    ] = None,
     screenshot: Annotated[Path | None, Parameter(help="Write the window's picture to this PNG file instead.")] = None,
+    attach: Annotated[
+        Path | None, Parameter(help="Folder, scene file or .frames file of a run to follow live instead of playing.")
+    ] = None,
+    wait: Annotated[float, Parameter(help="Time [s] that an attached run may take to its first frame.")] = 60.0,
+    follow: Annotated[bool, Parameter(help="Print a line for each new frame of an attached run instead.")] = False,
 ) -> None:
-    """Play a scene: pause it, pull at it by gravity, give it another model or number of modes."""
+    """Play a scene: pause it, pull at it by gravity, give it another model or number of modes; or follow a run."""
+    if attach is not None:
+        if scene is not None or frames is not None:
+            raise OptionError("--attach shows a run's own scene and frames: leave out SCENE and --frames")
+        follow_run(attach, wait=wait, web=web, port=port, screenshot=screenshot, follow=follow)
+        return
+    if scene is None or follow:
+        raise OptionError("name a scene file to play, or a run to follow with --attach RUN")
     if web and screenshot is not None:
         raise OptionError("--screenshot pictures the window: leave out --web")
     declared = ms.load_scene(scene)
@@ -108,7 +128,30 @@ def view(
     elif screenshot is None:
         open_window(declared)
     else:
-        print(take_picture(declared, frames, screenshot))
+        print(take_picture(declared, 30 if frames is None else frames, screenshot))
+
+
+@app.command
+def sweep(
+    file: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    out: Annotated[Path | None, Parameter(help="Folder of the results instead of the sweep's own.")] = None,
+    workers: Annotated[int | None, Parameter(help="Processes; one for each core without it.")] = None,
+    cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, as tcp://10.0.0.1:8786.")] = None,
+    time_limit: Annotated[float | None, Parameter(help="Seconds after which a case is given up.")] = None,
+    retry: Annotated[bool, Parameter(help="Also do again what failed, crashed or timed out.")] = False,
+) -> None:
+    """Run a grid of scenes, or what is missing of it, and sum up what each found."""
+    with _progress(f"{file.stem} cases") as on_step:
+        found = ms.run_sweep(
+            file, out=out, workers=workers, cluster=cluster, time_limit=time_limit, retry=retry, on_step=on_step
+        )
+    counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
+    print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
+    if found.note:
+        print(found.note)
+    for path in found.files:
+        print(path)
 
 
 @app.command
@@ -155,8 +198,8 @@ def bench(
     out: Annotated[Path, Parameter(help="Folder of the tables and the picture.")] = Path("results"),
     quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
 ) -> None:
-    """Measure this machine: frames, modes, assembly and implicit steps against plain NumPy and SciPy."""
-    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps")
+    """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
+    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps", "crowd", "flock")
     if only is not None and only not in names:
         raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
     make_folder(out)
@@ -277,6 +320,15 @@ def modes(
     basis.save(out / f"{mesh.stem}_basis.npz")
     print(out / f"{mesh.stem}_basis.npz")
     print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))
+
+
+@app.command
+def doctor() -> None:
+    """Show what this machine brings: versions, solvers, threads, what draws, and which extras are missing."""
+    table = Table("what", "found", "what would better it")
+    for reading in examine():
+        table.add_row(reading.name, reading.value, reading.hint)
+    _console.print(table)
 
 
 def main(arguments: list[str] | None = None) -> None:

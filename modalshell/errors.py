@@ -43,5 +43,9 @@ class SceneError(ModalShellError, ValueError):
     """A scene file with a key or value that is not allowed: names the file and the key's path."""
 
 
+class WorkerError(ModalShellError, RuntimeError):
+    """Worker processes of a sweep that do not start, or a cluster that does not answer."""
+
+
 class ModalShellWarning(UserWarning):
     """An answer that stands but that the user should read with care."""

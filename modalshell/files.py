@@ -114,10 +114,15 @@ def digest(arrays: dict[str, NDArray[Any]]) -> str:
     return whole.hexdigest()
 
 
+def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
+    """Write a file of these bytes."""
+
+    def write(file: IO[bytes]) -> None:
+        file.write(data)
+
+    return write_atomically(path, write)
+
+
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
     """Write a UTF-8 text file."""
-    return write_atomically(path, lambda file: _write(file, text.encode()))
-
-
-def _write(file: IO[bytes], data: bytes) -> None:
-    file.write(data)
+    return write_bytes(path, text.encode())

@@ -10,12 +10,17 @@ from modalshell.files import write_text
 from modalshell.study import load_script
 
 FIGURES: dict[str, tuple[str, ...]] = {
+    "cloth_scaling": ("cloth_scaling",),
     "dancing_character": ("figure_8",),
     "flat_vs_v_beam": ("figure_4",),
+    "flock_scaling": ("flock_scaling",),
     "held_out_advice": (),
     "integrator_drift": ("integrator_drift",),
     "large_mesh": ("figure_3",),
     "manipulation": ("figure_7",),
+    "spring_sheet_speed": ("spring_sheet_speed",),
+    "sheet_vs_shell": ("sheet_vs_shell",),
+    "stability_atlas": ("stability_atlas",),
     "tradeoff": ("tradeoff",),
     "validity_map": ("validity_map",),
     "v_beam_accuracy": ("figure_5", "figure_6a", "figure_6b"),

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import hashlib
 import importlib
 import importlib.util
 import json
 import os
 import platform
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -118,5 +120,14 @@ def load_script(folder: str, name: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise FileFormatError(f"{path} cannot be imported")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up there
     spec.loader.exec_module(module)
     return module
+
+
+def call_script(folder: str, name: str, function: str, *arguments: Any) -> Any:
+    """Call a function of ``folder/name.py``; for worker processes, which cannot be handed one of a loaded script."""
+    return getattr(_loaded(folder, name), function)(*arguments)
+
+
+_loaded = functools.cache(load_script)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
-from modalshell.render.maps import MapPanel, draw_maps
+from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.study import StudyResult, load_script
 
 COLORS = {
@@ -32,7 +30,7 @@ def draw(results: Path, folder: Path) -> Path:
     panels = []
     for axis, (label, title) in AXES.items():
         rows = found["maps"][axis]["rows"]
-        snaps = [np.nan if case["snap"] is None else case["snap"] for case in rows]
+        snaps = [[] if case["snap"] is None else [case["snap"]] for case in rows]
         for tolerance in found["tolerances"]:
             panels.append(
                 MapPanel(
@@ -42,9 +40,8 @@ def draw(results: Path, folder: Path) -> Path:
                     f"within {100 * tolerance:g} %: " + title.format(**result.record["parameters"]["fixed"]),
                     "Γ",
                     label,
-                    log_x=True,
-                    boundary=snaps,
-                    boundary_label="DS snaps",
+                    x_scale="log",
+                    boundaries=[Boundary(snaps, "DS snaps")],
                 )
             )
     present = {name for panel in panels for row in panel.classes for name in row}

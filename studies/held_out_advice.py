@@ -115,6 +115,7 @@ def checked(case: Case, error: float) -> dict[str, Any]:
         "snap": None if advice.snap is None else str(advice.snap),
         "chosen": None if advice.chosen is None else advice.chosen.label,
         "measured_error": None if advice.chosen is None else advice.chosen.worst_error,
+        "measured_errors": {row.label: row.worst_error for row in advice.measured.rows},
         "held_out_error": held_out,
         "frames_per_second": None if advice.chosen is None else advice.chosen.frames_per_second,
         "truths": sum(answer.converged for answer in exact),

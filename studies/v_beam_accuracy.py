@@ -19,6 +19,7 @@ import numpy as np
 import scipy.sparse.linalg as spla
 
 import modalshell as ms
+from modalshell.ladder.path import find_jump
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.study import StudyResult, run_record
 
@@ -30,9 +31,6 @@ REGIMES = {
 FLEXURE = 0.05
 DENSITY = 0.2
 MODES = 8
-SNAP_SHIFT = 0.1
-"""Movement between neighbouring loads, in lengths, above which the load step is halved to look for a jump."""
-BISECTIONS = 8
 
 
 def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
@@ -50,7 +48,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         shell = ms.Shell(mesh, material, clamped=clamped)
         basis = ms.solve_modes(shell, MODES)
         linear, warping, truth = ms.LinearModal(basis), ms.ModalWarping(basis), ms.DiscreteShell(shell)
-        gamma = gamma_per_gravity(shell)
+        gamma, unit = gamma_per_gravity(shell), shell.gravity_force((0.0, 0.0, -1.0))
         tip = int(np.argmin(np.linalg.norm(mesh.vertices - [SHAPE["length"], 0.0, 0.0], axis=1)))
         rows, last, last_gravity, snap = [], mesh.vertices, 0.0, None
         for gravity in regime["gravities"][::-stride][::-1]:
@@ -75,9 +73,10 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             row["ds_iterations"] = answers["ds"].iterations
             row["lowest_tangent_ratio"] = lowest_tangent_eigenvalue(shell, exact) / basis.eigenvalues[0]
             if snap is None and answers["ds"].converged:
-                snap = find_jump(truth, last, last_gravity, exact, gravity)
-                if snap is not None:
-                    snap["gamma"] = [gamma * g for g in snap["gravity"]]
+                jump = find_jump(truth, unit, last, last_gravity, exact, gravity)
+                if jump is not None:
+                    bracket = [jump.low, jump.high]
+                    snap = {"gravity": bracket, "gamma": [gamma * g for g in bracket], "reason": jump.reason}
             row["after_snap"] = snap is not None
             rows.append(row)
             last, last_gravity = exact, gravity
@@ -101,28 +100,6 @@ def gamma_per_gravity(shell: ms.Shell) -> float:
     end = x > x.max() - 1e-9
     drop = -shape.reshape(-1, 3)[end, 2].mean()
     return float(8.0 * drop / (x.max() - x[shell.clamped].max()))
-
-
-def find_jump(
-    model: ms.DiscreteShell, before: np.ndarray, low: float, after: np.ndarray, high: float
-) -> dict[str, Any] | None:
-    """Bracket a jump between two loads by halving: a smooth path moves less with each halving, a jump does not."""
-    length = SHAPE["length"]
-    for _ in range(BISECTIONS):
-        shift = float(np.abs(after - before).max()) / length
-        if shift < SNAP_SHIFT:
-            return None
-        middle = 0.5 * (low + high)
-        answer = model.equilibrium(gravity=(0.0, 0.0, -middle), start=before)
-        if not answer.converged:
-            break
-        to_before = float(np.abs(answer.positions - before).max())
-        to_after = float(np.abs(answer.positions - after).max())
-        if to_before > to_after:
-            after, high = answer.positions, middle
-        else:
-            before, low = answer.positions, middle
-    return {"gravity": [low, high], "shift": float(np.abs(after - before).max()) / length}
 
 
 def table(result: StudyResult) -> str:

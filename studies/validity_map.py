@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.ladder.path import find_jump
 from modalshell.study import StudyResult, load_script, run_record
 
 LENGTH, WIDTH = 1.0, 0.2
@@ -62,8 +63,8 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     material = ms.Material(membrane, membrane, FLEXURE, DENSITY)
     shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
     coarse = ms.coarse_shell(shell, coarse_mesh(fold, cells))
-    loads = load_script("studies", "v_beam_accuracy")
-    gamma_per_gravity = loads.gamma_per_gravity(shell)
+    gamma_per_gravity = load_script("studies", "v_beam_accuracy").gamma_per_gravity(shell)
+    unit = shell.gravity_force((0.0, 0.0, -1.0))
     basis = ms.solve_modes(shell, MODES)
     rungs = (
         ms.LinearModal(basis),
@@ -80,8 +81,8 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
         exact = truth.equilibrium(gravity=(0, 0, -gravity), start=last)
         statuses.append(exact.status)
         if snap is None and exact.converged:
-            jump = loads.find_jump(truth, last, last_gravity, exact.positions, gravity)
-            snap = None if jump is None else gamma_per_gravity * jump["gravity"][1]
+            jump = find_jump(truth, unit, last, last_gravity, exact.positions, gravity)
+            snap = None if jump is None else gamma_per_gravity * jump.high
         for rung in rungs:
             answer = rung.equilibrium(gravity=(0, 0, -gravity))
             error = ms.measure.displacement_error(answer.positions, exact.positions, shell)

@@ -1,17 +1,100 @@
 """Scenes that several test files share; one BLAS thread, since two on a busy machine take many times as long."""
 
 import contextlib
+import warnings
 
 import numpy as np
 import pytest
 
-from modalshell import Material, Shell, solve_modes, v_beam
+from modalshell import Material, ModalShellWarning, Shell, solve_modes, v_beam
+from modalshell.render import choose_backend
+from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
+from modalshell.reproduce import reproduce
 
 with contextlib.suppress(ImportError):
     # Variables such as OPENBLAS_NUM_THREADS come too late here: pytest's warning filters have loaded NumPy already.
     from threadpoolctl import threadpool_limits
 
     _ONE_THREAD = threadpool_limits(1)
+
+SCENE = """
+[mesh]
+shape = "v_beam"
+cells = [12, 4]
+[material]
+stretch = 20.0
+shear = 20.0
+flexure = 0.05
+density = 0.2
+[supports]
+clamped = "x < 0.1"
+[loads]
+gravity = [0, 0, -9.81]
+[model]
+name = "mwts"
+[motion]
+duration = 1
+"""
+
+
+@pytest.fixture(scope="session")
+def scene_text():
+    """Text of a scene: a clamped beam in motion, with pairs of (old, new) replaced in it."""
+
+    def text(*changes):
+        found = SCENE
+        for old, new in changes:
+            assert found.count(old) == 1, f"{old!r} is not there once"
+            found = found.replace(old, new)
+        return found
+
+    return text
+
+
+@pytest.fixture
+def scene_file(scene_text, tmp_path):
+    """Writes such a text to a file."""
+
+    def write(*changes, more=""):
+        path = tmp_path / "scene.toml"
+        path.write_text(scene_text(*changes) + more, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture(scope="module")
+def opengl():
+    """Skip where nothing renders; leave the environment as it was."""
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)
+        for name in (RENDERER_VARIABLE, WINDOW_VARIABLE):
+            patch.setenv(name, "")  # so that what the probe sets is taken back
+        if choose_backend() != "pyvista":
+            pytest.skip("PyVista renders nothing on this machine: no OpenGL (apt-get install libegl1 libgl1-mesa-dri)")
+        yield
+
+
+def pytest_addoption(parser):
+    text = "write the golden numbers of the studies that run (choose with -k) anew; their tolerances stay"
+    parser.addoption("--accept-golden", action="store_true", help=text)
+
+
+@pytest.fixture(scope="session")
+def quick_study(tmp_path_factory):
+    """A function of a study's name that runs it once a session, quick and without OpenGL; the results' folder."""
+    folder = tmp_path_factory.mktemp("results")
+    done = set()
+
+    def run(name):
+        if name not in done:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setenv("MODALSHELL_RENDERER", "matplotlib")
+                reproduce(name, folder, folder / "figures", quick=True)
+            done.add(name)
+        return folder
+
+    return run
 
 
 @pytest.fixture(scope="session")

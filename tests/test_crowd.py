@@ -1,11 +1,17 @@
-"""Crowds: a batch against single runs, levels of detail, the errors of their switches, wing beats, the paper bird."""
+"""Crowds: a batch against single runs, levels of detail and what they show, threads, wing beats, the paper bird."""
+
+import platform
+import re
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.crowd import Flap
+from modalshell.kernels import crowd as kernels
+from modalshell.kernels.packed import BYTES
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -71,32 +77,110 @@ def test_levels_and_places(basis, dtype):
 
 
 def test_turns_beyond_two_pi(basis):
-    crowd = ms.Crowd(basis, 1)
-    q = np.zeros(10)
-    q[0] = 9.0 / np.linalg.norm(basis.rotations[:, 0].reshape(-1, 3), axis=1).max()
-    crowd.coordinates[0] = q
-    exact = basis.shell.rest_positions + ms.ModalWarping(basis).displacement(q)
-    assert np.abs(crowd.positions()[0] - exact).max() < 1e-12 * np.abs(exact).max()
+    """Beyond the polynomials' interval, and beside an instance that is not."""
+    crowd = ms.Crowd(basis, 3)
+    model = ms.ModalWarping(basis)
+    crowd.coordinates[0, 0] = 9.0 / np.linalg.norm(basis.rotations[:, 0].reshape(-1, 3), axis=1).max()
+    crowd.coordinates[1] = 0.1 * crowd.coordinates[0]
+    crowd.coordinates[2] = -crowd.coordinates[0]
+    turn, move = Rotation.from_rotvec((0.3, -0.2, 0.9)).as_matrix(), np.array([1.0, 2.0, 3.0])
+    for b, q in enumerate(crowd.coordinates):
+        exact = basis.shell.rest_positions + model.displacement(q)
+        assert np.abs(crowd.positions()[b] - exact).max() < 1e-12 * np.abs(exact).max()
+        assert np.abs(crowd.positions(turn, move)[b] - exact @ turn.T - move).max() < 1e-12 * np.abs(exact).max()
+    start = crowd.coordinates.copy()
+    crowd.step(0.01, felt=(1.0, 2.0, 3.0))
+    for b, q in enumerate(start):
+        force = model.modal_force(q, basis.shell.gravity_force((1.0, 2.0, 3.0)))
+        rates = 0.01 * (force - basis.eigenvalues * q) / (1.0 + 1e-4 * basis.eigenvalues)
+        np.testing.assert_allclose(crowd.rates[b], rates, rtol=1e-9, atol=1e-12 * np.abs(rates).max())
 
 
-def test_switch_errors_are_what_a_switch_shows(basis):
-    crowd, _ = loaded(basis, 6)
-    crowd.coordinates = 2e-4 * np.random.default_rng(3).standard_normal((6, 10))
-    shapes = []
-    for level in range(3):
-        crowd.levels[:] = level
-        shapes.append(crowd.positions())
-    errors = crowd.switch_errors()
-    for jump in range(2):
-        seen = np.linalg.norm(shapes[jump + 1] - shapes[jump], axis=2).max(axis=1)
-        np.testing.assert_allclose(errors[:, jump], seen, rtol=1e-9)
-    w = np.linalg.norm((crowd.coordinates @ basis.rotations.T).reshape(6, -1, 3), axis=2)
-    assert (errors[:, 1] <= (0.5 * w * np.linalg.norm(shapes[1] - shapes[0], axis=2)).max(axis=1)).all()
-    linear, rigid = crowd.switch_distances(1e-3)
-    assert linear == pytest.approx(1e3 * errors[:, 1].max())
-    assert rigid >= max(linear, 1e3 * np.linalg.norm(shapes[2] - shapes[0], axis=2).max())
-    crowd.set_levels([0.0, linear, rigid, 2 * rigid, 0.99 * linear, 0.99 * rigid], linear, rigid)
-    np.testing.assert_array_equal(crowd.levels, [2, 1, 0, 0, 2, 1])
+def test_what_is_not_finite_shows(basis):
+    crowd = ms.Crowd(basis, 3)
+    crowd.coordinates[1, 0] = np.nan
+    crowd.choose_levels(np.full(3, 1e9), 1.0)
+    np.testing.assert_array_equal(np.isnan(crowd.positions()).any(axis=(1, 2)), [False, True, False])
+    crowd.levels[:] = 2
+    crowd.step(0.01, felt=GRAVITY)
+    np.testing.assert_array_equal(np.isfinite(crowd.coordinates).all(axis=1), [True, False, True])
+
+
+@pytest.mark.skipif(platform.machine() != "x86_64", reason="looks for x86-64 instructions")
+def test_the_kernels_are_packed():
+    """All multiplications of a pair of instances are, and no array is counted in the loops."""
+    kernel = njit(error_model="numpy")(kernels.crowd_positions.py_func)
+    shapes = ((1, 1, 6 * 128), (1, 3 * 128), (1, 1), 30, (1, 12), 6 * 128, (1, 1, 3))
+    kernel(0, 1, 2, np.zeros(1, np.int64), *(np.zeros(shape) for shape in shapes))
+    text = "".join(kernel.inspect_asm().values())
+    register = "zmm" if BYTES == 64 else "ymm"
+    packed = re.findall(rf"\bv(?:mul|fmadd\d+|fnmadd\d+|fmsub\d+)pd\b.*{register}", text)
+    # Of each of two: six rows and their modes, two polynomials, two cross products twice, and the place.
+    assert len(packed) > 2 * (12 + 20 + 21 + 9)
+    loop = text[: text.rindex(packed[-1])]
+    assert "NRT_incref" not in loop[loop.index(packed[0]) :]
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_threads_change_nothing(basis, dtype):
+    crowds = [loaded(basis, 150, dtype=dtype, threads=threads) for threads in (1, 2, 3)]
+    for crowd, felt in crowds:
+        crowd.levels[:] = np.random.default_rng(5).integers(0, 3, 150)
+        for _ in range(5):
+            crowd.step(0.01, felt=felt)
+    first = crowds[0][0]
+    for crowd, _ in crowds[1:]:
+        np.testing.assert_array_equal(crowd.coordinates, first.coordinates)
+        np.testing.assert_array_equal(crowd.positions(np.eye(3)), first.positions(np.eye(3)))
+
+
+@pytest.mark.parametrize("cells", [(1, 1), (3, 1), (10, 11)])
+def test_few_vertices_and_a_tile_that_ends_anywhere(cells):
+    mesh = ms.sheet(cells=cells)
+    shell = ms.Shell(mesh, ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2), [0, 1])
+    basis = ms.solve_modes(shell, 3)
+    crowd = ms.Crowd(basis, 2)
+    crowd.coordinates[:] = [[0.02, -0.01, 0.03], [0.01, 0.0, 0.0]]
+    out = np.full((3, len(mesh.vertices), 3), np.nan)
+    crowd.positions(out=out[:2])
+    for q, found in zip(crowd.coordinates, out, strict=False):
+        exact = mesh.vertices + ms.ModalWarping(basis).displacement(q)
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-14)
+    assert np.isnan(out[2]).all()
+
+
+def test_no_switch_shows_more_than_is_allowed(basis):
+    crowd, _ = loaded(basis, 60)
+    crowd.coordinates = 2e-5 * np.random.default_rng(3).standard_normal((60, 10))
+    distances, angle = np.geomspace(0.01, 1e3, 60), 1e-3
+    crowd.choose_levels(distances, angle)
+    np.testing.assert_array_equal(np.unique(crowd.levels), [0, 1, 2])
+    errors, shown = crowd.level_errors(), crowd.positions()
+    crowd.levels[:] = 2
+    seen = np.linalg.norm(crowd.positions() - shown, axis=2).max(axis=1)
+    np.testing.assert_allclose(errors, seen, atol=1e-15)
+    assert errors.max() > 0.0
+    assert (errors <= angle * distances).all()
+    assert not crowd.level_errors().any()
+
+
+def test_strains_blend_in(basis):
+    crowd, _ = loaded(basis, 3)
+    model = ms.RotationStrain(basis)
+    crowd.coordinates = 1e-4 * np.random.default_rng(4).standard_normal((3, 10))
+    pose = Rotation.from_rotvec((0.3, -0.2, 0.9)).as_matrix(), np.array([1.0, 2.0, 3.0])
+    warped = crowd.positions(*pose)
+    out = warped.copy()
+    gaps = crowd.blend_strains(model, [0.0, 0.25, 1.0], out, *pose)
+    strained = (basis.shell.rest_positions + model.displacement(crowd.coordinates[2])) @ pose[0].T + pose[1]
+    np.testing.assert_array_equal(out[0], warped[0])
+    np.testing.assert_allclose(out[2], strained, atol=1e-14)
+    moved = np.linalg.norm(out - warped, axis=2).max(axis=1)
+    np.testing.assert_allclose(moved, [0.0, 0.25 * gaps[1], gaps[2]], rtol=1e-12)
+    assert gaps[0] == 0.0
+    assert 1e-7 < gaps[2] < 0.05
+    with pytest.raises(ms.OptionError, match="own basis"):
+        crowd.blend_strains(ms.RotationStrain(ms.solve_modes(basis.shell, 10)), [0.0] * 3, out)
 
 
 def test_flaps_follow_the_load_factor(basis):
@@ -160,8 +244,10 @@ def test_refuses(basis):
         crowd.step(0.01, forcing=np.zeros((2, 3)))
     with pytest.raises(ms.OptionError, match="out must be"):
         crowd.positions(out=np.empty((2, 3, 3)))
-    with pytest.raises(ms.OptionError, match="switches"):
-        crowd.set_levels([1.0, 2.0], 3.0, 1.0)
+    with pytest.raises(ms.OptionError, match="angle"):
+        crowd.choose_levels([1.0, 2.0], 0.0)
+    with pytest.raises(ms.OptionError, match="threads"):
+        ms.Crowd(basis, 2, threads=0)
     with pytest.raises(ms.OptionError, match="damping"):
         ms.Crowd(basis, 2, damping=(-1.0, 0.0))
     with pytest.raises(ms.OptionError, match="dtype"):

@@ -45,6 +45,14 @@ def test_target_and_bounds():
     np.testing.assert_allclose(flock.rules().bounds, [(0, 0, 0), (-4, 2, 0)], atol=1e-15)
 
 
+def test_weights():
+    one = pair(0.25, flock_position=(4, 0, 0)).rules()
+    other = pair(0.25, flock_position=(4, 0, 0), weights=(2.0, 0.0, 0.5)).rules()
+    for name, weight in (("separation", 2.0), ("alignment", 0.0), ("cohesion", 0.5)):
+        assert getattr(one, name).any()
+        np.testing.assert_allclose(getattr(other, name), weight * getattr(one, name), atol=1e-15)
+
+
 def test_field_of_view_hides_what_is_behind():
     places = [(0, 0, 0), (0.5, 0, 0), (-0.5, 0, 0), (0, 0.5, 0)]
     counts = [gather(np.array(places), np.tile(X, (4, 1)), 0.6, math.radians(a), search=s).counts[0]
@@ -139,6 +147,7 @@ def test_frames_bank_with_the_turn():
         ({"speed_variation": 1.5}, "speed_variation"),
         ({"bounds": [(1, 1, 1), (0, 0, 0)]}, "lower and an upper"),
         ({"search": "tree"}, "search"),
+        ({"weights": (1.0, -1.0, 0.0)}, "weights"),
         ({"directions": [(0, 0, 0)]}, "directions must not be zero"),
         ({"positions": [(0, 0)]}, "positions"),
     ],

@@ -5,14 +5,14 @@ import pytest
 
 import modalshell as ms
 from modalshell.kernels import rotations
-from modalshell.study import load_script
+from modalshell.study import StudyResult, load_script
 
 study = load_script("studies", "integrator_drift")
 
 
 @pytest.fixture(scope="module")
-def result():
-    return study.main(quick=True)
+def result(quick_study):
+    return StudyResult.load(quick_study("integrator_drift"), "integrator_drift")
 
 
 @pytest.fixture(scope="module")

@@ -14,26 +14,10 @@ from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
 from modalshell.study import load_script
 
-SCENE = """
-[mesh]
-shape = "flat_beam"
-cells = [12, 4]
-
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-
-[supports]
-clamped = "x < 0.1"
-
-[loads]
-gravity = [0.0, 0.0, -4.0]
-
-[model]
-name = "ds"
-"""
+FLAT = ('"v_beam"', '"flat_beam"')
+WEAK = ("-9.81", "-4.0")
+DISCRETE = ('"mwts"', '"ds"')
+STILL = ("[motion]\nduration = 1\n", "")
 
 
 @pytest.fixture(autouse=True)
@@ -168,7 +152,7 @@ def test_coarse_meshes_are_clamped_alike():
     assert drawn_to_supports(hinged, ms.flat_beam(cells=(8, 2))).vertices[:, 0].min() == 0.0
 
 
-def test_cases_that_cannot_be_compared_are_refused(tmp_path):
+def test_cases_that_cannot_be_compared_are_refused(scene_file):
     mesh = ms.flat_beam(cells=(6, 2))
     free = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
     with pytest.raises(ms.OptionError, match="6 rigid motions"):
@@ -179,19 +163,17 @@ def test_cases_that_cannot_be_compared_are_refused(tmp_path):
         ms.tradeoff(beam(), gravity=(0, 0, -1), loads=(0.5, 0.4, 1.0))
     with pytest.raises(ms.OptionError, match="modes"):
         ms.tradeoff(beam(), gravity=(0, 0, -1), modes=(0,))
-    file = tmp_path / "scene.toml"
-    file.write_text(SCENE + '[[constraints]]\nkind = "position"\nnearest = [1, 0, 0]\ntarget = [1, 0, 0]\n')
+    led = '[[constraints]]\nkind = "position"\nnearest = [1, 0, 0]\ntarget = [1, 0, 0]\n'
+    file = scene_file(FLAT, WEAK, DISCRETE, STILL, more=led)
     with pytest.raises(ms.OptionError, match="under loads, not under constraints"):
         ms.tradeoff(file)
     with pytest.raises(ms.OptionError, match="brings its own load"):
         ms.tradeoff(file, gravity=(0, 0, -1))
 
 
-def test_moving_supports_load_by_their_inertia(tmp_path):
-    file = tmp_path / "moving.toml"
-    moving = "times = [0.0, 1.0]\ntranslations = [[0, 0, 0], [0, 1.0, 0]]\n"
-    text = SCENE.replace('clamped = "x < 0.1"\n', f'clamped = "x < 0.1"\n{moving}').replace("-4.0", "0.0")
-    file.write_text(text + "[motion]\nduration = 1.0\n")
+def test_moving_supports_load_by_their_inertia(scene_file):
+    path = '"x < 0.1"\ntimes = [0.0, 1.0]\ntranslations = [[0, 0, 0], [0, 1.0, 0]]'
+    file = scene_file(FLAT, DISCRETE, ("-9.81", "0.0"), ('"x < 0.1"', path))
     case = make_case(str(file), None, None, ())
     # A cubic from rest to rest over one second: 6 m/s^2 at its ends.
     np.testing.assert_allclose(np.abs(case.load[:, 1]), 6.0 * case.shell.mass, rtol=1e-9)
@@ -221,9 +203,9 @@ def run(capsys, *arguments):
     return capsys.readouterr().out
 
 
-def test_commands_write_tables_and_pictures(tmp_path, capsys):
+def test_commands_write_tables_and_pictures(scene_text, tmp_path, capsys):
     file = tmp_path / "bent.toml"
-    file.write_text(SCENE)
+    file.write_text(scene_text(FLAT, WEAK, DISCRETE, STILL))
     shell = ms.load_scene(file).build_shell()
     outside = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -4)).positions
     np.savez(tmp_path / "truth.npz", positions=outside[None])

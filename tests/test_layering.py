@@ -12,18 +12,20 @@ LINE_LIMIT = 500
 # Top-level module -> the top-level modules it may import. Left to right, as the pipeline runs; never back.
 # "modalshell" itself stands for the names that modalshell/__init__.py hands out. A new top-level module is an error
 # until it has its row here.
-_PLAIN = {"errors", "checks", "files"}
-_TO_MOTION = _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs", "motion"}
+_PLAIN = {"errors", "checks", "files", "hold"}
+_TO_MOTION = _PLAIN | {"kernels", "mesh", "shell", "modes", "springs", "rungs", "motion"}
 MAY_IMPORT = {
     "errors": set(),
     "checks": {"errors"},
     "files": {"errors", "checks"},
+    "hold": {"errors"},
     "bundled": {"errors", "files"},
     "kernels": {"errors"},
     "mesh": _PLAIN | {"kernels"},
     "shell": _PLAIN | {"kernels", "mesh"},
     "modes": _PLAIN | {"kernels", "mesh", "shell"},
-    "rungs": _PLAIN | {"kernels", "mesh", "shell", "modes"},
+    "springs": _PLAIN | {"kernels", "mesh", "shell"},
+    "rungs": _PLAIN | {"kernels", "mesh", "shell", "modes", "springs"},
     "motion": _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs"},
     "crowd": _PLAIN | {"kernels", "mesh", "shell", "modes", "rungs"},
     "measure": {"errors", "checks", "mesh", "shell"},
@@ -31,10 +33,12 @@ MAY_IMPORT = {
     "selection": _TO_MOTION,
     "export": _TO_MOTION,
     "study": _TO_MOTION | {"measure", "selection", "bundled"},
-    "scene": _TO_MOTION | {"selection", "study"},
-    "run": _TO_MOTION | {"export", "render", "scene", "study"},
+    "scene": _TO_MOTION | {"crowd", "selection", "study"},
+    "run": _TO_MOTION | {"crowd", "export", "render", "scene", "study"},
     "ladder": _TO_MOTION | {"measure", "render", "scene", "study"},
-    "viewer": _TO_MOTION | {"render", "scene"},
+    "viewer": _TO_MOTION | {"render", "run", "scene"},
+    "doctor": {"errors", "modes", "render"},
+    "sweep": _TO_MOTION | {"measure", "render", "scene", "study"},
     "reproduce": _PLAIN | {"study", "bundled"},
     "cli": _TO_MOTION
     | {
@@ -47,13 +51,15 @@ MAY_IMPORT = {
         "run",
         "ladder",
         "viewer",
+        "doctor",
+        "sweep",
         "reproduce",
         "bundled",
         ROOT,
     },
     "__main__": {"cli"},
     "symbolic": set(),
-    ROOT: _TO_MOTION | {"crowd", "measure", "selection", "export", "study", "scene", "run", "ladder"},
+    ROOT: _TO_MOTION | {"crowd", "measure", "selection", "export", "study", "scene", "run", "ladder", "sweep"},
 }
 
 

@@ -182,7 +182,7 @@ def test_warped_statics_says_where_it_has_no_answer(flat, gamma):
 
 
 def test_warped_statics_at_gamma_400_does_not_pretend(flat):
-    """The fixed point of the flat beam winds up or cycles past Gamma of about 64 (MATH.md 5)."""
+    """The fixed point of the flat beam winds up or cycles past Gamma of about 64 (Gamma = rho_A g L^3 / D)."""
     basis, unit = flat
     answer = ModalWarping(basis).equilibrium(gravity=(0.0, 0.0, -400.0 * unit))
     load = basis.shell.gravity_force((0.0, 0.0, -400.0 * unit))
@@ -262,7 +262,7 @@ def test_v_beam_is_symmetric(v_shell, v_answers):
 @pytest.mark.parametrize("model", MODELS)
 @pytest.mark.parametrize("damping", [Damping(), Damping(0.3, 0.002)])
 def test_a_step_is_implicit_euler_mode_by_mode(v_basis, model, damping):
-    """Both forms of MATH.md 4, with the modal force of the step before."""
+    """v+ = (v + h (p - lambda q)) / d, q+ = q + h v+, d = 1 + h (xi + zeta lambda) + h^2 lambda, and q+ without v+."""
     rung = model(v_basis)
     rng = np.random.default_rng(3)
     q, v = 0.02 * rng.standard_normal(8), rng.standard_normal(8)

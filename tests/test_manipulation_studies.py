@@ -9,15 +9,15 @@ import modalshell as ms
 from modalshell.errors import OptionError
 from modalshell.render import ShadedSurface, View, draw_views, write_scene_film
 from modalshell.render.glyphs import arrow, axes, joined, rod, sphere
-from modalshell.study import load_script
+from modalshell.study import StudyResult, load_script
 
 CORNERS = np.array([[0.0, -0.1, 0.0], [1.0, -0.1, 0.0], [1.0, 0.1, 0.0], [0.0, 0.1, 0.0]])
 STRIP = (CORNERS, np.array([[0, 1, 2], [0, 2, 3]]))
 
 
 @pytest.fixture(scope="module")
-def beam():
-    return load_script("studies", "manipulation").main(quick=True)
+def beam(quick_study):
+    return StudyResult.load(quick_study("manipulation"), "manipulation")
 
 
 @pytest.fixture(scope="module")
@@ -100,8 +100,8 @@ def test_tubes_are_open_and_near_equilateral(study):
             assert middle == pytest.approx([garment.shift, 0.0, height], abs=0.02)
 
 
-def test_dancer_wears_its_shells(study, dancer):
-    result = study.main(quick=True)
+def test_dancer_wears_its_shells(study, dancer, quick_study):
+    result = StudyResult.load(quick_study("dancing_character"), "dancing_character")
     assert [row["status"] for row in result.findings["rows"]] == ["completed"] * 4
     for garment, row in zip(study.GARMENTS, result.findings["rows"], strict=True):
         assert row["position_residual"] < 1e-6

@@ -1,4 +1,4 @@
-"""The material: bending and membrane calibration of a mesh (MATH.md 9), and what is refused."""
+"""The material: bending and membrane calibration of a mesh, and what is refused."""
 
 import warnings
 

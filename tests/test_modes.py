@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 
 from modalshell import Basis, Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, solve_modes, v_beam
-from modalshell.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError
+from modalshell.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError, SolverError
 from modalshell.modes import available_backends, eigenpairs
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.rigid import rigid_motions
@@ -302,7 +302,7 @@ def test_calibrated_strips_have_beam_frequencies(family, cells, width):
 
 
 def test_clamp_correction_mends_the_clamp_bias():
-    """The uncalibrated union-jack plate of MATH.md 9, as it stands and with the hinges on the clamp line doubled."""
+    """A union-jack plate with k_f = D / 6, as it stands and with the hinges on the clamp line doubled."""
     mesh = sheet(cells=(16, 16), family="union-jack")
     clamped = mesh.vertices[:, 0] < 1.5 / 16
     free_length = 1.0 - 1.0 / 16
@@ -439,3 +439,22 @@ def test_files_that_lack_an_array_are_refused(saved, name):
 def test_files_with_arrays_that_do_not_fit_are_refused(saved, name, value):
     rewritten(saved, **{name: value})
     refused(saved)
+
+
+def needle_strip(aspect):
+    """A strip in the middle of which one column of cells is squeezed to needles of this aspect."""
+    mesh = flat_beam(cells=(12, 2))
+    vertices = np.array(mesh.vertices)
+    vertices[np.isclose(vertices[:, 0], 0.5), 0] = (7.0 - 1.0 / aspect) / 12.0
+    return Shell(TriangleMesh(vertices, mesh.faces), Material(5.0, 5.0, 0.05, 0.2), vertices[:, 0] < 0.125)
+
+
+@pytest.mark.parametrize("dense_below", [150, 0])
+def test_needles_keep_their_modes_or_are_refused(dense_below, monkeypatch):
+    """The lowest eigenvalue is 1e-16 of the largest at an aspect of 1e4; beyond, it is lost, and said to be."""
+    monkeypatch.setattr(eigenpairs, "_DENSE_BELOW", dense_below)
+    plain = solve_modes(needle_strip(1e2), 3).eigenvalues
+    np.testing.assert_allclose(solve_modes(needle_strip(1e4), 3).eigenvalues, plain, rtol=0.01)
+    for aspect in (1e5, 1e6):
+        with pytest.raises(SolverError):
+            solve_modes(needle_strip(aspect), 3)

@@ -159,3 +159,16 @@ def test_a_supported_shell_follows_its_supports():
 def test_half_held_shells_are_refused():
     with pytest.raises(ms.OptionError, match="rigid motions"):
         ms.RigidShell(leaf([0]))
+
+
+def test_longest_step_of_a_spin_is_one_radian_and_longer_ones_say_so():
+    """About a principal axis the discrete momentum is that of sin c, which reaches ``h omega`` up to one."""
+    mesh = ms.flat_beam(cells=(6, 2))
+    model = ms.RigidShell(ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2)))
+    for dt, good in ((0.49, True), (0.51, False), (50.0, False)):
+        state = model.start_motion()
+        state.rates[3:] = (2.0, 0.0, 0.0)
+        for _ in range(5):
+            state, converged = model.step(state, dt, np.zeros_like(mesh.vertices), Damping())
+            assert converged is good
+            assert np.isfinite(model.positions(state)).all()

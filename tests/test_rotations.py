@@ -68,14 +68,14 @@ def test_coefficients_keep_their_digits(angle):
         )
         exact = [float(value) for value in exact]
     # c1 and c2 pass through zero at multiples of pi: there they are good to rounding of the angle.
-    values = rotations.coefficients(angle**2)
+    values = rotations.coefficients(angle, 0.0, 0.0)
     assert values[0] == pytest.approx(exact[0], rel=1e-13, abs=1e-15)
     assert values[1] == pytest.approx(exact[1], rel=1e-13, abs=1e-30)
     assert values[2] == pytest.approx(exact[2], rel=1e-13, abs=0.0)
 
 
 def test_coefficients_at_zero_are_the_limits():
-    assert rotations.coefficients(0.0) == (1.0, 0.5, pytest.approx(1 / 6, rel=1e-16))
+    assert rotations.coefficients(0.0, 0.0, 0.0) == (1.0, 0.5, pytest.approx(1 / 6, rel=1e-16))
 
 
 @given(w=vector, direction=vector)
@@ -167,12 +167,12 @@ def test_warp_jacobian_passes_the_taylor_test(angle):
 @pytest.mark.parametrize("angle", [1e-160, 1e-8, 1e-3, 0.5, 0.99999, 1.0, 1.00001, 2.0, math.pi, 2 * math.pi, 20.0])
 def test_slopes_of_the_coefficients_keep_their_digits(angle):
     squared = angle**2
-    _, second, third = rotations.coefficients(squared)
+    first, second, third = rotations.coefficients(angle, 0.0, 0.0)
     with mpmath.workdps(700):
         phi = mpmath.mpf(angle)
         exact_second = (phi * mpmath.sin(phi) - 2 * (1 - mpmath.cos(phi))) / phi**4
         exact_third = (3 * mpmath.sin(phi) - phi * (2 + mpmath.cos(phi))) / phi**5
-    found = rotations._slopes(squared, second, third)
+    found = rotations._slopes(squared, first, second, third)
     # Where the closed form cancels, at angles of 1 and a little more, two digits go.
     assert found[0] == pytest.approx(float(exact_second), rel=1e-13, abs=1e-17)
     assert found[1] == pytest.approx(float(exact_third), rel=1e-13, abs=1e-17)

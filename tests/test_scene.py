@@ -8,33 +8,13 @@ import modalshell as ms
 from modalshell.scene import MODELS
 from modalshell.scene.parts import SHAPES
 
-BASE = """
-[mesh]
-shape = "v_beam"
-cells = [12, 4]
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.1"
-[loads]
-gravity = [0, 0, -9.81]
-[model]
-name = "mwts"
-[motion]
-duration = 1
-"""
 TIP = '[[constraints]]\nkind = "position"\nnearest = [1, 0, 0]\n'
 
 
 @pytest.fixture
-def load(tmp_path):
+def load(scene_file):
     def load(old="", new="", more=""):
-        assert old in BASE
-        (tmp_path / "scene.toml").write_text(BASE.replace(old, new, 1) + more, encoding="utf-8")
-        return ms.load_scene(tmp_path / "scene.toml")
+        return ms.load_scene(scene_file(*[(old, new)] * bool(old), more=more))
 
     return load
 
@@ -66,9 +46,8 @@ def test_only_what_is_declared_is_built(load, monkeypatch):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_shapes_take_the_parameters_of_their_functions(load, name):
-    scene = load(
-        'shape = "v_beam"\ncells = [12, 4]', f'shape = "{name}"\nlength = 2.0\nfamily = "right"\ncells = [8, 4]'
-    )
+    family = 'family = "right"\n' if "family" in SHAPES[name].__struct_fields__ else ""
+    scene = load('shape = "v_beam"\ncells = [12, 4]', f'shape = "{name}"\nlength = 2.0\n{family}cells = [8, 4]')
     mesh = scene.build_shell().mesh
     assert np.ptp(mesh.vertices[:, 0]) == pytest.approx(2.0, rel=0.05)
     with pytest.raises(ms.SceneError, match=r"mesh\.heigth: unknown key.*allowed: shape, length"):
@@ -242,20 +221,18 @@ def test_models_without_constraints_refuse_them(load, name):
         load('"mwts"', f'"{name}"', more=f"{TIP}target = [1, 0, 0]").build()
 
 
-def test_moving_parts_need_a_motion(load, tmp_path):
+def test_moving_parts_need_a_motion(load, scene_file):
     text = "[motion]\nduration = 1"
     with pytest.raises(ms.SceneError, match=r"constraints\[0\]\.targets: that move need a \[motion\]"):
         load(text, f"{TIP}times = [0, 1]\ntargets = [[0, 0, 0], [1, 1, 1]]").build()
-    (tmp_path / "scene.toml").write_text(
-        BASE.replace(text, "").replace('"x < 0.1"', "[1]\ntimes = [0, 1]\nrotations = [[0, 0, 0], [0, 0, 1]]")
-    )
+    scene = scene_file((text, ""), ('"x < 0.1"', "[1]\ntimes = [0, 1]\nrotations = [[0, 0, 0], [0, 0, 1]]"))
     with pytest.raises(ms.SceneError, match=r"supports\.times: .* \[motion\]"):
-        ms.load_scene(tmp_path / "scene.toml").build()
+        ms.load_scene(scene).build()
 
 
 @pytest.mark.parametrize("name", ["mesh", "material", "model"])
-def test_missing_tables_are_named(tmp_path, name):
-    left = re.sub(rf"\n\[{name}\]\n(\w.*\n)*", "\n", BASE)
+def test_missing_tables_are_named(scene_text, tmp_path, name):
+    left = re.sub(rf"\n\[{name}\]\n(\w.*\n)*", "\n", scene_text())
     (tmp_path / "scene.toml").write_text(left)
     with pytest.raises(ms.SceneError, match=rf"scene\.toml: {name}: missing"):
         ms.load_scene(tmp_path / "scene.toml")

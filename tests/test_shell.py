@@ -19,7 +19,7 @@ PLAIN = Material(stretch=20.0, shear=30.0, flexure=0.05, density=0.2)
 
 
 def textbook_energy(mesh, x, k_s, k_h, k_f):
-    """E of MATH.md 1, written out with loops: areas, lengths, dihedral angles over h0 = mean height / 3."""
+    """E of the paper (eq. 1-4), written out with loops: areas, lengths, dihedral angles over h0 = mean height / 3."""
 
     def area(points, face):
         return 0.5 * np.linalg.norm(np.cross(points[face[1]] - points[face[0]], points[face[2]] - points[face[0]]))

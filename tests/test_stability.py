@@ -282,3 +282,47 @@ def test_winding_up_is_named_with_its_time(basis):
     q *= 0.9
     start = basis.shell.rest_positions + (basis.modes @ q).reshape(-1, 3)
     assert run(model, 0.0, (1.0, 0.0), steps=30, start=start).status == "completed"
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.7, 1.0, 1.5])
+@pytest.mark.parametrize("steps", [50, 60, 150])
+def test_motion_near_critical_damping_that_turns_once_is_no_cycle(basis, ratio, steps):
+    damping = 2.0 * ratio * float(np.sqrt(basis.eigenvalues[0]))
+    for name in ("LMA", "MWTS", "RSW"):
+        motion = run(models(basis, "implicit_euler")[name], 1.0, (damping, 0.0), steps=steps, store_every=1)
+        assert motion.status == "completed", name
+
+
+def test_running_away_is_named_before_the_numbers_end(basis):
+    """Explicit Euler just above its limit, for too few steps to overflow; and no such word just below."""
+    model = ms.DiscreteShell(basis.shell, integrator="explicit", allow_unstable_step=True)
+    for factor, steps, words in ((1.05, 60, "completed, but runs away"), (0.95, 120, "completed")):
+        dt = factor * model.stable_step()
+        motion = ms.simulate(model, duration=steps * dt, dt=dt, gravity=gravity_at(1.0, basis.shell))
+        assert motion.status.startswith(words)
+        assert np.isfinite(motion.positions).all()
+        assert np.isfinite(motion.energies).all()
+    assert motion.status == "completed"
+
+
+def test_free_fall_does_not_run_away():
+    mesh = ms.flat_beam(cells=(6, 2))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    for model in (ms.LinearModal(ms.solve_modes(shell, 8)), ms.RigidShell(shell)):
+        assert ms.simulate(model, duration=100.0, dt=1.0, gravity=(0, 0, -9.81)).status == "completed"
+
+
+@pytest.mark.parametrize("gravity", [1e60, 1e150])
+def test_absurd_loads_leave_finite_frames_and_a_name(basis, gravity):
+    """Coordinates that are finite, but whose squares are not, once made frames of NaN under the status "diverged"."""
+    for name, model in models(basis, "implicit_euler").items():
+        motion = ms.simulate(model, duration=5.0, dt=0.5, gravity=(0, 0, -gravity))
+        assert np.isfinite(motion.positions).all(), name
+        assert np.isfinite(motion.energies).all(), name
+        assert motion.status != "completed" or name == "LMA"
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, 1e-16, 1e160, np.nan])
+def test_steps_that_no_sum_can_hold_are_refused(basis, dt):
+    with pytest.raises(ms.OptionError, match="dt must be"):
+        ms.simulate(ms.LinearModal(basis), duration=1.0, dt=dt)

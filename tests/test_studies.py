@@ -6,21 +6,15 @@ import pytest
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.files import write_atomically
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.reproduce import FIGURES, chosen_studies, reproduce
+from modalshell.reproduce import FIGURES, chosen_studies
 from modalshell.study import StudyResult, load_script, run_record
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """Both studies, quick, drawn without OpenGL."""
-    folder = tmp_path_factory.mktemp("results")
-    patch = pytest.MonkeyPatch()
-    patch.setenv("MODALSHELL_RENDERER", "matplotlib")
-    try:
-        for name in FIGURES:
-            reproduce(name, folder, folder / "figures", quick=True)
-    finally:
-        patch.undo()
+def results(quick_study):
+    """The folder with the results of every study."""
+    for name in FIGURES:
+        folder = quick_study(name)
     return folder
 
 

@@ -106,6 +106,14 @@ def test_explicit_steps_follow_the_path_too():
     np.testing.assert_allclose(explicit.positions[-1], implicit.positions[-1], atol=2e-3)
 
 
+def test_a_function_cut_off_in_motion_is_stopped_within_a_few_samples():
+    path = ms.SupportPath.from_function(lambda t: ([t, 0, 0], [0, 0, 0]), 1.0, step=0.01)
+    felt = np.array([path.at(1.0 - 0.01 * k).acceleration[0] for k in range(11)])
+    assert felt[0] < -100.0
+    np.testing.assert_allclose(felt[:10] / felt[1:], -(2.0 + np.sqrt(3.0)), rtol=1e-4)
+    np.testing.assert_allclose([path.at(t).translation[0] for t in (0.3, 0.515, 0.9)], [0.3, 0.515, 0.9], atol=1e-6)
+
+
 def test_refusals():
     shell = strip()
     with pytest.raises(ms.OptionError, match="increasing"):

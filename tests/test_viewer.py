@@ -1,14 +1,7 @@
-"""The viewer: the session without graphics, the window off-screen, and the page in a headless browser."""
+"""The viewer: the session without graphics, and the windows off-screen."""
 
-import os
-import shutil
-import socket
-import subprocess
 import sys
 import time
-import urllib.request
-import warnings
-from io import BytesIO
 
 import numpy as np
 import pytest
@@ -17,72 +10,24 @@ from matplotlib.image import imread
 import modalshell as ms
 from modalshell.cli import main
 from modalshell.errors import LoadError, OptionError
-from modalshell.render import choose_backend
-from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
+from modalshell.render.backend import RENDERER_VARIABLE
+from modalshell.run import RunFollower
 from modalshell.scene import MODELS
 from modalshell.viewer import ViewSession
 from modalshell.viewer.session import FRAME_SECONDS
 
-SCENE = """
-[mesh]
-shape = "v_beam"
-length = 1.0
-width = 0.2
-fold = 150.0
-cells = [20, 4]
-
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-
-[supports]
-clamped = "x < 0.051"
-
-[loads]
-gravity = [0.0, 0.0, -9.81]
-
-[model]
-name = "mwts"
-modes = 8
-
-[motion]
-duration = 4.0
-damping = [0.5, 0.001]
-"""
-MOVING = SCENE.replace(
-    '"x < 0.051"', '"x < 0.051"\ntimes = [0.0, 0.5, 1.0]\ntranslations = [[0, 0, 0], [0, 0.2, 0], [0, 0, 0]]'
+BEAM = (
+    ("[12, 4]", "[20, 4]"),
+    ("x < 0.1", "x < 0.051"),
+    ("duration = 1", "duration = 4.0\ndamping = [0.5, 0.001]"),
 )
-EXPLICIT = SCENE.replace('"mwts"\nmodes = 8', '"ds"\nintegrator = "explicit"\nallow_unstable_step = true')
-HEADLESS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-
-
-@pytest.fixture
-def scene_file(tmp_path):
-    def write(text=SCENE):
-        path = tmp_path / "scene.toml"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write
+MOVING = ('0.051"', '0.051"\ntimes = [0.0, 0.5, 1.0]\ntranslations = [[0, 0, 0], [0, 0.2, 0], [0, 0, 0]]')
+EXPLICIT = ('"mwts"', '"ds"\nintegrator = "explicit"\nallow_unstable_step = true')
 
 
 @pytest.fixture
 def session(scene_file):
-    return ViewSession(ms.load_scene(scene_file()))
-
-
-@pytest.fixture(scope="module")
-def opengl():
-    """Skip where nothing renders; leave the environment as it was."""
-    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
-        warnings.simplefilter("ignore", ms.ModalShellWarning)
-        for name in (RENDERER_VARIABLE, WINDOW_VARIABLE):
-            patch.setenv(name, "")  # so that what the probe sets is taken back
-        if choose_backend() != "pyvista":
-            pytest.skip("PyVista renders nothing on this machine: no OpenGL (apt-get install libegl1 libgl1-mesa-dri)")
-        yield
+    return ViewSession(ms.load_scene(scene_file(*BEAM)))
 
 
 def play(session, frames):
@@ -97,7 +42,7 @@ def moved(session):
 
 def test_session_follows_the_scene_frame_by_frame(session, scene_file):
     play(session, 15)
-    motion = ms.load_scene(scene_file()).build().start_motion()
+    motion = ms.load_scene(scene_file(*BEAM)).build().start_motion()
     for _ in range(15):
         motion.advance()
     assert session.time == motion.time
@@ -137,18 +82,18 @@ def test_gravity_turns_without_losing_the_motion(session):
 
 
 def test_other_forces_stay_when_gravity_changes(scene_file):
-    pushed = SCENE.replace("[model]", '[[loads.forces]]\nwhere = "x > 0.99"\ntotal = [0.0, 0.02, 0.0]\n\n[model]')
-    session = ViewSession(ms.load_scene(scene_file(pushed)))
+    push = '[[loads.forces]]\nwhere = "x > 0.99"\ntotal = [0.0, 0.02, 0.0]\n'
+    session = ViewSession(ms.load_scene(scene_file(*BEAM, more=push)))
     session.set_gravity([0.0, 0.0, 0.0])
     play(session, 20)
     tip = np.argmax(session.shell.rest_positions[:, 0])
     assert (session.positions - session.shell.rest_positions)[tip, 1] > 1e-3
 
 
-@pytest.mark.parametrize("text", [SCENE, MOVING], ids=["resting supports", "moving supports"])
+@pytest.mark.parametrize("supports", [(), (MOVING,)], ids=["resting supports", "moving supports"])
 @pytest.mark.parametrize(("name", "error"), [("ds", 1e-12), ("rsw", 0.02), ("lma", 0.2)])
-def test_another_model_takes_up_the_shape(scene_file, text, name, error):
-    session = ViewSession(ms.load_scene(scene_file(text)))
+def test_another_model_takes_up_the_shape(scene_file, supports, name, error):
+    session = ViewSession(ms.load_scene(scene_file(*BEAM, *supports)))
     play(session, 12)
     shape, now = session.positions.copy(), session.time
     assert moved(session) > 0.1
@@ -206,7 +151,7 @@ def test_every_model_of_scenes_can_be_chosen(session):
 
 @pytest.mark.filterwarnings("ignore::modalshell.ModalShellWarning")
 def test_divergence_pauses_and_says_so(scene_file):
-    session = ViewSession(ms.load_scene(scene_file(EXPLICIT)))
+    session = ViewSession(ms.load_scene(scene_file(*BEAM, EXPLICIT)))
     play(session, 400)
     assert session.diverged
     assert not session.playing
@@ -235,8 +180,7 @@ def test_a_slow_model_drops_time_and_says_so(session, monkeypatch):
 
 
 def test_a_scene_without_motion_moves_all_the_same(scene_file):
-    still = SCENE[: SCENE.index("[motion]")]
-    session = ViewSession(ms.load_scene(scene_file(still)))
+    session = ViewSession(ms.load_scene(scene_file(("[motion]\nduration = 1\n", ""))))
     play(session, 10)
     assert moved(session) > 0.01
 
@@ -276,11 +220,66 @@ def test_screenshots_show_the_motion(scene_file, tmp_path, capsys):
     assert (shell.max(axis=2) > 0.1).mean() > 0.02
 
 
+class Stopped(Exception):
+    pass
+
+
+def stopped_run(scene, out, steps, **options):
+    """Run, or go on, up to so many steps."""
+
+    def on_step(done, _total):
+        if done == steps:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        ms.run_scene(scene, out=out, on_step=on_step, **options)
+
+
+@pytest.mark.usefixtures("opengl")
+def test_pictures_of_attached_runs_show_their_newest_frame(scene_file, tmp_path, capsys):
+    out, pictures = tmp_path / "out", []
+    for steps in (1, 12):
+        stopped_run(scene_file(), out, steps)
+        path = tmp_path / f"{steps}.png"
+        with pytest.raises(SystemExit, match="0"):
+            main(["view", "--attach", str(out), "--screenshot", str(path)])
+        assert capsys.readouterr().out.strip() == str(path)
+        pictures.append(imread(path)[..., :3])
+    assert pictures[0].shape == (800, 1200, 3)
+    shell = np.abs(pictures[1] - pictures[0])[100:700]  # without the text
+    assert (shell.max(axis=2) > 0.1).mean() > 0.02
+
+
+@pytest.mark.usefixtures("opengl")
+def test_attached_windows_take_up_another_shell(scene_file, tmp_path):
+    from modalshell.viewer.attached import AttachedWindow
+
+    out, path = tmp_path / "out", tmp_path / "a.png"
+    stopped_run(scene_file(), out, 12)
+    run = RunFollower(out)
+    run.wait(0.0)
+    window = AttachedWindow(run, off_screen=True)
+    try:
+        folded = scene_file(("[12, 4]", "[10, 2]\nfold = 90.0"), ("x < 0.1", "x < 0.11"))
+        stopped_run(folded, out, 3, restart=True)
+        window.draw()
+        assert len(run.positions) == len(ms.load_scene(folded).build_shell().mass)
+        np.testing.assert_allclose(window._stage._surface.points, run.positions, atol=1e-6)
+        fresh = AttachedWindow(run, off_screen=True)
+        fresh.save_picture(path)
+        expected = imread(path)
+    finally:
+        window.save_picture(path)
+        run.close()
+    # The same picture as of a window that has shown nothing before.
+    assert (np.abs(imread(path) - expected).max(axis=2) > 0.1).mean() < 1e-3
+
+
 @pytest.mark.usefixtures("opengl")
 def test_window_controls_drive_the_session(scene_file):
     from modalshell.viewer.desktop import DesktopViewer
 
-    session = ViewSession(ms.load_scene(scene_file()))
+    session = ViewSession(ms.load_scene(scene_file(*BEAM)))
     viewer = DesktopViewer(session, off_screen=True)
     try:
         assert (session.name, session.modes) == ("mwts", 8)
@@ -326,109 +325,3 @@ def test_missing_extra_is_one_line(scene_file, capsys, monkeypatch):
 )
 def test_options_that_are_refused(scene_file, capsys, options, text):
     assert text in refused(capsys, scene_file(), *options)
-
-
-@pytest.fixture
-def page_address(scene_file, opengl):  # noqa: ARG001 (skips)
-    """A server in a process of its own; the address that it prints."""
-    pytest.importorskip("trame.app", reason="trame is not installed (pip install 'modalshell[web]')")
-    pytest.importorskip("trame_vtk", reason="trame-vtk is not installed (pip install 'modalshell[web]')")
-    command = [sys.executable, "-m", "modalshell", "view", str(scene_file()), "--web", "--port", "0"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
-        try:
-            line = server.stdout.readline()
-            assert line.startswith("http://127.0.0.1:"), line
-            yield line.split()[0]
-        finally:
-            server.terminate()
-
-
-@pytest.mark.slow
-def test_page_is_served_on_loopback_alone(page_address):
-    with urllib.request.urlopen(page_address, timeout=20) as answer:
-        assert b"<html" in answer.read()
-    port = int(page_address.rstrip("/").rsplit(":", 1)[1])
-    if sys.platform.startswith("linux"):  # where all of 127.0.0.0/8 is this machine
-        with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("127.0.0.2", port), timeout=5)
-
-
-@pytest.fixture
-def page(page_address):
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as driver:
-        names = ("chromium", "chromium-browser", "google-chrome")
-        found = [driver.chromium.executable_path, *(shutil.which(name) or "" for name in names)]
-        browsers = [path for path in found if os.path.exists(path)]
-        if not browsers:
-            pytest.skip("there is no Chromium (apt-get install chromium, or playwright install chromium)")
-        browser = driver.chromium.launch(executable_path=browsers[0], args=HEADLESS)
-        page = browser.new_page(viewport={"width": 1000, "height": 700})
-        page.set_default_timeout(60_000)
-        page.goto(page_address)
-        page.wait_for_selector("#picture")
-        yield page
-        browser.close()
-
-
-def picture(page):
-    return imread(BytesIO(page.locator("#picture").screenshot()))[..., :3]
-
-
-def wait_for(condition, seconds=30.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing happened on the page"
-        time.sleep(0.2)
-
-
-def changed(page, before):
-    return (np.abs(picture(page) - before).max(axis=2) > 0.1).mean() > 0.005
-
-
-def settled_picture(page):
-    """The picture once the shell is on it and the page has stopped laying itself out."""
-    seen, calm = picture(page), 0
-
-    def settled():
-        nonlocal seen, calm
-        before, seen = seen, picture(page)
-        coloured = (np.ptp(seen, axis=2) > 0.1).mean() > 0.01
-        same = coloured and before.shape == seen.shape and np.abs(seen - before).max() < 0.1
-        calm = calm + 1 if same else 0
-        return calm == 6
-
-    wait_for(settled)
-    return seen
-
-
-@pytest.mark.slow
-def test_page_plays_and_takes_gravity_model_and_modes(page):
-    status = page.locator("#status")
-    still = settled_picture(page)
-    assert "paused" in status.inner_text()
-
-    page.click("#play")
-    wait_for(lambda: changed(page, still))
-    assert "playing" in status.inner_text()
-    page.click("#play")
-    wait_for(lambda: "paused" in status.inner_text())
-
-    page.click("#reset")
-    wait_for(lambda: "t = 0.00 s" in status.inner_text())
-    wait_for(lambda: not changed(page, still))
-
-    thumb = page.locator(".v-slider-thumb")
-    modes, gravity_x = thumb.nth(0), thumb.nth(1)
-    gravity_x.focus()
-    page.keyboard.press("End")
-    wait_for(lambda: "19.6" in page.get_by_text("Gravity x").inner_text())
-    modes.focus()
-    page.keyboard.press("ArrowRight")
-    wait_for(lambda: "MWTS, 9 modes" in status.inner_text())
-
-    page.locator("div[role=combobox]").click()
-    page.get_by_role("option", name="DS", exact=True).click()
-    wait_for(lambda: status.inner_text().startswith("DS;"))
-    page.click("#play")
-    wait_for(lambda: changed(page, still))

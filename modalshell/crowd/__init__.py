@@ -2,6 +2,7 @@
 
 from modalshell.crowd.crowd import LEVELS, Crowd
 from modalshell.crowd.flap import Flap
+from modalshell.crowd.flight import Flight
 from modalshell.crowd.flock import Flock
 
-__all__ = ["LEVELS", "Crowd", "Flap", "Flock"]
+__all__ = ["LEVELS", "Crowd", "Flap", "Flight", "Flock"]

@@ -10,14 +10,17 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors, shown
 from modalshell.errors import OptionError
 from modalshell.kernels import crowd as kernels
-from modalshell.kernels.frame import TILE, WORK
+from modalshell.kernels.frame import TILE
 from modalshell.modes import Basis
+from modalshell.rungs import RotationStrain
 from modalshell.rungs.frame import WarpFrame
 
 Array = NDArray[np.float64]
 
 LEVELS = ("rigid", "LMA", "MWTS")
 """Levels of detail, by the number that stands for each in :attr:`Crowd.levels`."""
+
+_BATCH = 256
 
 
 class Crowd:
@@ -30,9 +33,8 @@ class Crowd:
     - LMA: ``rest + Phi q``, driven by ``Phi^T f``: as :class:`modalshell.LinearModal`.
     - rigid: the rest shape; its coordinates go on as those of LMA, so that it is up to date when it comes near.
 
-    Coordinates are continuous across a switch, positions jump. From MWTS to LMA a vertex jumps by ``|Rt(w) u - u|``, at
-    most ``|w| |u| / 2`` with u its linear displacement, and from LMA to rigid by ``|u|``: :meth:`switch_errors`
-    measures both, and :meth:`switch_distances` says from where on they are too small to be seen.
+    Coordinates are continuous across a switch, positions jump, by no more than :meth:`choose_levels` allows.
+    Instances near the viewer may be drawn by RSW besides, blended in without a jump: :meth:`blend_strains`.
 
     Parameters
     ----------
@@ -44,6 +46,9 @@ class Crowd:
         Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness.
     dtype : {float64, float32}
         Precision of the positions and of the arithmetic that makes them. Coordinates are stepped in float64.
+    threads : int
+        Parts that the instances are cut into, each on a thread of numba's if there are as many; the results are the
+        same, bit by bit.
 
     Attributes
     ----------
@@ -55,7 +60,7 @@ class Crowd:
     Raises
     ------
     OptionError
-        If ``count``, ``damping`` or ``dtype`` is none of these.
+        If ``count``, ``damping``, ``dtype`` or ``threads`` is none of these.
     """
 
     def __init__(
@@ -65,18 +70,21 @@ class Crowd:
         *,
         damping: tuple[float, float] = (0.0, 0.0),
         dtype: DTypeLike = np.float64,
+        threads: int = 1,
     ) -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.count = checked_count("count", count)
+        self.threads = checked_count("threads", threads)
         mass_factor, stiffness_factor = checked_vectors("damping", damping, (2,), OptionError)
         if min(mass_factor, stiffness_factor) < 0.0:
             raise OptionError(f"damping must be two factors at least 0 (got {shown(damping)})")
         self._damping = mass_factor + stiffness_factor * basis.eigenvalues
         frame = WarpFrame(basis, dtype=dtype)
         self.dtype, self.vertices = frame.dtype, frame.vertices
-        self._modal = frame.modal_data
         double = self.dtype == np.float64
+        self._modal, self._powers = frame.modal_data, kernels.powers(self.dtype)
         self._force_modal = self._modal if double else WarpFrame(basis).modal_data
+        self._force_powers = kernels.powers(np.float64)
         tiles = len(self._modal)
         padded = np.zeros((tiles * TILE, 4))
         padded[: self.vertices, :3] = basis.shell.rest_positions
@@ -84,8 +92,12 @@ class Crowd:
         by_row = padded.reshape(tiles, TILE, 4).transpose(0, 2, 1)
         self._rest = np.ascontiguousarray(by_row[:, :3].reshape(tiles, 3 * TILE), dtype=self.dtype)
         self._mass = np.ascontiguousarray(by_row[:, 3])
-        self._work = np.zeros(WORK, self.dtype)
-        self._force_work = self._work if double else np.zeros(WORK)
+        self._work = np.zeros((self.threads, kernels.work_size(self.dtype)), self.dtype)
+        self._force_work = self._work if double else np.zeros((self.threads, kernels.work_size(np.float64)))
+        # Modal force of LMA for a unit acceleration along each axis, and the largest motion and turn of each mode.
+        modes, turns = (a.reshape(-1, 3, basis.count) for a in (basis.modes, basis.rotations))
+        self._weights = np.einsum("n,nik->ik", basis.shell.mass, modes)
+        self._reach, self._turn = (np.linalg.norm(a, axis=1).max(axis=0) for a in (modes, turns))
         self.coordinates = np.zeros((self.count, basis.count))
         self.rates = np.zeros_like(self.coordinates)
         self.levels = np.full(self.count, kernels.WARPED, np.int8)
@@ -106,10 +118,14 @@ class Crowd:
         """
         dt = checked_number("dt", dt, above=0.0, unit="s")
         felt = self._per_instance("felt", felt, (3,))
-        force = np.empty_like(self.coordinates)
-        kernels.crowd_forces(
-            self._force_modal, self._mass, self.coordinates, self.levels, felt, self._force_work, force
-        )
+        force = felt @ self._weights
+        warped = np.flatnonzero(self.levels == kernels.WARPED)
+        force[warped] = 0.0
+        given = (warped, self._force_modal, self._mass, self.coordinates, self._force_powers, felt)
+        if self.threads == 1:
+            kernels.crowd_forces(0, chunks(warped), *given, self._force_work[0], force)
+        else:
+            kernels.crowd_forces_parallel(*given, self._force_work, force)
         if forcing is not None:
             force += checked_vectors("forcing", forcing, force.shape, OptionError)
         stiffness = self.basis.eigenvalues
@@ -120,7 +136,7 @@ class Crowd:
     def positions(
         self,
         rotations: ArrayLike | None = None,
-        translations: ArrayLike = (0.0, 0.0, 0.0),
+        translations: ArrayLike | None = None,
         out: NDArray[Any] | None = None,
     ) -> NDArray[Any]:
         """Vertex positions (B, n, 3) [m] in the world, each instance at its level of detail.
@@ -129,8 +145,8 @@ class Crowd:
         ----------
         rotations : array_like, shape (3, 3) or (B, 3, 3), optional
             From the instance's frame to the world's; none without it.
-        translations : array_like, shape (3,) or (B, 3)
-            Of the frame's origin [m].
+        translations : array_like, shape (3,) or (B, 3), optional
+            Of the frame's origin [m]; none without it.
         out : ndarray, shape (B, n, 3), optional
             C-ordered array of the crowd's precision to write into.
         """
@@ -141,44 +157,110 @@ class Crowd:
             raise OptionError(
                 f"out must be a writable C-ordered {self.dtype} array of shape {shape} (got {out.dtype} {out.shape})"
             )
-        turns = self._per_instance("rotations", np.eye(3) if rotations is None else rotations, (3, 3))
-        moves = self._per_instance("translations", translations, (3,))
-        q, turns, moves = (a.astype(self.dtype, copy=False) for a in (self.coordinates, turns, moves))
-        kernels.crowd_positions(self._modal, self._rest, q, self.levels, turns, moves, self._work, out)
+        poses = np.zeros((0, 12), self.dtype)
+        if rotations is not None or translations is not None:
+            poses = np.concatenate(self._poses(rotations, translations), axis=1, dtype=self.dtype)
+        self._reconstruct(self.coordinates, self.levels, poses, out)
         return out
 
-    def set_levels(self, distances: ArrayLike, linear_beyond: float, rigid_beyond: float) -> None:
-        """Level of every instance by its distance (B,) [m] from the viewer: MWTS near, LMA, and rigid far off."""
-        near = checked_vectors("distances", distances, (self.count,), OptionError)
-        linear_beyond = checked_number("linear_beyond", linear_beyond, at_least=0.0, unit="m")
-        rigid_beyond = checked_number("rigid_beyond", rigid_beyond, at_least=0.0, unit="m")
-        if linear_beyond > rigid_beyond:
-            raise OptionError(f"switches must be at 0 <= linear <= rigid (got {linear_beyond:g}, {rigid_beyond:g})")
-        levels = np.where(near < rigid_beyond, kernels.LINEAR, kernels.RIGID)
-        self.levels = np.where(near < linear_beyond, kernels.WARPED, levels).astype(np.int8)
+    def blend_strains(
+        self,
+        model: RotationStrain,
+        shares: ArrayLike,
+        out: NDArray[Any],
+        rotations: ArrayLike | None = None,
+        translations: ArrayLike | None = None,
+    ) -> Array:
+        """Move positions towards those of RSW, as much as each instance's share says.
 
-    def switch_errors(self) -> Array:
-        """How far a vertex would jump [m] at the present coordinates, largest over each instance, (B, 2).
+        Shares that change smoothly with the distance from the viewer show no jump. Forces stay those of the levels.
 
-        First between LMA and rigid, then between MWTS and LMA.
+        Parameters
+        ----------
+        model : RotationStrain
+            RSW on the crowd's basis.
+        shares : array_like, shape (B,)
+            From 0, as it is, to 1, RSW.
+        out : ndarray, shape (B, n, 3)
+            What :meth:`positions` gave with the same ``rotations`` and ``translations``; changed in place [m].
+
+        Returns
+        -------
+        ndarray, shape (B,)
+            Largest distance [m] of a vertex by RSW from where it was; zero without a share.
         """
-        errors = np.empty((self.count, 2))
-        kernels.switch_errors(self._force_modal, self.coordinates, self.vertices, self._force_work, errors)
-        return errors
+        if model.basis is not self.basis:
+            raise OptionError("the model must stand on the crowd's own basis")
+        share = checked_vectors("shares", shares, (self.count,), OptionError)
+        turns, moves = self._poses(rotations, translations)
+        gaps = np.zeros(self.count)
+        for b in np.flatnonzero(share):
+            shape = self.basis.shell.rest_positions + model.displacement(self.coordinates[b])
+            gap = shape @ turns[b].reshape(3, 3).T + moves[b] - out[b]
+            gaps[b] = np.linalg.norm(gap, axis=1).max()
+            out[b] += share[b] * gap
+        return gaps
 
-    def switch_distances(self, angle: float) -> tuple[float, float]:
-        """Distances [m] beyond which every instance may be LMA, and may be rigid, for :meth:`set_levels`.
+    def choose_levels(self, distances: ArrayLike, angle: float) -> None:
+        """Give every instance the cheapest level that is not seen to be one.
 
-        From there on no vertex of the crowd, as it is now, jumps by more than ``angle`` [rad] in view: a pixel is the
-        angle of one over the focal length in pixels. An instance seen rigid has both errors against MWTS, hence the
-        second distance is of their sum.
+        No vertex is farther from its place by MWTS than ``angle`` in view, so that none jumps by more at a switch. With
+        ``|u|`` and ``|w|`` at most ``sum_k |q_k|`` times the largest motion and turn of mode k, rigid is off by at most
+        ``|u|`` and LMA by at most ``|w| |u| / 2``.
+
+        Parameters
+        ----------
+        distances : array_like, shape (B,)
+            From the viewer to the nearest vertex of each instance [m].
+        angle : float
+            Largest angle allowed [rad]; a pixel is one over the focal length in pixels.
         """
         angle = checked_number("angle", angle, above=0.0, unit="rad")
-        errors = self.switch_errors()
-        return float(errors[:, 1].max() / angle), float(errors.sum(axis=1).max() / angle)
+        seen = angle * checked_vectors("distances", distances, (self.count,), OptionError)
+        amounts = np.abs(self.coordinates)
+        length, turn = amounts @ self._reach, amounts @ self._turn
+        levels = np.where(0.5 * turn * length <= seen, kernels.LINEAR, kernels.WARPED)
+        self.levels = np.where(length <= seen, kernels.RIGID, levels).astype(np.int8)
+
+    def level_errors(self) -> Array:
+        """How far a vertex is from its place by MWTS at the present coordinates and levels, largest of each, (B,) [m].
+
+        It is what a switch between that level and MWTS would show.
+        """
+        errors = np.zeros(self.count)
+        nowhere = np.zeros((0, 12), self.dtype)
+        less = np.flatnonzero(self.levels != kernels.WARPED)
+        for part in np.array_split(less, -(-less.size // _BATCH)) if less.size else ():
+            shapes = np.empty((2, part.size, self.vertices, 3), self.dtype)
+            warped = np.full(part.size, kernels.WARPED, np.int8)
+            for shape, levels in zip(shapes, (self.levels[part], warped), strict=True):
+                self._reconstruct(self.coordinates[part], levels, nowhere, shape)
+            errors[part] = np.linalg.norm(shapes[1] - shapes[0], axis=2).max(axis=1)
+        return errors
+
+    def _reconstruct(self, coordinates: Array, levels: NDArray[np.int8], poses: NDArray[Any], out: Any) -> None:
+        q = np.ascontiguousarray(coordinates, dtype=self.dtype)
+        for level in range(len(LEVELS)):
+            order = np.flatnonzero(levels == level)
+            given = (level, order, self._modal, self._rest, q, self._powers, poses)
+            if self.threads == 1:
+                kernels.crowd_positions(0, chunks(order), *given, self._work[0], out)
+            else:
+                kernels.crowd_positions_parallel(*given, self._work, out)
+
+    def _poses(self, rotations: ArrayLike | None, translations: ArrayLike | None) -> tuple[Array, Array]:
+        """Rotations (B, 9) and translations (B, 3) of all instances."""
+        turns = self._per_instance("rotations", np.eye(3) if rotations is None else rotations, (3, 3))
+        moves = self._per_instance("translations", np.zeros(3) if translations is None else translations, (3,))
+        return turns.reshape(-1, 9), moves
 
     def _per_instance(self, name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
         """``values`` for every instance, (B, *shape), from that or from one for all."""
         if np.shape(values) == shape:
             values = np.broadcast_to(np.asarray(values, dtype=np.float64), (self.count, *shape))
         return checked_vectors(name, values, (self.count, *shape), OptionError)
+
+
+def chunks(order: NDArray[np.int64]) -> int:
+    """Number of chunks that the kernels take ``order`` in."""
+    return -(-order.size // kernels.CHUNK)

@@ -19,7 +19,7 @@ _PARALLEL = 1e-9
 
 
 class Rules(NamedTuple):
-    """What each rule asks of every boid, (N, 3) each; their sum is the direction that it turns to.
+    """What each rule asks of every boid times its weight, (N, 3) each; their sum is the direction that it turns to.
 
     Attributes
     ----------
@@ -30,7 +30,7 @@ class Rules(NamedTuple):
     cohesion : ndarray
         Unit vector to the mean position of the neighbours and of the flock position, which counts as one more.
     target : ndarray
-        Unit vector to the target times its weight.
+        Unit vector to the target.
     bounds : ndarray
         Back into the box: the distance outside it along each axis over the neighbour distance.
     """
@@ -75,6 +75,8 @@ class Flock:
         Boids nearer than this are neighbours [m].
     field_of_view : float
         Full angle about its direction in which a boid sees others [degrees], in (0, 360].
+    weights : (float, float, float)
+        Weights of separation, alignment and cohesion, at least 0.
     flock_position : array_like, shape (3,)
         Where the flock belongs [m]: a boid without neighbours flies there.
     target : array_like, shape (3,), optional
@@ -113,6 +115,7 @@ class Flock:
         rotation_speed: float = 1.0,
         neighbour_distance: float = 1.0,
         field_of_view: float = 360.0,
+        weights: ArrayLike = (1.0, 1.0, 1.0),
         flock_position: ArrayLike = (0.0, 0.0, 0.0),
         target: ArrayLike | None = None,
         target_weight: float = 1.0,
@@ -134,6 +137,9 @@ class Flock:
         self.neighbour_distance = checked_number("neighbour_distance", neighbour_distance, above=0.0, unit="m")
         angle = checked_number("field_of_view", field_of_view, above=0.0, at_most=360.0, unit="degrees")
         self.field_of_view = math.radians(angle)
+        self.weights = checked_vectors("weights", weights, (3,), OptionError)
+        if self.weights.min() < 0.0:
+            raise OptionError(f"weights must be at least 0 (got {weights!r})")
         self.flock_position = checked_vectors("flock_position", flock_position, (3,), OptionError)
         self.target = None if target is None else checked_vectors("target", target, (3,), OptionError)
         self.target_weight = checked_number("target_weight", target_weight)
@@ -194,7 +200,9 @@ class Flock:
         if self.bounds is not None:
             inside = np.clip(self.positions, *self.bounds)
             bounds = (inside - self.positions) / self.neighbour_distance
-        return Rules(near.separation, alignment, unit(middle - self.positions), target, bounds)
+        separate, align, cohere = self.weights
+        cohesion = cohere * unit(middle - self.positions)
+        return Rules(separate * near.separation, align * alignment, cohesion, target, bounds)
 
     def step(self, dt: float) -> None:
         """Turn and move every boid over ``dt`` [s]; a boid whose new direction would vanish keeps its own."""

@@ -1,159 +1,307 @@
 """Many instances of one shell at once: their positions and their modal forces, over tiles of vertices [choi2007].
 
-The modal data lie in tiles as for one frame (:mod:`modalshell.kernels.frame`) and stay in the second cache while the
-instances take their turns; eight modes are summed in one pass over the buffer, and only positions are written out. An
-instance's numbers do not depend on the others of its batch.
+The modal data lie in tiles as for one frame (:mod:`modalshell.kernels.frame`). While a tile is in the first cache,
+32 instances take their turns at it, two at a time: what is read for one serves both, and sums and rotations stay in
+registers until positions are written. An instance's numbers do not depend on the others of its batch, but for the last
+bit where it takes the first place of a pair in one batch and the second in another.
 """
 
 from __future__ import annotations
 
-import math
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, prange, types
+from numba.extending import overload
+from numpy.typing import NDArray
 
-from modalshell.kernels.frame import FASTMATH, TILE, rotation_coefficients
+from modalshell.kernels.frame import HALF_DOUBLE, HALF_SINGLE, MIDDLE, THIRD_DOUBLE, THIRD_SINGLE, TILE
+from modalshell.kernels.packed import BYTES, any_above, larger, load, spread, store, store_triples, total
+from modalshell.kernels.rotations import coefficients
 
 RIGID, LINEAR, WARPED = 0, 1, 2
 """Levels of detail."""
 
-_kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
+CHUNK = 32
+"""Instances that take turns at a tile; what a thread does at least."""
+
+_LIMIT = 2.0 * MIDDLE
+
+_kernel = njit(cache=True, error_model="numpy")
+_inline = njit(cache=True, error_model="numpy", forceinline=True)
+
+
+def powers(dtype: Any) -> NDArray[Any]:
+    """The polynomials of :mod:`modalshell.kernels.frame` as one array: their middle, those of c2, those of c3."""
+    single = np.dtype(dtype) == np.float32
+    half, third = (HALF_SINGLE, THIRD_SINGLE) if single else (HALF_DOUBLE, THIRD_DOUBLE)
+    return np.array([MIDDLE, *half, *third], dtype=dtype)
+
+
+def work_size(dtype: Any) -> int:
+    """Length of the buffer that one thread needs: six rows of a tile, or one packed vertex."""
+    return max(6 * TILE, 3 * BYTES // int(np.dtype(dtype).itemsize))
+
+
+def _coefficients(squared: Any, powers: Any) -> Any:
+    """c2 and c3 at packed |w|^2 in [0, (2 pi)^2]."""
+    raise NotImplementedError
+
+
+@overload(_coefficients, jit_options={"forceinline": True})
+def _packed_coefficients(squared, powers):  # type: ignore[no-untyped-def] # noqa: ARG001
+    single = squared.scalar == types.float32
+    halves, thirds = (len(HALF_SINGLE), len(THIRD_SINGLE)) if single else (len(HALF_DOUBLE), len(THIRD_DOUBLE))
+
+    def evaluate(squared, powers):  # type: ignore[no-untyped-def]
+        s = squared - spread(powers[0])
+        half, third = spread(powers[1]), spread(powers[1 + halves])
+        for k in range(1, halves):
+            half = half * s + spread(powers[1 + k])
+        for k in range(1, thirds):
+            third = third * s + spread(powers[1 + halves + k])
+        return half * half, third
+
+    return evaluate
+
+
+@_inline
+def _turned(x, y, z, wx, wy, wz, linear, quadratic):  # type: ignore[no-untyped-def]
+    """``v + linear w x v + quadratic w x (w x v)``."""
+    cx, cy, cz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+    return (
+        x + linear * cx + quadratic * (wy * cz - wz * cy),
+        y + linear * cy + quadratic * (wz * cx - wx * cz),
+        z + linear * cz + quadratic * (wx * cy - wy * cx),
+    )
+
+
+@_inline
+def _placed(x, y, z, poses, at):  # type: ignore[no-untyped-def]
+    """``R v + t`` with R, row by row, and t from ``at`` on in ``poses``."""
+    return (
+        spread(poses[at]) * x + spread(poses[at + 1]) * y + spread(poses[at + 2]) * z + spread(poses[at + 9]),
+        spread(poses[at + 3]) * x + spread(poses[at + 4]) * y + spread(poses[at + 5]) * z + spread(poses[at + 10]),
+        spread(poses[at + 6]) * x + spread(poses[at + 7]) * y + spread(poses[at + 8]) * z + spread(poses[at + 11]),
+    )
+
+
+@_inline
+def _two_sums(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
+    """``sum_k q_k modal_k`` of three rows from ``at`` on, for the coordinates from ``a`` and from ``b`` on in ``q``."""
+    qa, qb = spread(q[a]), spread(q[b])
+    row = load(modal, at)
+    ax, bx = qa * row, qb * row
+    row = load(modal, at + TILE)
+    ay, by = qa * row, qb * row
+    row = load(modal, at + 2 * TILE)
+    az, bz = qa * row, qb * row
+    for k in range(1, modes):
+        at += 6 * TILE
+        qa, qb = spread(q[a + k]), spread(q[b + k])
+        row = load(modal, at)
+        ax, bx = ax + qa * row, bx + qb * row
+        row = load(modal, at + TILE)
+        ay, by = ay + qa * row, by + qb * row
+        row = load(modal, at + 2 * TILE)
+        az, bz = az + qa * row, bz + qb * row
+    return ax, ay, az, bx, by, bz
+
+
+@_inline
+def _two_sums_of_six(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
+    """:func:`_two_sums` of six rows: twelve sums at once hide more of each other's latency than twice six."""
+    qa, qb = spread(q[a]), spread(q[b])
+    row = load(modal, at)
+    ax, bx = qa * row, qb * row
+    row = load(modal, at + TILE)
+    ay, by = qa * row, qb * row
+    row = load(modal, at + 2 * TILE)
+    az, bz = qa * row, qb * row
+    row = load(modal, at + 3 * TILE)
+    au, bu = qa * row, qb * row
+    row = load(modal, at + 4 * TILE)
+    av, bv = qa * row, qb * row
+    row = load(modal, at + 5 * TILE)
+    aw, bw = qa * row, qb * row
+    for k in range(1, modes):
+        at += 6 * TILE
+        qa, qb = spread(q[a + k]), spread(q[b + k])
+        row = load(modal, at)
+        ax, bx = ax + qa * row, bx + qb * row
+        row = load(modal, at + TILE)
+        ay, by = ay + qa * row, by + qb * row
+        row = load(modal, at + 2 * TILE)
+        az, bz = az + qa * row, bz + qb * row
+        row = load(modal, at + 3 * TILE)
+        au, bu = au + qa * row, bu + qb * row
+        row = load(modal, at + 4 * TILE)
+        av, bv = av + qa * row, bv + qb * row
+        row = load(modal, at + 5 * TILE)
+        aw, bw = aw + qa * row, bw + qb * row
+    return ax, ay, az, au, av, aw, bx, by, bz, bu, bv, bw
 
 
 @_kernel
-def _sum_modes(modal, q, first, last, work):  # type: ignore[no-untyped-def]
-    """``work[first:last] = sum_k q_k modal[k, first:last]``, eight modes a pass and the rest one by one."""
-    whole = q.size // 8 * 8
-    if whole == 0:
-        work[first:last] = 0.0
-    for mode in range(0, whole, 8):
-        a, b, c, d = q[mode], q[mode + 1], q[mode + 2], q[mode + 3]
-        e, f, g, h = q[mode + 4], q[mode + 5], q[mode + 6], q[mode + 7]
-        m0, m1, m2, m3 = modal[mode], modal[mode + 1], modal[mode + 2], modal[mode + 3]
-        m4, m5, m6, m7 = modal[mode + 4], modal[mode + 5], modal[mode + 6], modal[mode + 7]
-        if mode == 0:
-            for i in range(first, last):
-                half = a * m0[i] + b * m1[i] + c * m2[i] + d * m3[i]
-                work[i] = half + (e * m4[i] + f * m5[i] + g * m6[i] + h * m7[i])
-        else:
-            for i in range(first, last):
-                half = a * m0[i] + b * m1[i] + c * m2[i] + d * m3[i]
-                work[i] += half + (e * m4[i] + f * m5[i] + g * m6[i] + h * m7[i])
-    for mode in range(whole, q.size):
-        a, m0 = q[mode], modal[mode]
-        for i in range(first, last):
-            work[i] += a * m0[i]
+def _wound_up(tile, size, modal, rest, q, pose, out):  # type: ignore[no-untyped-def]
+    """Positions of one tile of one instance, vertex by vertex, whatever the angles; ``out`` is (3 size,)."""
+    for j in range(size):
+        sums = np.zeros(6)
+        for mode in range(q.size):
+            for row in range(6):
+                sums[row] += q[mode] * modal[tile, mode, row * TILE + j]
+        wx, wy, wz = sums[3], sums[4], sums[5]
+        _, second, third = coefficients(wx, wy, wz)
+        x, y, z = _turned(sums[0], sums[1], sums[2], wx, wy, wz, second, third)
+        x, y, z = x + rest[tile, j], y + rest[tile, TILE + j], z + rest[tile, 2 * TILE + j]
+        for axis in range(3):
+            if pose.size:
+                row = pose[3 * axis : 3 * axis + 3]
+                out[3 * j + axis] = row[0] * x + row[1] * y + row[2] * z + pose[9 + axis]
+            else:
+                out[3 * j + axis] = (x, y, z)[axis]
 
 
 @_kernel
-def _displacements(modal, q, level, work):  # type: ignore[no-untyped-def]
-    """Displacements of a tile at a level into the first three rows of ``work``."""
-    if level == RIGID:
-        work[: 3 * TILE] = 0.0
-        return
-    if level == LINEAR:
-        _sum_modes(modal, q, 0, 3 * TILE, work)
-        return
-    _sum_modes(modal, q, 0, 6 * TILE, work)
-    rotation_coefficients(work)
-    for j in range(TILE):
-        ux, uy, uz = work[j], work[TILE + j], work[2 * TILE + j]
-        wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-        linear, quadratic = work[6 * TILE + j], work[7 * TILE + j]
-        cx, cy, cz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-        work[j] = ux + linear * cx + quadratic * (wy * cz - wz * cy)
-        work[TILE + j] = uy + linear * cy + quadratic * (wz * cx - wx * cz)
-        work[2 * TILE + j] = uz + linear * cz + quadratic * (wx * cy - wy * cx)
+def crowd_positions(begin, end, level, order, modal, rest, q, powers, poses, work, out):  # type: ignore[no-untyped-def]
+    """``out_b = R_b (rest + u_b) + t_b`` (B, n, 3) of the instances b of ``order`` (k,), u at ``level``, at q (B, m).
 
-
-@_kernel
-def _place(rest, rotation, translation, work):  # type: ignore[no-untyped-def]
-    """Positions ``R (rest + u) + t`` of a tile in place of its displacements u, the first three rows of ``work``."""
-    xx, xy, xz = rotation[0, 0], rotation[0, 1], rotation[0, 2]
-    yx, yy, yz = rotation[1, 0], rotation[1, 1], rotation[1, 2]
-    zx, zy, zz = rotation[2, 0], rotation[2, 1], rotation[2, 2]
-    tx, ty, tz = translation[0], translation[1], translation[2]
-    for j in range(TILE):
-        x, y, z = rest[j] + work[j], rest[TILE + j] + work[TILE + j], rest[2 * TILE + j] + work[2 * TILE + j]
-        work[j] = xx * x + xy * y + xz * z + tx
-        work[TILE + j] = yx * x + yy * y + yz * z + ty
-        work[2 * TILE + j] = zx * x + zy * y + zz * z + tz
-
-
-@_kernel
-def _interleave(work, out):  # type: ignore[no-untyped-def]
-    """Rows x, y, z of ``work`` as vertex after vertex into ``out`` (3 size,)."""
-    for j in range(out.size // 3):
-        out[3 * j], out[3 * j + 1], out[3 * j + 2] = work[j], work[TILE + j], work[2 * TILE + j]
-
-
-@_kernel
-def crowd_positions(modal, rest, q, levels, rotations, translations, work, out):  # type: ignore[no-untyped-def]
-    """``out_b = R_b (rest + u_b) + t_b`` (B, n, 3) of instances at q (B, m), u at each one's level (B,).
-
-    ``modal`` (tiles, m, 6 * 128) and ``rest`` (tiles, 3 * 128) are padded with zeros; ``rotations`` (B, 3, 3) and
-    ``translations`` (B, 3) place the instances; ``work`` is (8 * 128,).
+    Of ``order`` the chunks ``begin`` to ``end - 1`` are taken. ``modal`` (tiles, m, 6 * 128) and ``rest``
+    (tiles, 3 * 128) are padded with zeros; ``poses`` (B, 12) hold R and t, or are (0, 12) where instances stay.
     """
-    count, vertices = out.shape[0], out.shape[1]
-    flat = out.reshape(count, 3 * vertices)
-    for b in range(count):
+    vertices, modes = out.shape[1], q.shape[1]
+    lanes = BYTES // out.itemsize
+    limit = modal.dtype.type(_LIMIT)
+    moved = poses.shape[0] > 0
+    flat_modal, flat_rest, flat_q, flat_poses = modal.reshape(-1), rest.reshape(-1), q.reshape(-1), poses.reshape(-1)
+    flat = out.reshape(-1)
+    for chunk in range(begin, end):
+        last = min((chunk + 1) * CHUNK, order.size)
         for tile in range(modal.shape[0]):
-            start = tile * TILE
-            size = min(TILE, vertices - start)
-            _displacements(modal[tile], q[b], levels[b], work)
-            _place(rest[tile], rotations[b], translations[b], work)
-            _interleave(work, flat[b, 3 * start : 3 * (start + size)])
+            size = min(TILE, vertices - tile * TILE)
+            for pair in range(chunk * CHUNK, last, 2):
+                a, b = order[pair], order[min(pair + 1, last - 1)]
+                worst_a = worst_b = spread(limit)
+                for j in range(0, size, lanes):
+                    at = 3 * tile * TILE + j
+                    x, y, z = load(flat_rest, at), load(flat_rest, at + TILE), load(flat_rest, at + 2 * TILE)
+                    ax, ay, az, bx, by, bz = x, y, z, x, y, z
+                    if level != RIGID:
+                        at = 6 * tile * modes * TILE + j
+                        if level == LINEAR:
+                            ax, ay, az, bx, by, bz = _two_sums(flat_modal, at, flat_q, a * modes, b * modes, modes)
+                        else:
+                            ax, ay, az, au, av, aw, bx, by, bz, bu, bv, bw = _two_sums_of_six(
+                                flat_modal, at, flat_q, a * modes, b * modes, modes
+                            )
+                            squared_a, squared_b = au * au + av * av + aw * aw, bu * bu + bv * bv + bw * bw
+                            worst_a, worst_b = larger(squared_a, worst_a), larger(squared_b, worst_b)
+                            second_a, third_a = _coefficients(squared_a, powers)
+                            second_b, third_b = _coefficients(squared_b, powers)
+                            ax, ay, az = _turned(ax, ay, az, au, av, aw, second_a, third_a)
+                            bx, by, bz = _turned(bx, by, bz, bu, bv, bw, second_b, third_b)
+                        ax, ay, az, bx, by, bz = ax + x, ay + y, az + z, bx + x, by + y, bz + z
+                    if moved:
+                        ax, ay, az = _placed(ax, ay, az, flat_poses, 12 * a)
+                        bx, by, bz = _placed(bx, by, bz, flat_poses, 12 * b)
+                    to_a, to_b = 3 * (a * vertices + tile * TILE + j), 3 * (b * vertices + tile * TILE + j)
+                    if j + lanes <= size:
+                        store_triples(flat, to_a, ax, ay, az)
+                        store_triples(flat, to_b, bx, by, bz)
+                    else:
+                        store_triples(work, 0, ax, ay, az)
+                        for i in range(3 * (size - j)):
+                            flat[to_a + i] = work[i]
+                        store_triples(work, 0, bx, by, bz)
+                        for i in range(3 * (size - j)):
+                            flat[to_b + i] = work[i]
+                if any_above(worst_a, limit):
+                    start = 3 * (a * vertices + tile * TILE)
+                    _wound_up(tile, size, modal, rest, q[a], poses[a : a + 1].ravel(), flat[start:])
+                if any_above(worst_b, limit):
+                    start = 3 * (b * vertices + tile * TILE)
+                    _wound_up(tile, size, modal, rest, q[b], poses[b : b + 1].ravel(), flat[start:])
 
 
 @_kernel
-def crowd_forces(modal, mass, q, levels, felt, work, out):  # type: ignore[no-untyped-def]
-    """Modal forces ``Phi^T R(Psi q_b)^T (mass felt_b)`` (B, m) of warped instances, R = I for the other levels.
+def _turn_back_wound_up(tile, modal, mass, q, felt, work):  # type: ignore[no-untyped-def]
+    """``mass R(w)^T felt`` of one tile of one instance into ``work`` (3 * 128,), vertex by vertex."""
+    for j in range(TILE):
+        w = np.zeros(3)
+        for mode in range(q.size):
+            for row in range(3):
+                w[row] += q[mode] * modal[tile, mode, (3 + row) * TILE + j]
+        first, second, _ = coefficients(w[0], w[1], w[2])
+        turned = _turned(felt[0], felt[1], felt[2], w[0], w[1], w[2], -first, second)
+        for axis in range(3):
+            work[axis * TILE + j] = mass[tile, j] * turned[axis]
+
+
+@_kernel
+def crowd_forces(begin, end, order, modal, mass, q, powers, felt, work, out):  # type: ignore[no-untyped-def]
+    """Modal forces ``Phi^T R(Psi q_b)^T (mass felt_b)`` (B, m) of the instances b of ``order``, from zeros.
 
     ``mass`` (tiles, 128) is padded with zeros; ``felt`` (B, 3) is one acceleration for all vertices of an instance.
     """
-    out[:] = 0.0
-    for b in range(q.shape[0]):
-        fx, fy, fz = felt[b]
+    modes = q.shape[1]
+    lanes = BYTES // modal.itemsize
+    limit = modal.dtype.type(_LIMIT)
+    flat_modal, flat_mass, flat_q = modal.reshape(-1), mass.reshape(-1), q.reshape(-1)
+    one = spread(modal.dtype.type(1.0))
+    for chunk in range(begin, end):
+        last = min((chunk + 1) * CHUNK, order.size)
         for tile in range(modal.shape[0]):
-            if levels[b] == WARPED:
-                _sum_modes(modal[tile], q[b], 3 * TILE, 6 * TILE, work)
-                rotation_coefficients(work)
-                for j in range(TILE):
+            for pair in range(chunk * CHUNK, last, 2):
+                a, b = order[pair], order[min(pair + 1, last - 1)]
+                worst_a = worst_b = spread(limit)
+                fx, fy, fz = spread(felt[a, 0]), spread(felt[a, 1]), spread(felt[a, 2])
+                gx, gy, gz = spread(felt[b, 0]), spread(felt[b, 1]), spread(felt[b, 2])
+                for j in range(0, TILE, lanes):
+                    at = (6 * tile * modes + 3) * TILE + j
+                    au, av, aw, bu, bv, bw = _two_sums(flat_modal, at, flat_q, a * modes, b * modes, modes)
+                    squared_a, squared_b = au * au + av * av + aw * aw, bu * bu + bv * bv + bw * bw
+                    worst_a, worst_b = larger(squared_a, worst_a), larger(squared_b, worst_b)
+                    second_a, third_a = _coefficients(squared_a, powers)
+                    second_b, third_b = _coefficients(squared_b, powers)
                     # R^T f = f - c1 w x f + c2 w x (w x f), with c1 = 1 - |w|^2 c3.
-                    wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-                    second, third = work[6 * TILE + j], work[7 * TILE + j]
-                    first = 1.0 - (wx * wx + wy * wy + wz * wz) * third
-                    cx, cy, cz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
-                    m = mass[tile, j]
-                    work[j] = m * (fx - first * cx + second * (wy * cz - wz * cy))
-                    work[TILE + j] = m * (fy - first * cy + second * (wz * cx - wx * cz))
-                    work[2 * TILE + j] = m * (fz - first * cz + second * (wx * cy - wy * cx))
-            else:
-                for j in range(TILE):
-                    m = mass[tile, j]
-                    work[j], work[TILE + j], work[2 * TILE + j] = m * fx, m * fy, m * fz
-            for mode in range(q.shape[1]):
-                total = work[0] * modal[tile, mode, 0]
-                for i in range(1, 3 * TILE):
-                    total += work[i] * modal[tile, mode, i]
-                out[b, mode] += total
+                    ax, ay, az = _turned(fx, fy, fz, au, av, aw, squared_a * third_a - one, second_a)
+                    bx, by, bz = _turned(gx, gy, gz, bu, bv, bw, squared_b * third_b - one, second_b)
+                    m = load(flat_mass, tile * TILE + j)
+                    store(work, j, m * ax)
+                    store(work, TILE + j, m * ay)
+                    store(work, 2 * TILE + j, m * az)
+                    store(work, 3 * TILE + j, m * bx)
+                    store(work, 4 * TILE + j, m * by)
+                    store(work, 5 * TILE + j, m * bz)
+                if any_above(worst_a, limit):
+                    _turn_back_wound_up(tile, modal, mass, q[a], felt[a], work[: 3 * TILE])
+                if any_above(worst_b, limit):
+                    _turn_back_wound_up(tile, modal, mass, q[b], felt[b], work[3 * TILE :])
+                for mode in range(modes):
+                    at = 6 * (tile * modes + mode) * TILE
+                    row = load(flat_modal, at)
+                    sum_a, sum_b = row * load(work, 0), row * load(work, 3 * TILE)
+                    for i in range(lanes, 3 * TILE, lanes):
+                        row = load(flat_modal, at + i)
+                        sum_a, sum_b = sum_a + row * load(work, i), sum_b + row * load(work, 3 * TILE + i)
+                    out[a, mode] += total(sum_a)
+                    if b != a:
+                        out[b, mode] += total(sum_b)
 
 
-@_kernel
-def switch_errors(modal, q, vertices, work, out):  # type: ignore[no-untyped-def]
-    """Largest displacement and largest distance between linear and warped positions of each instance, (B, 2)."""
-    linear = np.empty(3 * TILE, q.dtype)
-    out[:] = 0.0
-    for b in range(q.shape[0]):
-        for tile in range(modal.shape[0]):
-            _sum_modes(modal[tile], q[b], 0, 3 * TILE, linear)
-            _displacements(modal[tile], q[b], WARPED, work)
-            for j in range(min(TILE, vertices - tile * TILE)):
-                length = gap = 0.0
-                for axis in range(3):
-                    u = linear[axis * TILE + j]
-                    length += u * u
-                    gap += (u - work[axis * TILE + j]) ** 2
-                out[b, 0] = max(out[b, 0], length)
-                out[b, 1] = max(out[b, 1], gap)
-        out[b, 0], out[b, 1] = math.sqrt(out[b, 0]), math.sqrt(out[b, 1])
+@njit(cache=True, error_model="numpy", parallel=True)
+def crowd_positions_parallel(level, order, modal, rest, q, powers, poses, work, out):  # type: ignore[no-untyped-def]
+    """:func:`crowd_positions` over as many equal parts of the chunks as ``work`` has rows, each on a thread."""
+    parts, chunks = work.shape[0], (order.size + CHUNK - 1) // CHUNK
+    for part in prange(parts):
+        begin, end = part * chunks // parts, (part + 1) * chunks // parts
+        crowd_positions(begin, end, level, order, modal, rest, q, powers, poses, work[part], out)
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def crowd_forces_parallel(order, modal, mass, q, powers, felt, work, out):  # type: ignore[no-untyped-def]
+    """:func:`crowd_forces` over as many equal parts of the chunks as ``work`` has rows, each on a thread."""
+    parts, chunks = work.shape[0], (order.size + CHUNK - 1) // CHUNK
+    for part in prange(parts):
+        begin, end = part * chunks // parts, (part + 1) * chunks // parts
+        crowd_forces(begin, end, order, modal, mass, q, powers, felt, work[part], out)

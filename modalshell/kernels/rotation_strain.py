@@ -14,6 +14,9 @@ The potential of a load whose adjoint gradient on the triangle is (g_a, g_b) is
           \partial_w \psi = c_1 \bar N + c_2 (N + N^T) w + 2 \alpha w, \quad
           \alpha = -\tfrac12 c_1 \mathrm{tr} N + c_1' \bar N \cdot w + c_2' w^T N w .
 
+F, and per unit of g the potential and its derivatives, are within ``3e-14 + 2^-52 |w|`` of the exact ones: ``c_1`` is
+found as ``1 - |w|^2 c_3``, which within a turn costs the last digit of c_3 and beyond it the digits before the point.
+
 Triangles come in tiles of 128. Modal data of a tile are (m, 6 * 128): rows w_a, w_b, w_n, s_aa, s_bb, s_ab of each
 mode; its shape is (12 * 128): rows a, b, n (three each), then half the height, half the foot of the height and half the
 length of the first edge. Padding is zero.
@@ -55,7 +58,7 @@ def _combine(modal, tile, q, work):  # type: ignore[no-untyped-def]
     if beyond:
         for j in range(TILE):
             x, y, z = work[j], work[TILE + j], work[2 * TILE + j]
-            _, work[6 * TILE + j], work[7 * TILE + j] = coefficients(x * x + y * y + z * z)
+            _, work[6 * TILE + j], work[7 * TILE + j] = coefficients(x, y, z)
 
 
 @_kernel

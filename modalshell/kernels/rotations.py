@@ -7,6 +7,9 @@ For a rotation vector :math:`w`, with :math:`\phi = |w|`,
 
 with :math:`c_1 = \sin\phi/\phi`, :math:`c_2 = (1-\cos\phi)/\phi^2`, :math:`c_3 = (\phi-\sin\phi)/\phi^3`.
 :math:`\tilde R` is the left Jacobian of SO(3): :math:`d\,e^{[w]} = [\tilde R\,dw]\,e^{[w]}`.
+
+From :math:`\phi = 0` to 1e6 rad, R, :math:`\tilde R` and their derivatives by w are within 1e-14 of those of w as it is
+stored, in the Frobenius norm and relative to it (of all 27 numbers for a derivative).
 """
 
 from __future__ import annotations
@@ -16,29 +19,72 @@ import math
 import numpy as np
 from numba import njit
 
-_kernel = njit(cache=True, error_model="numpy")
+# Said outright: without it a kernel is compiled, and cached, with the fastmath flags of whichever caller came first.
+_kernel = njit(cache=True, error_model="numpy", fastmath=False)
+
+_TERMS = 9
+_EVEN, _ODD = (tuple((-1.0) ** k / math.factorial(2 * k + s) for k in reversed(range(_TERMS))) for s in (2, 3))
+"""c2 = sum (-1)^k phi^(2k) / (2k + 2)! and c3, with (2k + 3)!, highest power first: exact to rounding for phi < 1."""
+
+_LARGE = 40.0
+"""phi^2 beyond which the rounding of phi itself is felt: about a turn."""
 
 
 @_kernel
-def coefficients(squared):  # type: ignore[no-untyped-def]
-    """c1, c2, c3 at phi^2 = ``squared``: half angles and a series where subtraction would cancel."""
-    angle = math.sqrt(squared)
+def _square(a):  # type: ignore[no-untyped-def]
+    """``a^2`` as the nearest number and what it leaves [dekker1971]."""
+    square = a * a
+    split = 134217729.0 * a
+    high = split - (split - a)
+    low = a - high
+    return square, ((high * high - square) + 2.0 * high * low) + low * low
+
+
+@_kernel
+def _sum(a, b):  # type: ignore[no-untyped-def]
+    """``a + b`` as the nearest number and what it leaves, for ``|a| >= |b|`` [dekker1971]."""
+    total = a + b
+    return total, b - (total - a)
+
+
+@_kernel
+def _length(x, y, z):  # type: ignore[no-untyped-def]
+    """|(x, y, z)| as the nearest number and what it leaves: an angle of 1e6 rad, too, shall be right to 1e-16 rad."""
+    total, left = _square(x)
+    for component in (y, z):
+        square, rest = _square(component)
+        total, carried = _sum(max(total, square), min(total, square))
+        left += rest + carried
+    length = math.sqrt(total)
+    square, rest = _square(length)
+    return length, ((total - square) - rest + left) / (2.0 * length)
+
+
+@_kernel
+def _large_angle(x, y, z):  # type: ignore[no-untyped-def]
+    """c1, c2, c3 with |w| as exact as its numbers are."""
+    angle, left = _length(x, y, z)
+    half_sine, half_cosine = math.sin(0.5 * angle), math.cos(0.5 * angle)
+    half_sine, half_cosine = half_sine + 0.5 * left * half_cosine, half_cosine - 0.5 * left * half_sine
+    sine, squared = 2.0 * half_sine * half_cosine, angle * angle
+    return sine / angle, 2.0 * half_sine * half_sine / squared, (angle - sine) / (squared * angle)
+
+
+@njit(cache=True, error_model="numpy", fastmath=False, forceinline=True)
+def coefficients(x, y, z):  # type: ignore[no-untyped-def]
+    """c1, c2, c3 of the rotation vector (x, y, z): half angles and a series where subtraction would cancel."""
+    squared = x * x + y * y + z * z
     if squared < 1.0:
-        # sum (-1)^k phi^(2k) / (2k + 3)!, nine terms: below 1e-17 of the sum for phi < 1.
-        third = 1.0
-        for k in range(9, 0, -1):
-            third = 1.0 - third * squared / ((2.0 * k + 2.0) * (2.0 * k + 3.0))
-        third /= 6.0
-        first = 1.0 - squared * third
-        half = 0.5 * angle
-        ratio = 1.0 - (half * half) / 6.0 if half < 1e-4 else math.sin(half) / half
-        return first, 0.5 * ratio * ratio, third
-    half_sine = math.sin(0.5 * angle)
-    return (
-        math.sin(angle) / angle,
-        2.0 * half_sine * half_sine / squared,
-        (angle - math.sin(angle)) / (squared * angle),
-    )
+        second, third = _EVEN[0], _ODD[0]
+        for k in range(1, _TERMS):
+            second = second * squared + _EVEN[k]
+            third = third * squared + _ODD[k]
+        return 1.0 - squared * third, second, third
+    if squared > _LARGE:
+        return _large_angle(x, y, z)
+    angle = math.sqrt(squared)
+    sine, half_sine = math.sin(angle), math.sin(0.5 * angle)
+    return sine / angle, 2.0 * half_sine * half_sine / squared, (angle - sine) / (squared * angle)
 
 
 @_kernel
@@ -57,7 +103,7 @@ def rotate(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def
     """``out_i = R(sign w_i) v_i``; all (n, 3). ``sign`` = -1 applies the transpose."""
     for i in range(vectors.shape[0]):
         w = rotation_vectors[i]
-        first, second, _ = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        first, second, _ = coefficients(w[0], w[1], w[2])
         _apply(w, vectors[i], sign * first, second, out[i])
 
 
@@ -66,7 +112,7 @@ def warp(rotation_vectors, vectors, sign, out):  # type: ignore[no-untyped-def]
     """``out_i = Rt(sign w_i) v_i``; all (n, 3). Rt is the average of the rotations from 0 to w [choi2007, eq. 17]."""
     for i in range(vectors.shape[0]):
         w = rotation_vectors[i]
-        _, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        _, second, third = coefficients(w[0], w[1], w[2])
         _apply(w, vectors[i], sign * second, third, out[i])
 
 
@@ -77,7 +123,7 @@ def averages(rotation_vectors, out):  # type: ignore[no-untyped-def]
     column = np.empty(3)
     for i in range(rotation_vectors.shape[0]):
         w = rotation_vectors[i]
-        _, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        _, second, third = coefficients(w[0], w[1], w[2])
         for axis in range(3):
             unit[:] = 0.0
             unit[axis] = 1.0
@@ -103,7 +149,7 @@ def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no
     column = np.empty(3)
     for i in range(load.shape[0]):
         w = rotation_vectors[i]
-        first, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        first, second, third = coefficients(w[0], w[1], w[2])
         _apply(w, load[i], -first, second, rotated)
         for axis in range(3):
             unit[:] = 0.0
@@ -115,8 +161,8 @@ def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no
 
 
 @_kernel
-def _slopes(squared, second, third):  # type: ignore[no-untyped-def]
-    """``(dc2/dphi) / phi`` and ``(dc3/dphi) / phi`` at phi^2 = ``squared``, given c2 and c3 there."""
+def _slopes(squared, first, second, third):  # type: ignore[no-untyped-def]
+    """``(dc2/dphi) / phi`` and ``(dc3/dphi) / phi`` at phi^2 = ``squared``, given c1, c2 and c3 there."""
     if squared < 1.0:
         # sum (-1)^k 2k phi^(2k-2) / (2k+2)!, and with (2k+3)!: the factorials as a running product.
         term = 0.5
@@ -127,15 +173,14 @@ def _slopes(squared, second, third):  # type: ignore[no-untyped-def]
             slope_third += 2.0 * k * term / (2.0 * k + 3.0)
             term *= squared
         return slope_second, slope_third
-    return (1.0 - squared * third - 2.0 * second) / squared, (second - 3.0 * third) / squared
+    return (first - 2.0 * second) / squared, (second - 3.0 * third) / squared
 
 
 @_kernel
 def _warp_slope(w, v, jacobian):  # type: ignore[no-untyped-def]
     """``d(Rt(w) v)/dw`` at fixed v for one vertex, into (3, 3)."""
-    squared = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
-    _, second, third = coefficients(squared)
-    slope_second, slope_third = _slopes(squared, second, third)
+    first, second, third = coefficients(w[0], w[1], w[2])
+    slope_second, slope_third = _slopes(w[0] * w[0] + w[1] * w[1] + w[2] * w[2], first, second, third)
     cx = w[1] * v[2] - w[2] * v[1]
     cy = w[2] * v[0] - w[0] * v[2]
     cz = w[0] * v[1] - w[1] * v[0]
@@ -172,7 +217,7 @@ def warped_work(rotation_vectors, vectors, load, averaged, slope):  # type: igno
     jacobian = np.empty((3, 3))
     for i in range(vectors.shape[0]):
         w, v, f = rotation_vectors[i], vectors[i], load[i]
-        _, second, third = coefficients(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
+        _, second, third = coefficients(w[0], w[1], w[2])
         _apply(w, f, -second, third, averaged[i])  # Rt(w)^T = Rt(-w)
         _warp_slope(w, v, jacobian)
         for axis in range(3):

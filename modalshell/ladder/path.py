@@ -116,7 +116,7 @@ def tangent_ratio(shell: Shell, answer: Equilibrium, lowest: float) -> float | N
 def find_jump(
     model: DiscreteShell, load: Array, before: Array, low: float, after: Array, high: float, missed: bool = False
 ) -> Snap | None:
-    """Bracket a jump between two loads by halving: a smooth path moves less with each halving, a jump does not.
+    """Bracket a jump between two shares of ``load`` by halving: a smooth path moves less with each, a jump does not.
 
     ``missed`` says that DS found no answer at some load in between.
     """

@@ -128,7 +128,9 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     Returns
     -------
     Basis
-        Modes with a fixed start vector and sign convention, so that results repeat.
+        Modes with a fixed start vector and sign convention, so that results repeat. None is missing, of repeated
+        eigenvalues neither; where ``count`` cuts such an eigenvalue in two, a ModalShellWarning says so, and as many
+        orthonormal modes of its eigenspace are returned as there is room for.
 
     Raises
     ------

@@ -9,7 +9,7 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.errors import OptionError
+from modalshell.errors import OptionError, SolverError
 from modalshell.modes.basis import Basis
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.rigid import rigid_motions
@@ -83,6 +83,8 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     ------
     OptionError
         If the supports leave rigid motions free: K has no inverse, and a turn no straight line of coordinates.
+    SolverError
+        If K is too ill-conditioned for its inverse to have a meaning.
     """
     shell = modes.shell
     if loose := rigid_motions(shell).shape[1]:
@@ -99,6 +101,11 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     found = orthonormal_extension(modes.modes[free], derivatives[free], np.repeat(shell.mass, 3)[free])
     # The new vectors are K-orthogonal to the modes as they are M-orthogonal to them: only they need turning.
     further, turned = np.linalg.eigh(found[:, count:].T @ (stiffness @ found[:, count:]))
+    if not (further > 0.0).all():  # NaN too
+        raise SolverError(
+            f"the modal derivatives have no positive stiffness (lowest {further.min():.3g} 1/s^2): the mesh is too "
+            "ill-conditioned for them; remesh needles, or bring the stiffnesses nearer together"
+        )
     vectors = np.zeros((modes.modes.shape[0], found.shape[1]))
     vectors[free] = np.hstack([found[:, :count], found[:, count:] @ turned])
     eigenvalues = np.concatenate([modes.eigenvalues, further])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from modalshell.checks import finite_answer
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.modes.factorisation import Factoriser
-from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
+from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 
 Array = NDArray[np.float64]
@@ -23,6 +23,25 @@ _REPEATED = 1e-9
 """Relative gap below which eigenvalues count as one; further apart they are resolved and keep their own modes."""
 
 _RESIDUAL_LIMIT = 1e-8
+_ILL_CONDITIONED = (
+    "the stiffness is too ill-conditioned: remesh needles (aspects of 1e4 and more), or bring the stiffnesses nearer "
+    "together"
+)
+_AGREEMENT = 0.05
+"""Relative difference between an eigenvalue and its mode's strain energy from which the mode is rounding."""
+_FALSE_STIFFNESS = 0.5
+"""Share of the lowest eigenvalue that rounding may give to rigid motions: about what it takes to lose a mode."""
+_LOOSE = 1e-6
+"""Share of the largest strain energy below which a mode is loose, and its eigenvalue is rounding with good reason."""
+
+_GLANCE = 1e-3
+"""Tolerance of a first look for missed modes; what lies no further above the last mode is looked at closely."""
+
+_CLOSELY = 1e-9
+"""Tolerance beside known modes: inside a repeated eigenvalue the last digits need not settle."""
+
+_RESTARTS = 100
+"""Restarts after which a mode that has not converged is sought again without the others."""
 
 
 def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Array, Array, int, float, str]:
@@ -77,9 +96,10 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             "the stiffness is too ill-conditioned; check for slivers and for stiffnesses many decades apart"
         )
     modes = vectors / root[:, None]
+    strain = _strain_eigenvalues(shell, modes, values)
+    _check_rounding(shell, data, values, strain)
     # Already in order, to rounding: repeated ones must not change places by it.
-    values = np.maximum.accumulate(_strain_eigenvalues(shell, modes, values))
-    eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), values])
+    eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), np.maximum.accumulate(strain)])
     return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name
 
 
@@ -92,9 +112,14 @@ def mass_scaled(shell: Shell, data: Array) -> tuple[sps.csc_array, Array]:
     return scaled, root
 
 
-def largest_eigenvalue(shell: Shell) -> float:
-    """Upper estimate (within 1e-4) of the largest squared angular frequency of the rest shape [1/s^2]."""
-    scaled, root = mass_scaled(shell, shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2])
+def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
+    """Upper estimate (within 1e-4) of the largest squared angular frequency of the rest shape [1/s^2].
+
+    With ``data``, values on the shell's pattern, of the matrix ``M^-1 data`` instead.
+    """
+    if data is None:
+        data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    scaled, root = mass_scaled(shell, data)
     start = np.random.default_rng(0).standard_normal(root.size)
     value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
     return float(value[0]) * (1.0 + 1e-4)
@@ -116,32 +141,117 @@ def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
 def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
     """Eigenpairs of a small matrix on the complement of the (orthonormal) rigid motions."""
     basis = scipy.linalg.null_space(rigid.T) if rigid.shape[1] else np.eye(matrix.shape[0])
-    values, vectors = np.linalg.eigh(basis.T @ matrix @ basis)
-    return values[:wanted], basis @ vectors[:, :wanted]
+    reduced = basis.T @ matrix @ basis
+    try:
+        # Those of the inverse, by Cholesky: in the matrix itself the lowest drown in eps |K| where a mesh has needles.
+        inverse, vectors = scipy.linalg.eigh(np.eye(len(reduced)), reduced)
+    except np.linalg.LinAlgError:  # loose, or too ill-conditioned: told apart by the strain energies
+        values, vectors = np.linalg.eigh(reduced)
+        return values[:wanted], basis @ vectors[:, :wanted]
+    vectors = vectors[:, ::-1][:, :wanted]
+    return 1.0 / inverse[::-1][:wanted], basis @ (vectors / np.linalg.norm(vectors, axis=0))
 
 
 def _lanczos(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
-    """Shift-invert at zero in the mass-scaled problem, whose mass matrix is the identity."""
+    """Shift-invert at zero in the mass-scaled problem, whose mass matrix is the identity.
+
+    A Krylov space holds one vector of each eigenspace: it sees further copies of a repeated eigenvalue by rounding
+    alone, and may end without some. So what was found is projected out, and a new start looks for what is still lower.
+    """
+    random = np.random.default_rng(0)
+    values, vectors = _lowest(solver, root, rigid, wanted, random)
+    while True:
+        known = np.hstack([rigid, vectors])
+        if values.size < wanted:  # some did not converge: without the others they do
+            more = _lowest(solver, root, known, wanted - values.size, random, _CLOSELY)
+        elif known.shape[1] == root.size:
+            break
+        else:
+            lowest, start = _lowest(solver, root, known, 1, random, _GLANCE)
+            if lowest.size and lowest[0] > (1.0 + _GLANCE) * values[-1]:
+                break
+            more = _lowest(solver, root, known, 1, random, _CLOSELY, start)
+            if more[0].size and more[0][0] >= (1.0 - _REPEATED) * values[-1]:
+                break
+        if not more[0].size:
+            raise SolverError(
+                f"only {values.size} of {wanted} modes converged; ask for fewer, or check the mesh for slivers"
+            )
+        values, vectors = np.concatenate([values, more[0]]), np.hstack([vectors, more[1]])
+        order = np.argsort(values, kind="stable")[:wanted]
+        values, vectors = values[order], vectors[:, order]
+    return values, vectors
+
+
+def _lowest(
+    solver: RigidFreeSolver,
+    root: Array,
+    known: Array,
+    wanted: int,
+    random: np.random.Generator,
+    tolerance: float = 0.0,
+    start: Array | None = None,
+) -> tuple[Array, Array]:
+    """The ``wanted`` lowest pairs, as many of them as converge, orthogonal to the orthonormal columns ``known``."""
     size = root.size
+
+    def project(vectors: Array) -> Array:
+        return np.asarray(vectors - known @ (known.T @ vectors))
+
     inverse = spla.LinearOperator(
-        (size, size), matvec=lambda b: root * solver.solve(root * np.ravel(b)), dtype=np.float64
+        (size, size), matvec=lambda b: project(root * solver.solve(root * np.ravel(b))), dtype=np.float64
     )
     # With its inverse at hand, Lanczos asks of the matrix itself nothing but its shape.
     shape_only = spla.LinearOperator((size, size), matvec=lambda b: np.full_like(b, np.nan), dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(size)
-    start -= rigid @ (rigid.T @ start)
-    subspace = min(size, max(wanted * 3 // 2 + 8, wanted + 2))
+    start = project(random.standard_normal(size) if start is None or not start.size else start[:, 0])
+    subspace = min(size - known.shape[1], max(wanted * 3 // 2 + 8, wanted + 2))
     try:
         values, vectors = spla.eigsh(
-            shape_only, k=wanted, sigma=0.0, which="LM", OPinv=inverse, v0=start, ncv=subspace, tol=0.0
+            shape_only,
+            k=wanted,
+            sigma=0.0,
+            which="LM",
+            OPinv=inverse,
+            v0=start,
+            ncv=max(subspace, wanted + 1),
+            tol=tolerance,
+            maxiter=_RESTARTS,
         )
     except spla.ArpackNoConvergence as error:
-        raise SolverError(
-            f"only {len(error.eigenvalues)} of {wanted} modes converged; ask for fewer, or check the mesh for slivers"
-        ) from error
+        values, vectors = np.real(error.eigenvalues), np.real(error.eigenvectors).reshape(size, -1)
     order = np.argsort(values)
-    vectors = vectors[:, order] - rigid @ (rigid.T @ vectors[:, order])
+    vectors = project(vectors[:, order])
+    if tolerance:  # what a looser tolerance leaves lies in high modes, where K weighs it most: one more solve each
+        for k in range(vectors.shape[1]):
+            vectors[:, k] = inverse.matvec(vectors[:, k])
+        vectors, _ = np.linalg.qr(vectors)
     return values[order], vectors / np.linalg.norm(vectors, axis=0)
+
+
+def _check_rounding(shell: Shell, data: Array, values: Array, strain: Array) -> None:
+    """Raise SolverError where modes have drowned in rounding: those that were found, or others that are missing."""
+    apart = np.abs(values - strain) > _AGREEMENT * strain
+    bad = np.flatnonzero(apart & (strain > _LOOSE * strain.max(initial=0.0)))
+    if bad.size:
+        raise SolverError(
+            f"elastic mode {bad[0]} (counted from 0) is lost in rounding: its eigenvalue {values[bad[0]]:.3g} 1/s^2 "
+            f"and its strain energy {strain[bad[0]]:.3g} 1/s^2 differ, {bad.size} such modes in all; {_ILL_CONDITIONED}"
+        )
+    elastic = strain[strain > _LOOSE * strain.max(initial=0.0)]
+    false = _stiffness_of_rounding(shell, data)
+    if elastic.size and false > _FALSE_STIFFNESS * elastic.min():
+        raise SolverError(
+            f"rounding gives rigid motions a stiffness of {false:.3g} 1/s^2, beside a lowest eigenvalue of "
+            f"{elastic.min():.3g} 1/s^2, so that modes may be wrong or missing; {_ILL_CONDITIONED}"
+        )
+
+
+def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
+    """Largest Rayleigh quotient [1/s^2] that K gives to a rigid motion of the whole shell: zero but for rounding."""
+    fields = six_motions(shell.rest_positions).reshape(-1, 6)
+    mass = np.repeat(shell.mass, 3)
+    stiffness = shell.pattern.matrix(data)
+    return float((np.abs(np.sum(fields * (stiffness @ fields), axis=0)) / (mass @ fields**2)).max())
 
 
 def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:

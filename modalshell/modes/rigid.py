@@ -13,6 +13,17 @@ from modalshell.shell import Shell
 Array = NDArray[np.float64]
 
 
+def six_motions(points: Array) -> Array:
+    """Translations and turns about the centre of points (k, 3), as columns (k, 3, 6) of similar size."""
+    centred = points - points.mean(axis=0)
+    centred /= np.linalg.norm(centred, axis=1).max()
+    motions = np.zeros((len(points), 3, 6))
+    for axis in range(3):
+        motions[:, axis, axis] = 1.0
+        motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], centred)
+    return motions
+
+
 def rigid_motions(shell: Shell) -> Array:
     """Mass-orthonormal rigid motions (free unknowns, r) compatible with the supports.
 
@@ -24,12 +35,7 @@ def rigid_motions(shell: Shell) -> Array:
     columns = []
     for part in range(int(labels.max()) + 1):
         vertices = np.flatnonzero(labels == part)
-        centred = positions[vertices] - positions[vertices].mean(axis=0)
-        centred /= np.linalg.norm(centred, axis=1).max()
-        motions = np.zeros((vertices.size, 3, 6))
-        for axis in range(3):
-            motions[:, axis, axis] = 1.0
-            motions[:, :, 3 + axis] = np.cross(np.eye(3)[axis], centred)
+        motions = six_motions(positions[vertices])
         held = shell.clamped[vertices]
         if held.any():
             _, values, right = np.linalg.svd(np.linalg.qr(motions[held].reshape(-1, 6), mode="r"))

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.errors import OptionError
-from modalshell.motion.stepping import Motion
+from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.supports import SupportPath
 from modalshell.motion.trajectory import Trajectory
 from modalshell.rungs import Constraint, Model
@@ -23,6 +23,10 @@ _QUARTER_DECAY = 0.1
 """Share of its energy that free motion may keep over a quarter of the run, for the run to be judged."""
 _STILL_MOVING = 0.5
 """Share of the third quarter's kinetic energy in the last one, from which the motion may be a cycle."""
+_REBOUND = 100.0
+"""How far motion that decays may lie above its largest kinetic energy times the decay: about 20 at critical damping."""
+_RUN_AWAY = 100.0
+"""Energy over that which the load has put in, from which motion that still gathers it runs away."""
 _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
 
@@ -78,8 +82,8 @@ def simulate(
     -------
     Trajectory
         The stored frames. A motion that leaves the finite numbers stops with the status "diverged at ...".
-        A motion that has wound up, that keeps cycling although damped, whose constraints were not met or whose steps
-        did not all converge says so in its status.
+        A motion that runs away, has wound up, keeps cycling although damped, whose constraints were not met or whose
+        steps did not all converge says so in its status.
 
     Raises
     ------
@@ -90,7 +94,7 @@ def simulate(
     SupportError
         If ``supports`` moves a shell that holds no vertex.
     """
-    dt = checked_number("dt", dt, above=0.0, unit="s")
+    dt = checked_step(dt)
     duration = checked_number("duration", duration, at_least=dt, unit="s")
     store_every = checked_count("store_every", store_every)
     dtype = checked_precision(dtype)
@@ -183,7 +187,9 @@ class Observer:
         notes = []
         if self.fault is not None:
             notes.append(self.fault)
-        if self._cycles():
+        if self._runs_away():
+            notes.append("runs away: its energy grows on and on, far beyond the work of the load")
+        elif self._cycles():
             notes.append("bounded cycle: the motion does not settle although it is damped")
         size = float(np.ptp(motion.model.shell.rest_positions, axis=0).max())
         if self.worst_residual > CONSTRAINT_MET * max(size, 1.0):
@@ -192,12 +198,26 @@ class Observer:
             notes.append(f"{motion.unconverged} of {total} steps did not converge")
         return "completed" + (", but " + "; ".join(notes) if notes else "")
 
+    @property
+    def _steady(self) -> bool:
+        """Whether the load alone does work."""
+        return self.motion.supports is None and not self.motion.constraints
+
+    def _runs_away(self) -> bool:
+        """Whether there is far more energy than the load has put in, most of it new in the last quarter."""
+        if not self._steady or len(self.times) < 8:
+            return False
+        energies = np.array(self.energies)
+        stored = energies[:, 0] + energies[:, 1]
+        put_in = float(stored[0] + np.ptp(energies[:, 2]))
+        before, late = stored[: 3 * len(stored) // 4].max(), stored[3 * len(stored) // 4 :].max()
+        return bool(late > max(_RUN_AWAY * put_in, 2.0 * before))
+
     def _cycles(self) -> bool:
         """Whether kinetic energy has stopped falling although damping, under a constant load, must have eaten it."""
         motion = self.motion
-        steady = motion.supports is None and not motion.constraints
         damped = motion.damping.mass_factor > 0.0 or motion.damping.stiffness_factor > 0.0
-        if not steady or not damped or len(self.times) < 40:
+        if not self._steady or not damped or len(self.times) < 40:
             return False
         rate = motion.model.decay_rate(motion.dt, motion.damping)
         if np.exp(-rate * self.times[-1] / 4.0) > _QUARTER_DECAY:
@@ -206,6 +226,9 @@ class Observer:
         peaks = np.array([part.max() for part in np.array_split(energies[len(energies) // 2 :, 0], 8)])
         third, last = peaks[:4].max(), peaks[4:].max()
         if last <= 1e-9 * np.abs(energies[:, 1:]).max() or last <= _STILL_MOVING * third:
+            return False
+        # Near critical damping motion turns once, very slowly, and then seems to gather speed.
+        if last <= _REBOUND * energies[:, 0].max() * np.exp(-0.75 * rate * self.times[-1]):
             return False
         # Chaotic motion has peaks of every size; only a slow decay lets them fall one after the other.
         return bool((peaks[1:] > _STILL_FALLING * peaks[:-1]).any())

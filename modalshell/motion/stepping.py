@@ -17,6 +17,16 @@ from modalshell.rungs.model import ResolvedTarget, total_load
 
 Array = NDArray[np.float64]
 
+STEPS = (1e-15, 1e15)
+"""Shortest and longest step [s] that is taken: squares of steps enter sums with one."""
+_FARTHEST = 1e60
+"""Coordinate or rate from which a motion counts as diverged: energies hold fourth powers of lengths."""
+
+
+def checked_step(dt: float) -> float:
+    """Step [s] as a float, or OptionError."""
+    return checked_number("dt", dt, at_least=STEPS[0], at_most=STEPS[1], unit="s")
+
 
 class Motion:
     """A model in motion under a dead load, moving supports and constraints; see :func:`simulate` for the parameters.
@@ -30,7 +40,7 @@ class Motion:
     unconverged : int
         Steps whose own solver did not converge.
     finite : bool
-        Whether the state still consists of finite numbers.
+        Whether the state still consists of finite numbers, none beyond 1e60.
     constraint_residuals : ndarray, shape (k,)
         What is left to each constraint's target.
     """
@@ -47,7 +57,7 @@ class Motion:
         supports: SupportPath | None = None,
         constraints: Sequence[Constraint] | None = None,
     ) -> None:
-        self.dt = checked_number("dt", dt, above=0.0, unit="s")
+        self.dt = checked_step(dt)
         factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
         self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
         self.load = total_load(model.shell, gravity, force)
@@ -116,8 +126,9 @@ class Motion:
             if self.constraints and model.in_shell_frame:
                 targets = [_resolved(constraint, time, pose) for constraint in self.constraints]
                 state, self.constraint_residuals = model.meet_constraints(state, self.state, dt, self.damping, targets)
-            # A sum is finite only if every entry is (or it overflows, which is no better).
-            self.finite = bool(np.isfinite(state.coordinates.sum() + state.rates.sum()))
+            # False for NaN, too.
+            squares = float(np.vdot(state.coordinates, state.coordinates) + np.vdot(state.rates, state.rates))
+            self.finite = squares < _FARTHEST**2
         self.unconverged += not converged
         self._before, self.state = self.state, state
         self.count += 1

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.errors import OptionError
+
 VIEW_ANGLE = math.radians(22.0)
 
 
@@ -70,6 +72,28 @@ def camera_axes(direction: ArrayLike) -> NDArray[np.float64]:
     right = np.cross(upright, backward)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(backward, right), backward])
+
+
+def look_at(position: ArrayLike, target: ArrayLike, view_angle: float, aspect: float) -> Camera:
+    """
+    Place a perspective camera at a point.
+
+    Parameters
+    ----------
+    position, target : array_like, shape (3,)
+        Where the camera is, and what it looks at [m]; not the same.
+    view_angle : float
+        Vertical view angle [rad].
+    aspect : float
+        Width over height of the picture.
+    """
+    goal = np.asarray(target, dtype=np.float64)
+    backward = np.asarray(position, dtype=np.float64) - goal
+    distance = float(np.linalg.norm(backward))
+    if not distance > 0.0:
+        raise OptionError(f"a camera needs a target away from its position (got {position!r} for both)")
+    axes = camera_axes(backward)
+    return Camera(axes, axes @ goal, distance, math.tan(0.5 * view_angle), aspect, False)
 
 
 def frame_points(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,6 +42,8 @@ class Panel:
         Whether the y axis, or the x axis, is logarithmic.
     band : (float, float), optional
         Stretch of the x axis to shade from its middle to the right end, with ``band_label`` (where models break).
+    x_ticks : mapping of float to str, optional
+        The only ticks of the x axis, and their texts.
     """
 
     curves: Sequence[Curve]
@@ -52,10 +54,13 @@ class Panel:
     log_x: bool = False
     band: tuple[float, float] | None = None
     band_label: str = ""
+    x_ticks: Mapping[float, str] | None = None
 
 
-def draw_curves(panels: Sequence[Panel], path: str | Path, *, columns: int | None = None) -> Path:
-    """Draw panels into a PNG, side by side or in rows of ``columns``.
+def draw_curves(
+    panels: Sequence[Panel], path: str | Path, *, columns: int | None = None, share_y: bool = False
+) -> Path:
+    """Draw panels into a PNG, side by side or in rows of ``columns``, with one range of y for all if ``share_y``.
 
     OptionError for values not finite, or <= 0 on a logarithmic axis.
     """
@@ -74,7 +79,7 @@ def draw_curves(panels: Sequence[Panel], path: str | Path, *, columns: int | Non
     figure = Figure(figsize=(6.4 * across, 4.6 * rows), layout="constrained", dpi=150)
     FigureCanvasAgg(figure)
     for place, panel in enumerate(panels, start=1):
-        axes = figure.add_subplot(rows, across, place)
+        axes = figure.add_subplot(rows, across, place, sharey=figure.axes[0] if share_y and figure.axes else None)
         for curve in panel.curves:
             style, marker = "--" if curve.dashed else "-", "o" if curve.points else None
             axes.plot(curve.x, curve.y, style, marker=marker, ms=4, color=curve.color, label=curve.label)
@@ -82,6 +87,9 @@ def draw_curves(panels: Sequence[Panel], path: str | Path, *, columns: int | Non
             axes.set_yscale("log")
         if panel.log_x:
             axes.set_xscale("log")
+        if panel.x_ticks is not None:
+            axes.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
+            axes.set_xticks([], minor=True)
         if panel.band is not None:
             right = max(float(np.max(curve.x)) for curve in panel.curves)
             axes.axvspan(0.5 * sum(panel.band), right, color="0.85", zorder=0, label=panel.band_label)

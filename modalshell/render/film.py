@@ -24,6 +24,9 @@ from modalshell.render.scene import (
     checked_size,
 )
 
+RATE_FACTOR = 18
+"""H.264's constant rate factor where nothing is said about a film's size: higher is smaller and coarser."""
+
 
 def write_film(
     path: str | Path,
@@ -162,17 +165,18 @@ def write_scene_film(
                 paste(canvas, page.corners[0], painter.image())
                 yield canvas
 
-    _encode(target, pictures(), size, fps, total, on_frame)
+    encode(target, pictures(), size, fps, total, on_frame)
     return target
 
 
-def _encode(
+def encode(
     target: Path,
     pictures: Iterator[NDArray[np.uint8]],
     size: tuple[int, int],
     fps: float,
     total: int,
     on_frame: Callable[[int, int], None] | None,
+    rate_factor: int = RATE_FACTOR,
 ) -> None:
     """Send pictures to ffmpeg, under a temporary name until the last one is in."""
     import imageio_ffmpeg
@@ -180,7 +184,7 @@ def _encode(
     partial = target.with_name(f".{target.stem}.{os.getpid()}.partial.mp4")
     writer = imageio_ffmpeg.write_frames(
         str(partial), size, fps=fps, codec="libx264", pix_fmt_in="rgb24", pix_fmt_out="yuv420p", quality=None,
-        macro_block_size=2, output_params=["-crf", "18", "-movflags", "+faststart"],
+        macro_block_size=2, output_params=["-crf", str(rate_factor), "-movflags", "+faststart"],
     )  # fmt: skip
     try:
         writer.send(None)

@@ -4,13 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.errors import OptionError
 from modalshell.files import write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """A line over a map, in pieces: it crosses each row at some column values, or nowhere.
+
+    Attributes
+    ----------
+    at : sequence of sequence of float
+        For each row, the column values at which it is crossed.
+    label : str
+        For the legend.
+    style : str
+        Line style of matplotlib.
+    """
+
+    at: Sequence[Sequence[float]]
+    label: str
+    style: Literal["-", ":"] = "-"
 
 
 @dataclass(frozen=True)
@@ -24,11 +48,13 @@ class MapPanel:
     classes : sequence of sequence of str
         Name of the class of each cell, Y rows of X.
     title, x_label, y_label : str
-        Texts.
-    log_x : bool
-        Whether columns are spaced by ratio; their tick labels are the values either way.
-    boundary : array_like, shape (Y,), optional
-        Column value at which a line crosses each row; NaN where it does not, with ``boundary_label``.
+        Texts; without an x label the columns have no tick labels, either.
+    x_scale : {"linear", "log", "even"}
+        Whether columns are spaced by difference, by ratio, or evenly whatever their values.
+    x_ticks : mapping of float to str, optional
+        The only ticks of the x axis, and their texts.
+    boundaries : sequence of Boundary
+        Lines over the map.
     """
 
     x: ArrayLike
@@ -37,12 +63,21 @@ class MapPanel:
     title: str
     x_label: str
     y_label: str
-    log_x: bool = False
-    boundary: ArrayLike | None = None
-    boundary_label: str = ""
+    x_scale: Literal["linear", "log", "even"] = "linear"
+    boundaries: Sequence[Boundary] = ()
+    x_ticks: Mapping[float, str] | None = None
 
 
-def draw_maps(panels: Sequence[MapPanel], colors: Mapping[str, str], path: str | Path, *, columns: int) -> Path:
+def draw_maps(
+    panels: Sequence[MapPanel],
+    colors: Mapping[str, str],
+    path: str | Path,
+    *,
+    columns: int,
+    size: tuple[float, float] = (4.8, 4.0),
+    font: float = 10.0,
+    dpi: float = 130.0,
+) -> Path:
     """Draw maps into a PNG in rows of ``columns``, with one legend of all classes.
 
     Parameters
@@ -55,6 +90,12 @@ def draw_maps(panels: Sequence[MapPanel], colors: Mapping[str, str], path: str |
         Of the PNG.
     columns : int
         Maps in a row.
+    size : (float, float)
+        Width and height of a map with its texts [inch].
+    font : float
+        Size of the texts [points].
+    dpi : float
+        Pixels per inch.
 
     Raises
     ------
@@ -68,48 +109,80 @@ def draw_maps(panels: Sequence[MapPanel], colors: Mapping[str, str], path: str |
             raise OptionError(f"map {panel.title!r} needs classes of shape {shape} (got {names.shape})")
         if missing := sorted({name for name in names.ravel() if name not in colors}):
             raise OptionError(f"map {panel.title!r} has classes without a colour: {', '.join(missing)}")
+    from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
+    from PIL import Image
+
+    rows = -(-len(panels) // columns)
+    with rc_context({"font.size": font, "axes.titlesize": 1.1 * font, "axes.labelsize": font}):
+        figure = Figure(figsize=(size[0] * columns, size[1] * rows + 0.05 * font), layout="constrained", dpi=dpi)
+        FigureCanvasAgg(figure)
+        width = 0.1 * font + 1.5
+        for place, panel in enumerate(panels, start=1):
+            _draw(figure.add_subplot(rows, columns, place), panel, colors, width)
+        handles: list[Patch | Line2D] = [Patch(facecolor=color, label=name) for name, color in colors.items()]
+        styles = {line.label: line.style for panel in panels for line in panel.boundaries if any(map(len, line.at))}
+        handles += [
+            Line2D([], [], color="black", linewidth=width, linestyle=styles[label], label=label)
+            for label in sorted(styles)
+        ]
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+        drawn = BytesIO()
+        figure.savefig(drawn, format="png")
+    # Few colours: a palette makes the file three times smaller.
+    picture = Image.open(drawn).convert("RGB").quantize(64)
+    return write_atomically(path, lambda file: picture.save(file, format="PNG", optimize=True))
+
+
+def _draw(axes: Axes, panel: MapPanel, colors: Mapping[str, str], width: float) -> None:
+    from matplotlib.colors import ListedColormap
 
     order = list(colors)
-    rows = -(-len(panels) // columns)
-    figure = Figure(figsize=(4.8 * columns, 4.0 * rows + 0.5), layout="constrained", dpi=130)
-    FigureCanvasAgg(figure)
-    handles: list[Patch | Line2D] = [Patch(facecolor=colors[name], label=name) for name in order]
-    for place, panel in enumerate(panels, start=1):
-        axes = figure.add_subplot(rows, columns, place)
-        x, y = np.asarray(panel.x, dtype=float), np.asarray(panel.y, dtype=float)
-        numbers = np.array([[order.index(name) for name in row] for row in panel.classes])
-        edges = _edges(np.log(x) if panel.log_x else x)
-        # Rows stand at equal distance, whatever their values: they are cases, and every one is to be read.
-        axes.pcolormesh(
-            np.exp(edges) if panel.log_x else edges,
-            np.arange(len(y) + 1) - 0.5,
-            numbers,
-            cmap=ListedColormap([colors[name] for name in order]),
-            vmin=-0.5,
-            vmax=len(order) - 0.5,
-            edgecolors="white",
-            linewidth=0.4,
-        )
-        if panel.log_x:
-            axes.set_xscale("log")
-        axes.set_xlim(*np.exp(edges[[0, -1]]) if panel.log_x else edges[[0, -1]])
-        if panel.boundary is not None:
-            at = np.asarray(panel.boundary, dtype=float)
-            for row in np.flatnonzero(np.isfinite(at)):
-                axes.plot([at[row], at[row]], [row - 0.5, row + 0.5], color="black", linewidth=2.5)
-        axes.set_yticks(range(len(y)), [f"{value:g}" for value in y])
-        axes.set_title(panel.title, fontsize=11)
-        axes.set_xlabel(panel.x_label)
-        axes.set_ylabel(panel.y_label)
-    if labels := {panel.boundary_label for panel in panels if panel.boundary is not None}:
-        handles += [Line2D([], [], color="black", linewidth=2.5, label=label) for label in sorted(labels)]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
-    return write_atomically(path, lambda file: figure.savefig(file, format="png"))
+    x, y = np.asarray(panel.x, dtype=float), np.asarray(panel.y, dtype=float)
+    numbers = np.array([[order.index(name) for name in row] for row in panel.classes])
+    if panel.x_scale == "log":
+        edges = np.exp(_edges(np.log(x)))
+    else:
+        edges = _edges(x if panel.x_scale == "linear" else np.arange(len(x), dtype=float))
+    # Rows stand at equal distance, whatever their values: they are cases, and every one is to be read.
+    axes.pcolormesh(
+        edges,
+        np.arange(len(y) + 1) - 0.5,
+        numbers,
+        cmap=ListedColormap([colors[name] for name in order]),
+        vmin=-0.5,
+        vmax=len(order) - 0.5,
+        edgecolors="white",
+        linewidth=0.4,
+    )
+    if panel.x_scale == "log":
+        axes.set_xscale("log")
+    axes.set_xlim(edges[0], edges[-1])
+    for line in panel.boundaries:
+        for row, crossed in enumerate(line.at):
+            for at in crossed:
+                axes.plot([at, at], [row - 0.5, row + 0.5], color="black", linewidth=width, linestyle=line.style)
+    axes.set_yticks(range(len(y)), [_number(value) for value in y])
+    if panel.x_scale == "even":
+        axes.set_xticks(range(len(x)), [_number(value) for value in x], rotation=90)
+    if panel.x_ticks is not None:
+        axes.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
+        axes.set_xticks([], minor=True)
+    axes.set_title(panel.title)
+    axes.set_xlabel(panel.x_label)
+    axes.set_ylabel(panel.y_label)
+    if not panel.x_label:
+        axes.tick_params(labelbottom=False)
+
+
+def _number(value: float) -> str:
+    """A tick label: 1e4 and 1e6 rather than 10000 and 1e+06."""
+    short, plain = f"{value:.0e}", f"{value:g}"
+    text = short if abs(value) >= 1e4 and float(short) == value else plain
+    return text.replace("e+0", "e").replace("e-0", "e-")
 
 
 def _edges(centres: NDArray[np.float64]) -> NDArray[np.float64]:

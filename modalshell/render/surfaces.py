@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import shown
+from modalshell.errors import OptionError
 from modalshell.render.camera import Camera
 from modalshell.render.scene import ShadedSurface, rgb
 
@@ -30,6 +33,24 @@ class ScalarColors:
         span = self.high - self.low
         unit = (values - self.low) / span if span > 0.0 else np.full(len(values), 0.5)
         return np.asarray(matplotlib.colormaps[self.colormap](np.clip(unit, 0.0, 1.0)))[:, :3]
+
+
+def scalar_colors(
+    surfaces: Sequence[ShadedSurface], colormap: str, limits: tuple[float, float] | None = None
+) -> ScalarColors | None:
+    """Return the colours common to all scalars of some surfaces; None without scalars."""
+    import matplotlib
+
+    if colormap not in matplotlib.colormaps:
+        raise OptionError(f"colormap must be the name of a matplotlib colour map (got {shown(colormap)})")
+    valued = [surface for surface in surfaces if surface.scalars is not None]
+    if not valued:
+        return None
+    values = np.concatenate([np.asarray(surface.scalars) for surface in valued])
+    low, high = (float(values.min()), float(values.max())) if limits is None else limits
+    if not (np.isfinite(low) and np.isfinite(high) and low <= high):
+        raise OptionError(f"scalar_range must be two finite numbers in order (got {shown(limits)})")
+    return ScalarColors(colormap, low, high)
 
 
 @dataclass(frozen=True)

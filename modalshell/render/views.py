@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import shown
 from modalshell.errors import OptionError
 from modalshell.render.camera import camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
 from modalshell.render.open_painter import open_painter
 from modalshell.render.scene import View, checked_path, checked_size, rgb
-from modalshell.render.surfaces import ScalarColors
+from modalshell.render.surfaces import scalar_colors
 
 
 def draw_views(
@@ -72,7 +71,7 @@ def draw_views(
         raise OptionError(f"columns must lie from 1 to 64 (got {columns})")
     size = checked_size(size)
     target = checked_path(path, ".png")
-    scalar_colors, named = _scalar_colors(cells, colormap, scalar_range)
+    colors = scalar_colors([surface for view in cells for surface in view.surfaces], colormap, scalar_range)
     clouds = [np.concatenate([np.asarray(surface.vertices) for surface in view.surfaces]) for view in cells]
     if link_cameras:
         clouds = [np.concatenate(clouds)] * len(cells)
@@ -80,7 +79,7 @@ def draw_views(
     def layout(count: int) -> Page:
         return Page(
             size, [(view.title, view.subtitle) for view in cells], min(count, len(cells)), title,
-            _legend_entries(cells) if legend else (), scalar_colors, scalar_label or named,
+            _legend_entries(cells) if legend else (), colors, scalar_label or _scalar_label(cells),
         )  # fmt: skip
 
     page = layout(columns or _best_columns(cells[0], clouds[0], len(cells), size))
@@ -91,9 +90,9 @@ def draw_views(
         for view, cloud in zip(cells, clouds, strict=True):
             aspect = page.cell[0] / page.cell[1]
             camera = frame_points(cloud, view.camera, aspect, zoom=view.zoom, parallel=parallel)
-            painter.start(view.surfaces, camera, scalar_colors)
+            painter.start(view.surfaces, camera, colors)
             images.append(painter.image())
-    _save(page.paint(images), target)
+    save_picture(page.paint(images), target)
     return target
 
 
@@ -120,25 +119,13 @@ def _legend_entries(views: Sequence[View]) -> list[Entry]:
     return list(entries.values())
 
 
-def _scalar_colors(
-    views: Sequence[View], colormap: str, limits: tuple[float, float] | None
-) -> tuple[ScalarColors | None, str | None]:
-    """Return the colours common to all scalars and the first label among them; None without scalars."""
-    import matplotlib
-
-    if colormap not in matplotlib.colormaps:
-        raise OptionError(f"colormap must be the name of a matplotlib colour map (got {shown(colormap)})")
-    valued = [surface for view in views for surface in view.surfaces if surface.scalars is not None]
-    if not valued:
-        return None, None
-    values = np.concatenate([np.asarray(surface.scalars) for surface in valued])
-    low, high = (float(values.min()), float(values.max())) if limits is None else limits
-    if not (np.isfinite(low) and np.isfinite(high) and low <= high):
-        raise OptionError(f"scalar_range must be two finite numbers in order (got {shown(limits)})")
-    return ScalarColors(colormap, low, high), next((surface.label for surface in valued if surface.label), None)
+def _scalar_label(views: Sequence[View]) -> str | None:
+    """The first label of a surface with scalars."""
+    valued = (surface for view in views for surface in view.surfaces if surface.scalars is not None)
+    return next((surface.label for surface in valued if surface.label), None)
 
 
-def _save(page: NDArray[np.uint8], target: Path) -> None:
+def save_picture(page: NDArray[np.uint8], target: Path) -> None:
     """Write a PNG under a temporary name first, so that a killed run leaves no half picture."""
     from matplotlib.image import imsave
 

@@ -1,13 +1,13 @@
 """Append-only file of a run's frames: a header that says whose they are, then records of one size, each with its CRC.
 
-A killed process leaves whole records and at most one torn one, at the end, which the next process cuts off.
+A killed process leaves whole records and at most one torn one, at the end, which the next process cuts off. Other
+processes may read along (:mod:`modalshell.run.frame_reader`).
 """
 
 from __future__ import annotations
 
 import json
 import os
-import sys
 import zlib
 from pathlib import Path
 from types import TracebackType
@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
 from modalshell.files import make_folder
+from modalshell.hold import hold
 
-if sys.platform != "win32":
-    import fcntl
-
-_MAGIC = b"modalshell frames 1\n"
-_ALIGNMENT = 64
+MAGIC = b"modalshell frames 2\n"
+ALIGNMENT = 64
+CHECKSUM_BYTES = 4
+CONSTANTS = "constants"
 _CHECKSUM = "checksum"
 
 
@@ -52,7 +52,7 @@ class FrameFile:
         self._header = b""
         self._dtype = np.dtype([])
         make_folder(path.parent)
-        self._descriptor = _lock(path)
+        self._descriptor = hold(path)
 
     def __enter__(self) -> FrameFile:
         return self
@@ -64,7 +64,13 @@ class FrameFile:
             self.remove()
         os.close(self._descriptor)
 
-    def begin(self, identity: dict[str, str], fields: list[tuple[Any, ...]], restart: bool = False) -> None:
+    def begin(
+        self,
+        identity: dict[str, str],
+        fields: list[tuple[Any, ...]],
+        restart: bool = False,
+        constants: dict[str, NDArray[Any]] | None = None,
+    ) -> None:
         """Take up the records of the same run, or start anew.
 
         Parameters
@@ -75,19 +81,22 @@ class FrameFile:
             NumPy fields of a record; a checksum is added to them.
         restart : bool
             Whether to drop what is there.
+        constants : dict of ndarray, optional
+            What all frames share and a reader needs, such as the mesh; decided by ``identity``.
 
         Raises
         ------
         OptionError
-            If the file belongs to another run; it is left as it is.
+            If the file belongs to another run, or its header is damaged; it is left as it is.
         """
-        self._dtype = np.dtype([*fields, (_CHECKSUM, "<u4")])
+        self._dtype = record_dtype(fields)
         whole_identity = identity | {"record": repr(fields)}
-        self._header = _header(whole_identity)
+        self._header = _header(whole_identity, constants or {})
         if restart:
             os.ftruncate(self._descriptor, 0)
         else:
             self.refuse_others(whole_identity)
+            self._refuse_damage()
         size = os.fstat(self._descriptor).st_size
         if size < len(self._header):  # new, or killed while the header was written
             os.ftruncate(self._descriptor, 0)
@@ -95,7 +104,7 @@ class FrameFile:
             size = len(self._header)
         self.count = (size - len(self._header)) // self._dtype.itemsize
         whole = self.records()
-        self.count = next((index for index in range(self.count) if not _sound(whole[index])), self.count)
+        self.count = next((index for index in range(self.count) if not is_sound(whole[index].tobytes())), self.count)
         del whole  # a mapped file cannot be cut everywhere
         os.ftruncate(self._descriptor, self._end())
 
@@ -110,11 +119,11 @@ class FrameFile:
     def difference(self, identity: dict[str, str]) -> str:
         """In what the frames' own identity differs, in words; "" if in nothing, or if there are none."""
         with open(self.path, "rb") as file:
-            magic, line = file.readline(len(_MAGIC)), file.readline()
+            magic, line = file.readline(len(MAGIC)), file.readline()
         if not line.endswith(b"\n"):  # torn, if it is a header at all
-            return "" if _MAGIC.startswith(magic) else "it is no file of frames, or damaged"
+            return "" if MAGIC.startswith(magic) else "it is no file of frames, or damaged"
         try:
-            other = dict(json.loads(line)) if magic == _MAGIC else None
+            other = dict(json.loads(line)) if magic == MAGIC else None
         except (ValueError, TypeError, RecursionError):
             other = None
         if other is None:
@@ -122,12 +131,19 @@ class FrameFile:
         names = [name for name in identity if other.get(name) != identity[name]]
         return f"it differs in {', '.join(names)}" if names else ""
 
+    def _refuse_damage(self) -> None:
+        """Raise OptionError if there is a whole header that is not this run's to the last bit."""
+        with open(self.path, "rb") as file:
+            found = file.read(len(self._header))
+        if len(found) == len(self._header) and found != self._header:
+            raise OptionError(f"{self.path} is damaged: pass --restart (restart=True) to drop its frames")
+
     def append(self, values: dict[str, Any]) -> None:
         """Write one record."""
         record = np.zeros((), self._dtype)
         for name, value in values.items():
             record[name] = value
-        record[_CHECKSUM] = zlib.crc32(record.tobytes()[:-4])
+        record[_CHECKSUM] = zlib.crc32(record.tobytes()[:-CHECKSUM_BYTES])
         self._write(self._end(), record.tobytes())
         self.count += 1
 
@@ -151,36 +167,22 @@ class FrameFile:
             left = left[os.write(self._descriptor, left) :]
 
 
-def _header(identity: dict[str, str]) -> bytes:
-    """Magic and one line of JSON; the line's end tells a whole header from a torn one."""
-    text = _MAGIC + json.dumps(identity, sort_keys=True).encode()
-    text += b" " * (-(len(text) + 1) % _ALIGNMENT) + b"\n"
-    return text
+def record_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
+    """A record's fields with its checksum behind them."""
+    return np.dtype([*fields, (_CHECKSUM, "<u4")])
 
 
-def _sound(record: Any) -> bool:
-    return bool(zlib.crc32(record.tobytes()[:-4]) == record[_CHECKSUM])
+def is_sound(record: bytes) -> bool:
+    """Whether a record is what was written, to the last bit."""
+    checksum = int.from_bytes(record[-CHECKSUM_BYTES:], "little")
+    return zlib.crc32(record[:-CHECKSUM_BYTES]) == checksum
 
 
-def _lock(path: Path) -> int:
-    """Descriptor of the file, locked until it is closed or the process ends (not under Windows)."""
-    while True:
-        try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
-        except OSError as error:
-            raise OptionError(f"{path}: cannot be written ({error.strerror}); choose another --out folder") from error
-        if sys.platform == "win32":
-            return descriptor
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            os.close(descriptor)
-            raise OptionError(
-                f"{path} is in use by another process: let it finish, or choose another --out folder"
-            ) from error
-        try:  # the holder before may have deleted the file between our two calls
-            if os.fstat(descriptor).st_ino == os.stat(path).st_ino:
-                return descriptor
-        except FileNotFoundError:
-            pass
-        os.close(descriptor)
+def _header(identity: dict[str, str], constants: dict[str, NDArray[Any]]) -> bytes:
+    """Magic, one line of JSON, and the constants' bytes; the line's end tells a whole line from a torn one."""
+    data = b"".join(array.tobytes() for array in constants.values())
+    layout = [[name, array.dtype.str, array.shape] for name, array in constants.items()]
+    document = identity | {CONSTANTS: {"arrays": layout, "checksum": zlib.crc32(data)}}
+    text = MAGIC + json.dumps(document, sort_keys=True).encode()
+    text += b" " * (-(len(text) + 1) % ALIGNMENT) + b"\n"
+    return text + data + b"\0" * (-len(data) % ALIGNMENT)

@@ -2,31 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from llvmlite.binding import get_host_cpu_name
 from numpy.typing import NDArray
 
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
 from modalshell.files import write_text
-from modalshell.modes import available_backends
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.simulate import Observer, step_count, stored_steps
+from modalshell.run.folder import remove_leftovers, run_identity
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.results import write_results
+from modalshell.run.run_flock import FlightResult, run_flock
 from modalshell.rungs.model import Stopwatch
 from modalshell.scene import BuiltScene, Scene, load_scene
 from modalshell.scene.tables import Motion as MotionTable
-from modalshell.shell import Shell
 from modalshell.study import run_record
 
 Array = NDArray[np.float64]
@@ -54,6 +51,13 @@ class SceneResult:
     files: list[Path]
     resumed: int
 
+    @property
+    def summary(self) -> str:
+        """One line on how it went."""
+        run = self.trajectory
+        kept = f", {self.resumed} of them from an earlier run" if self.resumed else ""
+        return f"{run.status}, {len(run.times)} frames in {run.seconds:.3g} s{kept}"
+
 
 def run_scene(
     scene: Scene | str | os.PathLike[str],
@@ -61,11 +65,12 @@ def run_scene(
     out: str | os.PathLike[str] | None = None,
     restart: bool = False,
     on_step: Progress | None = None,
-) -> SceneResult:
+) -> SceneResult | FlightResult:
     """Run a scene and write its results; a run that was stopped, even killed, goes on after its last stored frame.
 
-    Stored frames are kept in ``NAME.frames`` until the results are whole. However often a run was stopped, its results
-    are those of an uninterrupted one to the last bit. A scene whose results are whole already is not run again.
+    Stored frames are kept in ``NAME.frames`` until the results are whole; :class:`RunFollower` shows them to other
+    processes. However often a run was stopped, its results are those of an uninterrupted one to the last bit. A scene
+    whose results are whole already is not run again.
 
     Parameters
     ----------
@@ -82,6 +87,8 @@ def run_scene(
     -------
     SceneResult
         Trajectory and files: ``NAME.npz``, ``NAME.json`` with the record of the run, and the formats asked for.
+    FlightResult
+        The same of a flock, with a report on its levels of detail instead of a trajectory.
 
     Raises
     ------
@@ -93,9 +100,11 @@ def run_scene(
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     folder = Path(declared.output.folder if out is None else out)
     shell = declared.build_shell()
-    identity = _identity(declared, shell)
+    identity = run_identity(declared, shell)
     with FrameFile(folder / f"{declared.name}.frames") as file:
-        _remove_leftovers(folder, declared.name)
+        remove_leftovers(folder, declared.name)
+        if declared.flock is not None:
+            return run_flock(declared, shell, folder, file, identity, restart, on_step)
         whole = None if restart else _whole_results(folder, declared.name, identity)
         resumed, valid = 0, list[str]()
         if whole is None and not restart:
@@ -120,15 +129,6 @@ def run_scene(
     return SceneResult(load_trajectory(files[0]), files, resumed)
 
 
-def _identity(scene: Scene, shell: Shell) -> dict[str, str]:
-    """Digests of all that decides the frames, and what computes them: versions, factorisations, processor."""
-    content = json.dumps(scene.content(), sort_keys=True).encode()
-    mesh = shell.mesh.vertices.tobytes() + np.asarray(shell.mesh.faces, dtype="<i8").tobytes()
-    identity = {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(mesh).hexdigest()}
-    identity |= {f"{name} version": str(version) for name, version in run_record({})["versions"].items()}
-    return identity | {"factorisation": ", ".join(available_backends()), "processor": str(get_host_cpu_name())}
-
-
 def _move(
     built: BuiltScene,
     table: MotionTable,
@@ -140,7 +140,7 @@ def _move(
     """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
     motion = built.start_motion()
     watch, observer, before = Stopwatch(), Observer(motion), 0.0
-    file.begin(identity, _record_fields(motion, built.scene.output.positions), restart)
+    file.begin(identity, _record_fields(motion, built.scene.output.positions), restart, _constants(built))
     resumed = file.count
 
     def store() -> None:
@@ -181,6 +181,17 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
         ("positions", np.dtype(precision).newbyteorder("<").str, motion.model.shell.rest_positions.shape),
     ]
     return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
+
+
+def _constants(built: BuiltScene) -> dict[str, NDArray[Any]]:
+    """What those who follow the run need beside its frames."""
+    shell = built.shell
+    return {
+        "rest_positions": np.asarray(shell.rest_positions, "<f8"),
+        "faces": np.asarray(shell.mesh.faces, "<i8"),
+        "held": np.asarray(shell.clamped, "?"),
+        "gravity": np.asarray(built.gravity or (0.0, 0.0, 0.0), "<f8"),
+    }
 
 
 def _take_up(motion: Motion, observer: Observer, records: NDArray[Any], path: Path) -> float:
@@ -234,12 +245,3 @@ def _write_record(folder: Path, scene: Scene, identity: dict[str, str], run: Tra
         "record": run_record(scene.content()),
     }
     write_text(folder / f"{scene.name}.json", json.dumps(document, indent=1) + "\n")
-
-
-def _remove_leftovers(folder: Path, name: str) -> None:
-    """Delete what killed processes had begun to write."""
-    for path in folder.glob(f".{name}.*.part*"):
-        if path.is_dir():
-            shutil.rmtree(path)
-        else:
-            path.unlink(missing_ok=True)

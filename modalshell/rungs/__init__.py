@@ -9,6 +9,7 @@ from modalshell.rungs.model import Damping, Equilibrium, Model, MotionState
 from modalshell.rungs.reduced_rotation_strain import ReducedRotationStrain
 from modalshell.rungs.rigid import RigidShell
 from modalshell.rungs.rotation_strain import RotationStrain
+from modalshell.rungs.spring_sheet import SpringSheet
 from modalshell.rungs.warping import ModalWarping
 
 __all__ = [
@@ -27,5 +28,6 @@ __all__ = [
     "ReducedRotationStrain",
     "RigidShell",
     "RotationStrain",
+    "SpringSheet",
     "coarse_shell",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
@@ -64,18 +65,25 @@ class CoarseDiscreteShell(Model):
         self.coarse = DiscreteShell(checked_kind("coarse", coarse, Shell))
         mesh, under = shell.mesh, coarse.mesh
         size = float(np.ptp(mesh.vertices, axis=0).max())
-        below, self._vertex_shares, distance = closest_points(under, mesh.vertices)
+        below, vertex_shares, distance = closest_points(under, mesh.vertices)
         if distance.max() > _APART * size:
             worst = int(distance.argmax())
             raise MeshError(
                 f"the coarse mesh is another surface: vertex {worst} is {distance[worst]:.3g} m from it, the shell is "
                 f"{size:.3g} m long; make both from one shape"
             )
-        self._below, self._vertex_corners = below, under.faces[below]
-        at = np.einsum("nk,nkx->nx", self._vertex_shares, under.vertices[self._vertex_corners])
-        self._offsets = mesh.vertices - at  # fine vertices stand off the coarse facets
+        self._below = below
+        rows = np.repeat(np.arange(len(mesh.vertices)), 3)
+        entries = (vertex_shares.ravel(), (rows, under.faces[below].ravel()))
+        self._up = sps.csr_array(entries, shape=(len(mesh.vertices), len(under.vertices)))
+        self._down = self._up.T.tocsr()
+        self._offsets = mesh.vertices - self._up @ under.vertices  # fine vertices stand off the coarse facets
         triangles, self._shares, _ = closest_points(under, mesh.vertices[mesh.faces].mean(axis=1))
         self._fit = PoissonFit(shell)
+        slots = self._fit.slots.T.ravel()
+        self._to_rows = sps.csr_array(
+            (np.ones(slots.size), (slots, np.arange(slots.size))), shape=(self._fit.rows, slots.size)
+        )
         self._corner_mean = _corner_means(under, triangles)
         self._rest_frames = _frames(under.vertices, under.faces)
         self._fine_frames = np.swapaxes(self._fit.frames, 1, 2)
@@ -90,18 +98,15 @@ class CoarseDiscreteShell(Model):
         """Static equilibrium of the coarse shell, carried up; ``start`` (n, 3) is handed down to begin from."""
         watch = Stopwatch()
         load = self.handed_down(total_load(self.shell, gravity, force))
-        begin = None if start is None else self._down(self.shell.checked_positions(start))
+        begin = None if start is None else self._averaged(self.shell.checked_positions(start))
         answer = self.coarse.equilibrium(force=load, start=begin)
         return replace(answer, positions=self.carried_up(answer.positions), seconds=watch())
 
     def handed_down(self, load: Array) -> Array:
         """Load (n, 3) [N] on the coarse vertices: the same total force, and nearly the same torque."""
-        down = np.zeros_like(self.coarse.shell.rest_positions)
-        for corner in range(3):
-            np.add.at(down, self._vertex_corners[:, corner], self._vertex_shares[:, corner, None] * load)
-        return down
+        return np.asarray(self._down @ load)
 
-    def _down(self, positions: Array) -> Array:
+    def _averaged(self, positions: Array) -> Array:
         """Coarse positions from the fine displacements, averaged with the same weights."""
         moved = positions - self.shell.rest_positions
         weights = self.handed_down(np.ones_like(moved))
@@ -116,10 +121,9 @@ class CoarseDiscreteShell(Model):
         left, stretch, right = np.linalg.svd(gradients)
         turns = left @ right
         strains = np.swapaxes(right, 1, 2) @ (stretch[:, :, None] * right)
-        corner, members, weights = self._corner_mean
         quaternions = Rotation.from_matrix(turns).as_quat()
-        wanted = _interpolated(quaternions, strains, corner, members, weights, self._shares)
-        at = np.einsum("nk,nkx->nx", self._vertex_shares, positions[self._vertex_corners])
+        wanted = _interpolated(quaternions, strains, self._corner_mean, self._shares)
+        at = self._up @ positions
         at += np.einsum("nij,nj->ni", gradients[self._below], self._offsets)
         return self._fitted(wanted, at - self.shell.rest_positions)
 
@@ -131,15 +135,13 @@ class CoarseDiscreteShell(Model):
         along, across = change[:, :, 0], change[:, :, 1]
         two = 0.5 * (height * along - foot * across)
         three = 0.5 * length * across
-        right_side = np.zeros((fit.rows, 3))
-        for corner, part in enumerate((-two - three, two, three)):
-            np.add.at(right_side, fit.slots[:, corner], part)
+        right_side = self._to_rows @ np.concatenate([-two - three, two, three])
         centres = np.array([share @ carried[vertices] for vertices, share in fit.floating]).reshape(-1, 3)
         return np.asarray(self.shell.rest_positions + fit.displacement(right_side, centres))
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State of the coarse shell at rest."""
-        return self.coarse.start_motion(None if positions is None else self._down(positions))
+        return self.coarse.start_motion(None if positions is None else self._averaged(positions))
 
     def step(
         self,
@@ -257,10 +259,10 @@ def _frames(positions: Array, faces: Index) -> Array:
     return np.stack([first, second, normal / np.linalg.norm(normal, axis=1)[:, None]], axis=2)
 
 
-def _corner_means(mesh: TriangleMesh, triangles: Index) -> tuple[Index, Index, Array]:
-    """For the corners of ``triangles``, the triangles over which turns are averaged there, and their areas.
+def _corner_means(mesh: TriangleMesh, triangles: Index) -> sps.csr_array:
+    """Means over triangles at the corners of ``triangles``, weighted by area: a sparse matrix (3 k, T).
 
-    Flat lists: the corner's number (3 t + k of the t-th wanted triangle), the member triangle and its weight.
+    Row 3 t + c belongs to corner c of the t-th of the k wanted triangles.
     """
     around: list[list[int]] = [[] for _ in range(len(mesh.vertices))]
     for face, corners in enumerate(mesh.faces):
@@ -273,24 +275,19 @@ def _corner_means(mesh: TriangleMesh, triangles: Index) -> tuple[Index, Index, A
         smooth = [other for other in around[vertex] if normals[other] @ normals[face] > _SMOOTH]
         numbers += [number] * len(smooth)
         members += smooth
-    chosen = np.array(members)
-    return np.array(numbers), chosen, areas[chosen]
+    chosen, rows = np.array(members), np.array(numbers)
+    shares = areas[chosen] / np.bincount(rows, areas[chosen])[rows]
+    return sps.csr_array((shares, (rows, chosen)), shape=(len(corners), len(areas)))
 
 
-def _interpolated(
-    quaternions: Array, strains: Array, corner: Index, members: Index, weights: Array, shares: Array
-) -> Array:
+def _interpolated(quaternions: Array, strains: Array, mean: sps.csr_array, shares: Array) -> Array:
     """Deformation gradients (T, 3, 3) at fine triangles: mean turns and strains at corners, then shares of those."""
-    count = 3 * len(shares)
-    reference = np.empty((count, 4))
-    reference[corner] = quaternions[members]
-    sign = np.sign(np.sum(reference[corner] * quaternions[members], axis=1))
-    turn, strain, total = np.zeros((count, 4)), np.zeros((count, 3, 3)), np.zeros(count)
-    np.add.at(turn, corner, (weights * sign)[:, None] * quaternions[members])
-    np.add.at(strain, corner, weights[:, None, None] * strains[members])
-    np.add.at(total, corner, weights)
+    # A quaternion and its negative are one turn: all of a corner's get the sign of its last one.
+    last = np.repeat(mean.indices[mean.indptr[1:] - 1], np.diff(mean.indptr))
+    sign = np.sign(np.sum(quaternions[last] * quaternions[mean.indices], axis=1))
+    turn = sps.csr_array((mean.data * sign, mean.indices, mean.indptr), shape=mean.shape) @ quaternions
     turn = (turn / np.linalg.norm(turn, axis=1)[:, None]).reshape(-1, 3, 4)
-    corner_strain = (strain / total[:, None, None]).reshape(-1, 3, 3, 3)
+    corner_strain = (mean @ strains.reshape(-1, 9)).reshape(-1, 3, 3, 3)
     turn = turn * np.where(np.sum(turn * turn[:, :1], axis=2, keepdims=True) < 0.0, -1.0, 1.0)
-    mean = Rotation.from_quat(np.einsum("tk,tkq->tq", shares, turn)).as_matrix()
-    return np.asarray(mean @ np.einsum("tk,tkij->tij", shares, corner_strain))
+    rotation = Rotation.from_quat(np.einsum("tk,tkq->tq", shares, turn)).as_matrix()
+    return np.asarray(rotation @ np.einsum("tk,tkij->tij", shares, corner_strain))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Literal
 
@@ -11,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_vectors, shown
 from modalshell.errors import OptionError, SupportError
+from modalshell.kernels import rotations
 from modalshell.shell import Shell
 
 Array = NDArray[np.float64]
@@ -117,15 +119,20 @@ def checked_constraints(constraints: Sequence[Constraint] | None, shell: Shell) 
 
 def nearest_branch(rotation_vector: Array, present: Array) -> Array:
     """Of all rotation vectors of one rotation, the one nearest to ``present``; all (3,) [rad]."""
-    principal = Rotation.from_rotvec(rotation_vector).as_rotvec()
-    angle = float(np.linalg.norm(principal))
-    if angle < 1e-12:  # whole turns about any axis: take the present one
-        length = float(np.linalg.norm(present))
-        turns = np.round(length / (2.0 * np.pi))
-        return present / length * turns * 2.0 * np.pi if turns else principal
-    axis = principal / angle
-    turns = np.round((float(axis @ present) - angle) / (2.0 * np.pi))
-    return np.asarray(axis * (angle + 2.0 * np.pi * turns))
+    length = float(np.linalg.norm(rotation_vector))
+    first, second, _ = rotations.coefficients(*rotation_vector)
+    angle = math.atan2(first * length, 1.0 - second * length**2)  # in (-pi, pi], of the same rotation
+    if abs(angle) < 1e-12:  # whole turns about any axis: take the present one
+        size = float(np.linalg.norm(present))
+        turns = round(size / (2.0 * math.pi))
+        if turns:
+            return present / size * turns * 2.0 * math.pi
+    if length == 0.0:
+        return np.zeros(3)
+    axis = rotation_vector / length
+    if abs(angle) >= 1e-12:
+        angle += 2.0 * math.pi * round((float(axis @ present) - angle) / (2.0 * math.pi))
+    return np.asarray(axis * angle)
 
 
 class HeldPatch:

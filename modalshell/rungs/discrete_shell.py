@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,10 +26,12 @@ from modalshell.rungs.newton import (
     solve,
     warped_step,
 )
-from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
+from modalshell.shell import EXACT, Shell
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+Integrator = Literal["implicit", "linear_implicit", "explicit", "verlet"]
 
 _STEP_TURN = 0.8
 """Turn of a vertex [rad] that one load step may predict."""
@@ -45,11 +47,15 @@ class DiscreteShell(Model):
     ----------
     shell : Shell
         The shell.
-    integrator : {"implicit", "explicit"}
-        Implicit Euler (first order, stable at any step, loses energy) or explicit Euler with the new velocity moving
-        the positions (first order, the paper's choice for DS, stable below :meth:`stable_step` only).
+    integrator : {"implicit", "linear_implicit", "explicit", "verlet"}
+        ``"implicit"``: implicit Euler, solved to ``step_tolerance`` (first order, stable at any step, loses energy).
+        ``"linear_implicit"``: one Newton step of it [baraff1998], Hessian projected; first order too, and stable as
+        long as one linearisation serves a step. ``"explicit"``: explicit Euler with the new velocity moving the
+        positions (symplectic, first order, the paper's choice for DS, stable below :meth:`stable_step` only).
+        ``"verlet"``: velocity Verlet with centred mass damping (symplectic, second order, but first in the damping
+        that follows strain rates; stable below :meth:`stable_step` only).
     allow_unstable_step : bool
-        Whether explicit Euler may go on above its stability estimate.
+        Whether explicit Euler and Verlet may go on above their stability estimate.
     step_tolerance : float
         Out-of-balance force at which an implicit step's Newton stops, as a share of its load and inertia.
     backend : str, optional
@@ -67,14 +73,14 @@ class DiscreteShell(Model):
         self,
         shell: Shell,
         *,
-        integrator: Literal["implicit", "explicit"] = "implicit",
+        integrator: Integrator = "implicit",
         allow_unstable_step: bool = False,
         step_tolerance: float = 1e-6,
         backend: str | None = None,
     ) -> None:
-        checked_choice("integrator", integrator, ("implicit", "explicit"))
+        checked_choice("integrator", integrator, get_args(Integrator))
         self.shell = checked_kind("shell", shell, Shell)
-        self.integrator: Literal["implicit", "explicit"] = integrator
+        self.integrator: Integrator = integrator
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None
         self.step_tolerance = checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2)
@@ -149,6 +155,8 @@ class DiscreteShell(Model):
 
     def _answer(self, result: NewtonResult, watch: Stopwatch, spent: int, before: dict[str, float]) -> Equilibrium:
         status = "converged" if result.converged else f"not converged: residual {result.residual:.1e} of {ACCEPTED:.0e}"
+        if not result.converged and result.residual <= ACCEPTED:
+            status = "not converged: in balance, but at no minimum; a push aside may find one"
         return Equilibrium(
             result.positions,
             result.converged,
@@ -204,24 +212,29 @@ class DiscreteShell(Model):
                 tangent = problem.step(result.factor, -push)
 
     def stable_step(self, damping: Damping | None = None) -> float:
-        """Largest stable step of explicit Euler at the rest shape [s].
+        """Largest stable step of explicit Euler, or of Verlet if that is the integrator, at the rest shape [s].
 
         For one mode, ``v+ = v - h (omega^2 x + c v)``, ``x+ = x + h v+`` is stable while
-        ``h^2 omega^2 + 2 h c < 4``; with ``c = xi + zeta omega^2`` the stiffest mode decides.
+        ``h^2 omega^2 + 2 h c < 4``; with ``c = xi + zeta omega^2`` the stiffest mode decides, and is found by Lanczos
+        on ``M^-1 K``. Dashpots add their own largest rate. Verlet takes xi at mid-step, which leaves it out of c.
         """
         if self._largest_eigenvalue is None:
             self._largest_eigenvalue = largest_eigenvalue(self.shell)
         squared = self._largest_eigenvalue
-        c = 0.0 if damping is None else damping.mass_factor + damping.stiffness_factor * squared
+        damping = damping or Damping()
+        c = damping.stiffness_factor * squared + (self.integrator != "verlet") * damping.mass_factor
+        if self.shell.has_dashpots:
+            c += largest_eigenvalue(self.shell, self.shell.damping_matrix(self.shell.rest_positions, 0.0))
         return float((np.sqrt(c**2 + 4.0 * squared) - c) / squared)
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse an explicit step above the stability estimate."""
-        if self.integrator == "explicit" and not self.allow_unstable_step:
+        if self.integrator in ("explicit", "verlet") and not self.allow_unstable_step:
             stable = self.stable_step(damping)
             if dt > stable:
+                name = {"explicit": "explicit Euler", "verlet": "Verlet"}[self.integrator]
                 raise OptionError(
-                    f"explicit Euler needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): shorten "
+                    f"{name} needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): shorten "
                     "the step, use integrator='implicit', or pass allow_unstable_step=True"
                 )
 
@@ -237,35 +250,77 @@ class DiscreteShell(Model):
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
-        """One Euler step; for the implicit one, whether its Newton solve converged."""
-        advance = self._implicit if self.integrator == "implicit" else self._explicit
+        """One step of the integrator; for implicit ones, whether the solve converged."""
+        advance = {
+            "implicit": self._implicit,
+            "linear_implicit": self._linear_implicit,
+            "explicit": self._explicit,
+            "verlet": self._verlet,
+        }[self.integrator]
         return advance(state, dt, load, damping, held)
+
+    def _inner_force(self, x: Array, rates: Array, damping: Damping) -> Array:
+        """Elastic force and the damping that follows strain rates (n, 3) [N]."""
+        force = -self.shell.energy_gradient(x)[1]
+        if damping.stiffness_factor or self.shell.has_dashpots:
+            force += self.shell.damping_force(x, rates, damping.stiffness_factor)
+        return force
 
     def _explicit(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
     ) -> tuple[MotionState, bool]:
-        shell = self.shell
-        force = load - shell.energy_gradient(state.coordinates)[1]
-        if damping.stiffness_factor:
-            force += damping.stiffness_factor * shell.damping_force(state.coordinates, state.rates)
+        shell, x = self.shell, state.coordinates
+        force = load + self._inner_force(x, state.rates, damping)
         rates = state.rates * (1.0 - dt * damping.mass_factor) + dt * force / shell.mass[:, None]
-        rates[shell.clamped] = 0.0 if held is None else (held - state.coordinates[shell.clamped]) / dt
-        return MotionState(state.coordinates + dt * rates, rates), True
+        rates[shell.clamped] = 0.0 if held is None else (held - x[shell.clamped]) / dt
+        return MotionState(x + dt * rates, rates), True
+
+    def _verlet(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
+    ) -> tuple[MotionState, bool]:
+        """``x+ - 2 x + x- = h^2 a`` as two half kicks about a drift; the inner force is carried, one a step."""
+        shell, x = self.shell, state.coordinates
+        drag, kick = 0.5 * dt * damping.mass_factor, 0.5 * dt / shell.mass[:, None]
+        inner = self._inner_force(x, state.rates, damping) if state.carried is None else state.carried
+        middle = state.rates * (1.0 - drag) + kick * (load + inner)
+        middle[shell.clamped] = 0.0 if held is None else (held - x[shell.clamped]) / dt
+        x = x + dt * middle
+        inner = self._inner_force(x, middle, damping)
+        rates = (middle + kick * (load + inner)) / (1.0 + drag)
+        rates[shell.clamped] = middle[shell.clamped]
+        return MotionState(x, rates, inner), True
+
+    def _step_potential(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[Potential, float]:
+        """``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning; and its scale."""
+        shell, x = self.shell, state.coordinates
+        quadratic = np.zeros(shell.pattern.indices.size)
+        if damping.stiffness_factor or shell.has_dashpots:
+            quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
+        quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
+        push = load + shell.mass[:, None] * state.rates / dt
+        problem = Potential(shell, push, x, self._factoriser, self.costs, quadratic)
+        return problem, problem.scale or float(np.linalg.norm(problem.residual(x))) or 1.0
 
     def _implicit(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
     ) -> tuple[MotionState, bool]:
-        """Minimise ``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning."""
-        shell = self.shell
+        """Minimise the step's potential."""
         x = state.coordinates
-        quadratic = np.zeros(shell.pattern.indices.size)
-        if damping.stiffness_factor:
-            _, _, quadratic = shell.energy_gradient_hessian(x, GAUSS_NEWTON)
-            quadratic *= damping.stiffness_factor / dt
-        quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
-        push = load + shell.mass[:, None] * state.rates / dt
-        problem = Potential(shell, push, x, self._factoriser, self.costs, quadratic)
-        scale = problem.scale or float(np.linalg.norm(problem.residual(x))) or 1.0
+        problem, scale = self._step_potential(state, dt, load, damping)
         start = self._held(x + dt * state.rates, held)
-        result = solve(problem, start, scale, self.step_tolerance, shell.predicted_stresses(x, start - x))
+        result = solve(problem, start, scale, self.step_tolerance, self.shell.predicted_stresses(x, start - x))
         return MotionState(result.positions, (result.positions - x) / dt), result.converged
+
+    def _linear_implicit(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
+    ) -> tuple[MotionState, bool]:
+        """One Newton step on the step's potential from where the shell is, Hessian projected [baraff1998, eq. 6]."""
+        x, free = state.coordinates, self.shell.free_unknowns
+        problem, _ = self._step_potential(state, dt, load, damping)
+        moved = self._held(x, held) - x
+        gradient, hessian = problem.linearise_led(x, moved)
+        factor = problem.definite_factor(hessian)
+        if factor is None:
+            return MotionState(x.copy(), np.zeros_like(x)), False
+        moved.reshape(-1)[free] = problem.step(factor, gradient)
+        return MotionState(x + moved, moved / dt), True

@@ -32,6 +32,8 @@ ACCEPTED = 1e-7
 """Out-of-balance force, as a share of the load, at which an answer counts as converged."""
 
 _LARGEST_TURN = 1.0
+_SHIFTS = (1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
+"""Shifts of a singular Hessian, as shares of its mean diagonal entry."""
 _STRETCH = 25
 _STRETCHES = 12
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -111,6 +113,17 @@ class Potential:
             if self.quadratic is not None:
                 data += self.quadratic
             total = gradient + self._outer(x)[1]
+            return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
+
+    def linearise_led(self, x: Array, led: Array) -> tuple[Array, sps.csc_array]:
+        """As :meth:`linearise`, projected, with the held vertices' part of ``led`` (n, 3) [m] in the gradient."""
+        with self.costs.part("assembly"):
+            _, gradient, data = self.shell.energy_gradient_hessian(x, PROJECTED)
+            if self.quadratic is not None:
+                data += self.quadratic
+            total = gradient + self._outer(x)[1]
+            if led.any():
+                total += (self.shell.pattern.matrix(data) @ led.ravel()).reshape(-1, 3)
             return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
 
     def factor(self, hessian: sps.csc_array) -> Factor:
@@ -266,7 +279,7 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
             break
         factor = problem.definite_factor(hessian)
         if factor is None:
-            factor = problem.definite_factor(problem.linearise(x, PROJECTED)[1])
+            factor = shifted_factor(problem, problem.linearise(x, PROJECTED)[1])
             if factor is None:
                 break
         direction = problem.step(factor, gradient)
@@ -282,6 +295,22 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
             break
         x, value = trial, trial_value
     return NewtonResult(x, residual, iteration, bool(residual <= accepted))
+
+
+def shifted_factor(problem: Potential, hessian: sps.csc_array) -> Factor | None:
+    """Factor of a semi-definite Hessian, shifted by as little as makes it definite; None where nothing does.
+
+    A sheet of springs has no bending stiffness where it is flat: it needs the shift to leave its plane. A shell that
+    nothing holds is not shifted, or it would only fly away.
+    """
+    factor = problem.definite_factor(hessian)
+    diagonal = hessian.diagonal()
+    for share in _SHIFTS if problem.shell.clamped.any() else ():
+        if factor is not None:
+            break
+        hessian.setdiag(diagonal + share * diagonal.mean())  # keeps the pattern, which a sum may not
+        factor = problem.definite_factor(hessian)
+    return factor
 
 
 def is_minimum(problem: Potential, result: NewtonResult) -> bool:

@@ -26,7 +26,8 @@ class RigidShell(Model):
     Held, it rests (moving supports carry it along exactly). Free, coordinates are the displacement of the centre of
     mass [m] and the rotation vector from rest [rad], rates the velocity [m/s] and the angular velocity in the world's
     frame [rad/s]; a step takes the velocity's change first (symplectic Euler) and solves Euler's equations in the
-    discrete form of Moser and Veselov, which conserves angular momentum to rounding [moser1991].
+    discrete form of Moser and Veselov, which conserves angular momentum to rounding [moser1991]. About a principal axis
+    these have an answer while a step turns the body by less than one radian; longer steps are not converged.
 
     Parameters
     ----------
@@ -153,9 +154,14 @@ class RigidShell(Model):
             momentum, slope = _discrete_momentum(c, inertia, moments)
             if np.linalg.norm(momentum - impulse) <= _TOLERANCE * size:
                 return c, True
-            c = c - np.linalg.solve(slope, momentum - impulse)
+            try:
+                c = c - np.linalg.solve(slope, momentum - impulse)
+            except np.linalg.LinAlgError:
+                break
         left = np.linalg.norm(_discrete_momentum(c, inertia, moments)[0] - impulse)
-        return c, bool(left <= 1e-9 * size)
+        # Beyond about a radian a step there is no answer (about a principal axis the momentum is that of sin c): the
+        # turn then is that of the angular velocity, and the step is not converged.
+        return (c, True) if left <= 1e-9 * size else (guess, False)
 
 
 def _discrete_momentum(c: Array, inertia: Array, moments: Array) -> tuple[Array, Array]:

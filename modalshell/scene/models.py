@@ -16,10 +16,13 @@ from modalshell.rungs import (
     Model,
     RigidShell,
     RotationStrain,
+    SpringSheet,
 )
+from modalshell.rungs.discrete_shell import Integrator as FullIntegrator
 from modalshell.rungs.modal import Integrator
 from modalshell.scene.tables import Count, Table
 from modalshell.shell import Shell
+from modalshell.springs import REFERENCE_FOLD, shell_springs
 
 
 class ModelTable(Table, frozen=True, tag_field="name"):
@@ -89,12 +92,14 @@ class Derivatives(ModelTable, frozen=True, tag="md-rom"):
         return ModalDerivatives(shell, self.modes, cubature=self.cubature)
 
 
-class Discrete(ModelTable, frozen=True, tag="ds"):
-    """DS."""
-
-    integrator: Literal["implicit", "explicit"] = "implicit"
+class _Full(ModelTable, frozen=True):
+    integrator: FullIntegrator = "implicit"
     allow_unstable_step: bool = False
     step_tolerance: Annotated[float, Meta(gt=0.0, le=1e-2)] = 1e-6
+
+
+class Discrete(_Full, frozen=True, tag="ds"):
+    """DS."""
 
     def build(self, shell: Shell) -> Model:
         """The model on ``shell``."""
@@ -106,7 +111,25 @@ class Discrete(ModelTable, frozen=True, tag="ds"):
         )
 
 
+class Sheet(_Full, frozen=True, tag="springs"):
+    """Springs along edges and across hinges, which hold the hinges' energy at ``reference_fold`` [rad]."""
+
+    solver: Literal["factor", "cg"] = "factor"
+    reference_fold: Annotated[float, Meta(gt=0.0, le=1.57)] = REFERENCE_FOLD
+
+    def build(self, shell: Shell) -> Model:
+        """The model on ``shell``, its springs from the shell's stiffnesses."""
+        return SpringSheet(
+            shell,
+            shell_springs(shell, self.reference_fold),
+            integrator=self.integrator,
+            solver=self.solver,
+            allow_unstable_step=self.allow_unstable_step,
+            step_tolerance=self.step_tolerance,
+        )
+
+
 MODELS: dict[str, type[ModelTable]] = {
-    str(kind.__struct_config__.tag): kind for kind in (Rigid, Linear, Warping, Strains, Derivatives, Discrete)
+    str(kind.__struct_config__.tag): kind for kind in (Rigid, Linear, Warping, Strains, Derivatives, Sheet, Discrete)
 }
 """Every model by its name."""

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from modalshell.checks import checked_vectors, shown
 from modalshell.errors import OptionError
-from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, sheet, v_beam
+from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.motion import SupportPath
 from modalshell.rungs import Constraint, OrientationConstraint, PositionConstraint
 from modalshell.scene.tables import Constrained, Force, MeshFile, PhysicalSheet, Stiffnesses, Supports, Table, Vector
@@ -54,7 +54,8 @@ def _shape_table(function: Callable[..., TriangleMesh]) -> type[Shape]:
 
 
 SHAPES: dict[str, type[Shape]] = {
-    function.__name__: _shape_table(function) for function in (flat_beam, v_beam, sheet, cylinder_panel, leaf)
+    function.__name__: _shape_table(function)
+    for function in (flat_beam, v_beam, sheet, cylinder_panel, leaf, paper_bird)
 }
 """Every shape by its name."""
 

@@ -67,10 +67,16 @@ def _refuse_unknown_keys(file: Path, path: str, raw: Any, kind: type[msgspec.Str
     if not isinstance(raw, dict):
         raise SceneError(f"{file}: {path}: must be a table (got {raw!r:.60})")
     tag = kind.__struct_config__.tag_field
-    refuse_unknown_keys(file, path, raw, [*([tag] if tag else []), *kind.__struct_fields__])
+    refuse_unknown_keys(file, path, raw, [*([tag] if tag else []), *kind.__struct_encode_fields__])
     for field in msgspec.structs.fields(kind):
-        inner = [part for part in get_args(field.type) if isinstance(part, type) and issubclass(part, msgspec.Struct)]
+        inner = [
+            part
+            for part in (field.type, *get_args(field.type))
+            if isinstance(part, type) and issubclass(part, msgspec.Struct)
+        ]
         entries = raw.get(field.name)
+        if len(inner) == 1 and isinstance(entries, dict):
+            _refuse_unknown_keys(file, f"{path}.{field.name}", entries, inner[0])
         if inner and isinstance(entries, list):
             for index, entry in enumerate(entries):
                 _refuse_unknown_keys(file, f"{path}.{field.name}[{index}]", entry, inner[0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import re
 from collections.abc import Sequence
@@ -12,14 +14,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.crowd import Flight
 from modalshell.errors import SceneError
+from modalshell.mesh import TriangleMesh
+from modalshell.modes import solve_modes
 from modalshell.motion import Motion, SupportPath
 from modalshell.rungs import Constraint, DiscreteShell, Equilibrium, Model
 from modalshell.rungs.constraints import checked_constraints
 from modalshell.rungs.modal import ModalModel
 from modalshell.rungs.model import total_load
 from modalshell.scene import tables
-from modalshell.scene.models import MODELS, ModelTable
+from modalshell.scene.flock import FlockTable
+from modalshell.scene.models import MODELS, ModelTable, Warping
 from modalshell.scene.parts import (
     SHAPES,
     Shape,
@@ -38,7 +44,9 @@ Array = NDArray[np.float64]
 
 _NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
-_TABLES = ("name", *_REQUIRED, "supports", "loads", "constraints", "motion", "output")
+_TABLES = ("name", *_REQUIRED, "supports", "loads", "constraints", "motion", "flock", "output")
+_GRAVITY = (0.0, 0.0, -9.81)
+_FLOCK_FORMATS = ("npz", "png", "mp4")
 
 
 @dataclass(frozen=True)
@@ -51,9 +59,9 @@ class Scene:
         Name of the results' files: ``name`` in the file, or the file's own.
     file : Path
         Where it was read from.
-    mesh, material, model, supports, loads, constraints, motion, output
-        The tables; see :mod:`modalshell.scene.tables`. None or empty where not declared. Without ``motion`` the scene
-        asks for an equilibrium.
+    mesh, material, model, supports, loads, constraints, motion, flock, output
+        The tables; see :mod:`modalshell.scene.tables` and :mod:`modalshell.scene.flock`. None or empty where not
+        declared. Without ``motion`` the scene asks for an equilibrium; with ``flock`` for many such shells in flight.
     """
 
     name: str
@@ -65,19 +73,33 @@ class Scene:
     loads: tables.Loads | None = None
     constraints: tuple[tables.Constrained, ...] = ()
     motion: tables.Motion | None = None
+    flock: FlockTable | None = None
     output: tables.Output = field(default_factory=tables.Output)
 
     def content(self) -> dict[str, Any]:
         """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
-        declared = {name: getattr(self, name) for name in ("material", "model", "supports", "loads", "motion")}
+        declared = {name: getattr(self, name) for name in ("material", "model", "supports", "loads", "motion", "flock")}
         content = {name: table.plain() for name, table in declared.items() if table is not None}
         content["constraints"] = [table.plain() for table in self.constraints]
         return content | {"positions": self.output.positions}
 
-    def build_shell(self) -> Shell:
-        """The shell with its mesh, material and supports; SceneError where one of them is refused."""
+    def digests(self, mesh: TriangleMesh) -> dict[str, str]:
+        """SHA-256 of what is declared and of the mesh's vertices and faces: together they decide the results."""
+        content = json.dumps(self.content(), sort_keys=True).encode()
+        arrays = mesh.vertices.tobytes() + np.asarray(mesh.faces, dtype="<i8").tobytes()
+        return {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(arrays).hexdigest()}
+
+    def build_mesh(self) -> TriangleMesh:
+        """The mesh, generated or read from its file; SceneError where it is refused."""
         with located(self.file, "mesh", self.mesh):
-            mesh = build_mesh(self.mesh, self.file.parent)
+            return build_mesh(self.mesh, self.file.parent)
+
+    def build_shell(self, mesh: TriangleMesh | None = None) -> Shell:
+        """The shell with its mesh (``mesh`` if that is built already), material and supports.
+
+        SceneError where one of them is refused.
+        """
+        mesh = mesh or self.build_mesh()
         with located(self.file, "material", self.material):
             material = build_material(self.material, mesh)
         held = None
@@ -97,8 +119,22 @@ class Scene:
         SolverError
             Where the modes cannot be found.
         """
+        if self.flock is not None:
+            raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
         shell = shell or self.build_shell()
-        path, force, constraints = None, None, []
+        path, force, constraints = self.build_loading(shell)
+        with located(self.file, "model", self.model):
+            model = self.model.build(shell)
+        if constraints and not isinstance(model, ModalModel | DiscreteShell):
+            raise SceneError(f"{self.file}: constraints: {model.name} takes none; use a modal model or ds")
+        return BuiltScene(self, shell, model, force, path, constraints)
+
+    def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Constraint]]:
+        """What acts on ``shell`` beside gravity: path of the supports, forces (n, 3) [N] and constraints.
+
+        SceneError where a table is refused, naming its key.
+        """
+        path, force, constraints = None, None, list[Constraint]()
         if self.supports is not None:
             with located(self.file, "supports", self.supports):
                 path = build_path(self.supports)
@@ -112,11 +148,32 @@ class Scene:
             with located(self.file, f"constraints[{index}]", table):
                 constraint = build_constraint(table, shell.mesh, self.motion is not None)
                 constraints += checked_constraints([constraint], shell)
-        with located(self.file, "model", self.model):
-            model = self.model.build(shell)
-        if constraints and not isinstance(model, ModalModel | DiscreteShell):
-            raise SceneError(f"{self.file}: constraints: {model.name} takes none; use a modal model or ds")
-        return BuiltScene(self, shell, model, force, path, constraints)
+        return path, force, constraints
+
+    def build_flight(self, shell: Shell) -> Flight:
+        """The birds that ``flock`` declares, at their start; SceneError where it or a table beside it is refused."""
+        if self.flock is None or self.motion is None:
+            raise SceneError(f"{self.file}: {'motion' if self.flock else 'flock'}: missing; a flight needs it")
+        model, loads = self.model, self.loads
+        refused = {
+            "model: a flock is stepped by mwts, with its number of modes and no other option": (
+                not isinstance(model, Warping) or model != Warping(modes=model.modes)
+            ),
+            "constraints: a flock takes none": bool(self.constraints),
+            "loads.forces: a flock takes gravity alone": bool(loads and loads.forces),
+            "supports.times: a bird's supports move with its boid": bool(self.supports and self.supports.times),
+            f"output.formats: those of a flock are {', '.join(_FLOCK_FORMATS)}": (
+                not set(self.output.formats) <= set(_FLOCK_FORMATS)
+            ),
+        }
+        for text, wrong in refused.items():
+            if wrong:
+                raise SceneError(f"{self.file}: {text}")
+        assert isinstance(model, Warping)
+        gravity = loads.gravity if loads and loads.gravity else _GRAVITY
+        basis = solve_modes(shell, model.modes)
+        with located(self.file, "flock", self.flock):
+            return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)
 
 
 @dataclass(frozen=True)
@@ -193,8 +250,14 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         key's path, what was got and what is allowed. Values that depend on the mesh are checked by
         :meth:`Scene.build`.
     """
-    file = Path(path)
-    raw = read_toml(file)
+    return parse_scene(Path(path), read_toml(Path(path)))
+
+
+def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
+    """The scene of plain tables as :func:`~modalshell.scene.read.read_toml` gives them, said to be from ``file``.
+
+    SceneError as :func:`load_scene`.
+    """
     refuse_unknown_keys(file, "", raw, _TABLES)
     for name in _REQUIRED:
         if name not in raw:
@@ -212,6 +275,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
             ("supports", tables.Supports),
             ("loads", tables.Loads),
             ("motion", tables.Motion),
+            ("flock", FlockTable),
             ("output", tables.Output),
         )
         if key in raw

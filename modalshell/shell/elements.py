@@ -31,12 +31,19 @@ class ElementSet:
         Measures at rest: areas [m^2], lengths [m] or fold angles [rad].
     weight : ndarray, shape (elements,)
         Stiffness over rest size.
+    viscosity : ndarray, shape (elements,), optional
+        Weight of the dissipation ``sum_e viscosity_e (dg_e/dt)^2`` of dashpots beside the elements; none without it.
     """
 
     kernel: ModuleType
     stencils: Index
     rest: Array
     weight: Array
+    viscosity: Array | None = None
+
+    def resistance(self, factor: float) -> Array:
+        """Weight of all damping that follows the elements' rates: ``factor`` [s] times the stiffness, and dashpots."""
+        return factor * self.weight if self.viscosity is None else factor * self.weight + self.viscosity
 
 
 def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.bool_]) -> list[ElementSet]:

@@ -8,7 +8,8 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_kind, checked_vectors, finite_answer
+from modalshell.checks import checked_kind, checked_vectors
+from modalshell.errors import LoadError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elements import ElementSet, element_sets
 from modalshell.shell.material import Material
@@ -78,27 +79,42 @@ class Shell:
         further._hold(self.clamped | held_vertices(vertices, len(self.clamped)))
         return further
 
+    def with_elements(self, elements: list[ElementSet]) -> Shell:
+        """The same vertices, masses and supports under other energies, such as those of springs."""
+        other = copy.copy(self)
+        other.elements = elements
+        other._hold(self.clamped)
+        return other
+
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
 
     def energy(self, positions: ArrayLike) -> float:
-        """Elastic energy [J] at ``positions`` (n, 3) [m]."""
-        energy = self.raw_energy(self.checked_positions(positions))
-        finite_answer("the energy", energy)
+        """Elastic energy [J] at ``positions`` (n, 3) [m]; LoadError where it is not finite."""
+        x = self.checked_positions(positions)
+        energy = self.raw_energy(x)
+        self._refuse_collapse("energy", energy, x)
         return energy
 
     def force(self, positions: ArrayLike) -> Array:
-        """Elastic force (n, 3) [N], minus the energy's gradient, at ``positions`` (n, 3) [m]."""
-        force = -self.energy_gradient(self.checked_positions(positions))[1]
-        finite_answer("the force", force)
-        return force
+        """Elastic force (n, 3) [N], minus the energy's gradient, at ``positions`` (n, 3) [m].
+
+        LoadError where it is not finite: a triangle that has collapsed to a line has no normal to bend about.
+        """
+        x = self.checked_positions(positions)
+        gradient = self.energy_gradient(x)[1]
+        self._refuse_collapse("force", gradient, x)
+        return -gradient
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
-        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them."""
+        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them.
+
+        LoadError where it is not finite.
+        """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
-        entries = self.energy_gradient_hessian(x, EXACT)[2]
-        finite_answer("the stiffness", entries)
-        return self.pattern.matrix(entries)
+        data = self.energy_gradient_hessian(x, EXACT)[2]
+        self._refuse_collapse("stiffness", data, x)
+        return self.pattern.matrix(data)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -107,6 +123,20 @@ class Shell:
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
         return checked_vectors("positions", positions, self.rest_positions.shape)
+
+    def _refuse_collapse(self, name: str, values: ArrayLike, x: Array) -> None:
+        if np.isfinite(values).all():
+            return
+        corners = x[self.mesh.faces]
+        sides = corners - np.roll(corners, 1, axis=1)
+        longest = np.max(np.sum(sides**2, axis=2), axis=1)
+        flatness = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.where(longest > 0.0, longest, 1.0)
+        worst = int(np.argmin(flatness))
+        raise LoadError(
+            f"the {name} is not finite at these positions; the flattest triangle is {worst}, vertices "
+            f"{self.mesh.faces[worst].tolist()} (counted from 0), twice its area {flatness[worst]:.1e} of its longest "
+            "side squared: move its corners apart"
+        )
 
     # Below: for solvers, on arrays that they own; no checks.
 
@@ -146,9 +176,26 @@ class Shell:
             stresses.append(stress)
         return stresses
 
-    def damping_force(self, x: Array, velocity: Array) -> Array:
-        """``-K_1(x) velocity`` (n, 3), K_1 the positive semi-definite first term of the Hessian."""
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether elements are damped by dashpots of their own, whatever the Rayleigh factors."""
+        return any(e.viscosity is not None for e in self.elements)
+
+    def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
+        """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].
+
+        K_1 is the positive semi-definite first term of the Hessian, ``factor`` [s] Rayleigh's zeta, D the dashpots.
+        """
         force = np.zeros_like(x)
         for e in self.elements:
-            e.kernel.add_damping(x, velocity, e.stencils, e.weight, force)
+            e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
         return force
+
+    def damping_matrix(self, x: Array, factor: float) -> Array:
+        """Values of ``factor K_1(x) + D(x)`` [N s/m] for :attr:`pattern`; see :meth:`damping_force`."""
+        data = np.zeros(self.pattern.indices.size)
+        unused, none = np.zeros_like(x), np.empty(0)
+        for slots, e in zip(self._slots, self.elements, strict=True):
+            place = (slots, self.pattern.strides, data, unused)
+            e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *place)
+        return data

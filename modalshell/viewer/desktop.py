@@ -136,14 +136,12 @@ class DesktopViewer:
 
     def show(self) -> None:
         """Open the window; returns when the user closes it."""
-        plotter = self._stage.plotter
-        plotter.show(interactive=False, auto_close=False, title=f"modalshell {self._session.scene.name}")
-        plotter.iren.add_observer("TimerEvent", self._on_timer)
-        plotter.iren.create_timer(round(1e3 * FRAME_SECONDS))
-        self._session.play()
-        self._last = time.perf_counter()
-        plotter.iren.start()
-        self._stage.close()
+
+        def begin() -> None:
+            self._session.play()
+            self._last = time.perf_counter()
+
+        show_window(self._stage, self._session.scene.name, self._on_timer, begin)
 
     def save_picture(self, path: Path) -> None:
         """Write the window's picture to a PNG file, and close."""
@@ -151,13 +149,29 @@ class DesktopViewer:
         self._stage.close()
 
 
-def open_window(scene: Scene) -> None:
-    """Show a scene until the user closes the window; OptionError where no window can be opened."""
+def show_window(stage: Stage, name: str, on_timer: Callable[..., None], begin: Callable[[], None]) -> None:
+    """Open the window, call ``begin`` and then ``on_timer`` frame by frame; returns when the user closes it."""
+    plotter = stage.plotter
+    plotter.show(interactive=False, auto_close=False, title=f"modalshell {name}")
+    plotter.iren.add_observer("TimerEvent", on_timer)
+    plotter.iren.create_timer(round(1e3 * FRAME_SECONDS))
+    begin()
+    plotter.iren.start()
+    stage.close()
+
+
+def demand_window() -> None:
+    """Raise OptionError where no window can be opened."""
     if not opens_windows():
         raise OptionError(
             "no window opens here: there is no display, or no OpenGL on it; take --web for a page in a browser, or "
             "--screenshot FILE.png for a picture"
         )
+
+
+def open_window(scene: Scene) -> None:
+    """Show a scene until the user closes the window; OptionError where no window can be opened."""
+    demand_window()
     DesktopViewer(ViewSession(scene)).show()
 
 

@@ -39,6 +39,11 @@ _FAR = 1e6
 """Shell sizes from the rest shape at which a motion counts as diverged though its numbers are still finite."""
 
 
+def gravity_limit(gravity: Array) -> float:
+    """Size of gravity's components [m/s^2] that a viewer makes room for, where the scene's is ``gravity`` (3,)."""
+    return 2.0 * max(_STANDARD_GRAVITY, float(np.abs(gravity).max()))
+
+
 class ViewSession:
     """A scene in motion, to be played, paused, pulled at by gravity and given to another model.
 
@@ -88,12 +93,27 @@ class ViewSession:
         self.modes = int(getattr(scene.model, "modes", 8))
         self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.free_unknowns.size)
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
-        self.gravity_limit = 2.0 * max(_STANDARD_GRAVITY, float(np.abs(self.gravity).max()))
+        self.gravity_limit = gravity_limit(self.gravity)
         model = self._built.model
         self._basis: Basis | None = model.basis if isinstance(model, ModalModel) else None
         self._models: dict[str, tuple[int, Model]] = {self.name: (self.modes, model)}
         self.playing, self.frame_milliseconds, self._owed = False, 0.0, 0.0
         self._begin(self._new_motion(model, None))
+
+    @property
+    def rest_positions(self) -> Array:
+        """Vertex positions (n, 3) at rest [m]."""
+        return self.shell.rest_positions
+
+    @property
+    def faces(self) -> NDArray[np.integer]:
+        """Triangles (T, 3)."""
+        return np.asarray(self.shell.mesh.faces)
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Which vertices (n,) are held."""
+        return self.shell.clamped
 
     @property
     def model(self) -> Model:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from modalshell.render.camera import frame_points
 from modalshell.render.painter import LIGHTS, LINE_WIDTH
 from modalshell.render.scene import DEFAULT_CAMERA, ShadedSurface
 from modalshell.render.surfaces import EdgeTable, line_color, vertex_normals
-from modalshell.viewer.session import ViewSession
+from modalshell.viewer.session import gravity_limit
 
 Array = NDArray[np.float64]
 
@@ -27,13 +27,37 @@ _ARROW_LENGTH = 0.35
 """Length of the arrow, in shell sizes, at the largest gravity that the sliders offer."""
 
 
+class Shown(Protocol):
+    """What a stage shows: positions (n, 3), which may move, of a shell with triangles ``faces`` (T, 3)."""
+
+    @property
+    def rest_positions(self) -> Array:
+        """Vertex positions (n, 3) at rest [m]."""
+
+    @property
+    def positions(self) -> Array:
+        """Vertex positions (n, 3) [m]."""
+
+    @property
+    def faces(self) -> NDArray[np.integer]:
+        """Triangles (T, 3)."""
+
+    @property
+    def held(self) -> NDArray[np.bool_]:
+        """Which vertices (n,) are held."""
+
+    @property
+    def gravity(self) -> Array:
+        """Acceleration on every vertex (3,) [m/s^2]."""
+
+
 class Stage:
-    """The scene of one session in one PyVista plotter.
+    """A shell in one PyVista plotter.
 
     Parameters
     ----------
-    session : ViewSession
-        What to show.
+    shown : Shown
+        What to show, such as a session.
     off_screen : bool
         Draw into memory instead of a window.
     size : tuple of int
@@ -45,61 +69,74 @@ class Stage:
         Where it is drawn.
     """
 
-    def __init__(self, session: ViewSession, *, off_screen: bool, size: tuple[int, int] = (1200, 800)) -> None:
+    def __init__(self, shown: Shown, *, off_screen: bool, size: tuple[int, int] = (1200, 800)) -> None:
         # Loaded as Any: PyVista's own annotations differ between its releases.
-        pyvista: Any = importlib.import_module("pyvista")
-        self._session = session
-        theme = pyvista.themes.DocumentTheme()
-        self.plotter: Any = pyvista.Plotter(off_screen=off_screen, window_size=size, lighting="none", theme=theme)
+        self._pyvista: Any = importlib.import_module("pyvista")
+        self._shown = shown
+        self._aspect = size[0] / size[1]
+        theme = self._pyvista.themes.DocumentTheme()
+        self.plotter: Any = self._pyvista.Plotter(off_screen=off_screen, window_size=size, lighting="none", theme=theme)
         for direction, power in LIGHTS:
-            self.plotter.add_light(pyvista.Light(position=direction, intensity=power, light_type="camera light"))
-        rest, faces = session.shell.rest_positions, np.asarray(session.shell.mesh.faces)
-        self._faces = faces
+            light = self._pyvista.Light(position=direction, intensity=power, light_type="camera light")
+            self.plotter.add_light(light)
+        self._actors: list[Any] = []
+        self._build()
+        self.refresh()
+
+    def _build(self) -> None:
+        """Put the shell on the stage, in place of another that may be there."""
+        for actor in self._actors:
+            self.plotter.remove_actor(actor, render=False)
+        self._actors = []
+        rest, faces = self._shown.rest_positions, np.asarray(self._shown.faces)
+        self._rest, self._faces = rest, faces
         self._size = float(np.ptp(rest, axis=0).max())
         look = ShadedSurface(rest, faces)
-        self._surface = pyvista.PolyData.from_regular_faces(rest.copy(), faces)
+        self._surface = self._pyvista.PolyData.from_regular_faces(rest.copy(), faces)
         self._surface.point_data.active_normals = vertex_normals(rest, faces)
-        actor = self.plotter.add_mesh(
-            self._surface, color=look.color, ambient=_AMBIENT, diffuse=_DIFFUSE, specular=0.0, copy_mesh=False
-        )
+        actor = self._add(self._surface, color=look.color, ambient=_AMBIENT, diffuse=_DIFFUSE, specular=0.0)
         # Faces step back a little so that lines on them are never half hidden.
         actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
         actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 1.0)
         table = EdgeTable.of(rest, faces)
         edges = table.edges[table.drawn]
         cells = np.column_stack([np.full(len(edges), 2), edges]).ravel()
-        self._add_lines(pyvista, rest.copy(), cells, "#c8c8c8")  # stays where the shell is at rest
-        self._lines = self._add_lines(pyvista, rest.copy(), cells, tuple(line_color(look)))
-        self._held = np.flatnonzero(session.shell.clamped)
+        self._add_lines(rest.copy(), cells, "#c8c8c8")  # stays where the shell is at rest
+        self._lines = self._add_lines(rest.copy(), cells, tuple(line_color(look)))
+        self._held = np.flatnonzero(self._shown.held)
         self._held_points: Any = None
         if self._held.size:
-            self._held_points = pyvista.PolyData(rest[self._held])
-            self.plotter.add_mesh(self._held_points, color="#404040", point_size=5.0, copy_mesh=False)
-        self._arrow = pyvista.Arrow(start=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0))
+            self._held_points = self._pyvista.PolyData(rest[self._held])
+            self._add(self._held_points, color="#404040", point_size=5.0)
+        self._arrow = self._pyvista.Arrow(start=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0))
         self._arrow_shape = np.array(self._arrow.points, dtype=np.float64)
-        self._arrow_actor = self.plotter.add_mesh(
-            self._arrow, color=_ARROW_COLOR, ambient=_AMBIENT, diffuse=_DIFFUSE, copy_mesh=False
-        )
-        self._place_camera(size[0] / size[1])
-        self.refresh()
+        self._arrow_actor = self._add(self._arrow, color=_ARROW_COLOR, ambient=_AMBIENT, diffuse=_DIFFUSE)
+        self._gravity_limit = gravity_limit(self._shown.gravity)
+        self._place_camera()
 
-    def _add_lines(self, pyvista: Any, points: Array, cells: NDArray[np.int64], color: Any) -> Any:
-        lines = pyvista.PolyData(points, lines=cells)
-        self.plotter.add_mesh(lines, color=color, line_width=LINE_WIDTH, lighting=False, copy_mesh=False)
+    def _add(self, mesh: Any, **look: Any) -> Any:
+        self._actors.append(self.plotter.add_mesh(mesh, copy_mesh=False, **look))
+        return self._actors[-1]
+
+    def _add_lines(self, points: Array, cells: NDArray[np.int64], color: Any) -> Any:
+        lines = self._pyvista.PolyData(points, lines=cells)
+        self._add(lines, color=color, line_width=LINE_WIDTH, lighting=False)
         return lines
 
-    def _place_camera(self, aspect: float) -> None:
-        """Frame the shape at rest with room to hang and swing."""
-        rest = self._session.shell.rest_positions
-        center = 0.5 * (rest.min(axis=0) + rest.max(axis=0))
-        room = np.concatenate([rest, center + self._size * np.array([[0.0, 0.0, -0.9], [0.0, 0.0, 0.6]])])
-        camera = frame_points(room, DEFAULT_CAMERA, aspect)
+    def _place_camera(self) -> None:
+        """Frame the shape, at rest and as it is, with room to hang and swing."""
+        center = 0.5 * (self._rest.min(axis=0) + self._rest.max(axis=0))
+        swing = center + self._size * np.array([[0.0, 0.0, -0.9], [0.0, 0.0, 0.6]])
+        room = np.concatenate([self._rest, self._shown.positions, swing])
+        camera = frame_points(room, DEFAULT_CAMERA, self._aspect)
         self.plotter.camera_position = [camera.position, camera.target, camera.axes[1]]
         self.plotter.camera.view_angle = math.degrees(2.0 * math.atan(camera.slope))
 
     def refresh(self) -> None:
-        """Bring what is shown up to the session's present state; draws nothing yet."""
-        positions = self._session.positions
+        """Bring what is shown up to its present state; draws nothing yet."""
+        if self._shown.rest_positions is not self._rest:
+            self._build()
+        positions = self._shown.positions
         self._surface.points = positions
         self._surface.point_data.active_normals = vertex_normals(positions, self._faces)
         self._lines.points = positions
@@ -109,7 +146,7 @@ class Stage:
         self.plotter.renderer.ResetCameraClippingRange()
 
     def _turn_arrow(self) -> None:
-        gravity = self._session.gravity
+        gravity = self._shown.gravity
         length = float(np.linalg.norm(gravity))
         self._arrow_actor.SetVisibility(length > 0.0)
         if length == 0.0:
@@ -119,9 +156,8 @@ class Stage:
         aside /= np.linalg.norm(aside)
         axes = np.stack([along, aside, np.cross(along, aside)])
         reach = _ARROW_LENGTH * self._size
-        stretched = self._arrow_shape * [reach * length / self._session.gravity_limit, 0.5 * reach, 0.5 * reach]
-        rest = self._session.shell.rest_positions
-        low, high = rest.min(axis=0), rest.max(axis=0)
+        stretched = self._arrow_shape * [reach * length / self._gravity_limit, 0.5 * reach, 0.5 * reach]
+        low, high = self._rest.min(axis=0), self._rest.max(axis=0)
         tail = np.array([0.5 * (low[0] + high[0]), high[1] + 0.15 * self._size, high[2] + 0.25 * self._size])
         self._arrow.points = tail + stretched @ axes
 

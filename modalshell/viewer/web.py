@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import importlib
 import time
+from abc import ABC, abstractmethod
 from typing import Any
 
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.scene import MODELS, Scene
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
-from modalshell.viewer.stage import Stage, demand_opengl
+from modalshell.viewer.stage import Shown, Stage, demand_opengl
 
 HOST = "127.0.0.1"
 """Loopback only: whoever reaches the page can drive the session."""
@@ -22,26 +23,24 @@ _SETTLING = 0.2
 _TRAME = ("trame.app", "trame.ui.vuetify3", "trame.widgets.vuetify3", "trame.widgets.vtk")
 
 
-class WebViewer:
-    """A session behind a page; all browsers that open it share the session.
+class Page(ABC):
+    """A page with a picture of something that moves, drawn here, and a line of text below it.
 
     Parameters
     ----------
-    session : ViewSession
+    shown : Shown
         What to show.
+    name : str
+        The scene's name.
     """
 
-    def __init__(self, session: ViewSession) -> None:
-        app, layouts, vuetify, vtk = _import_trame()
-        self._session = session
-        self._stage = Stage(session, off_screen=True)
-        self._server: Any = app.get_server(f"modalshell {session.scene.name}", client_type="vue3")
+    def __init__(self, shown: Shown, name: str) -> None:
+        app, self._layouts, self._vuetify, self._vtk = _import_trame()
+        self._stage = Stage(shown, off_screen=True)
+        self._server: Any = app.get_server(f"modalshell {name}", client_type="vue3")
         self._state: Any = self._server.state
-        self._fill_state()
-        self._build_page(layouts, vuetify, vtk)
-        self._state.change("gravity_x", "gravity_y", "gravity_z")(self._take_gravity)
-        self._chosen: float | None = None
-        self._state.change("model", "modes")(self._note_choice)
+        self._state.trame__title = f"modalshell {name}"
+        self._note = ""
         self._server.controller.on_server_ready.add_task(self._run)
 
     def serve(self, port: int) -> None:
@@ -54,23 +53,84 @@ class WebViewer:
     def _print_address(self, **_: Any) -> None:
         print(f"http://{HOST}:{self._server.port}/ (Ctrl+C ends)", flush=True)
 
+    def _fill_content(self, page: Any) -> None:
+        page.title.set_text(self._state.trame__title)
+        with page.content:
+            self._view = self._vtk.VtkRemoteView(self._stage.plotter.render_window, interactive_ratio=1, id="picture")
+        page.footer.clear()
+        with page.footer:
+            self._vuetify.VLabel("{{ status }}", id="status")
+
+    @abstractmethod
+    def _status(self) -> str:
+        """The line of text."""
+
+    @abstractmethod
+    def _do_frame(self, passed: float) -> None:
+        """Move on by the wall time [s] that has passed."""
+
+    def _show_status(self) -> None:
+        self._state.status = "; ".join(filter(None, [self._status(), self._note]))
+
+    def _draw(self) -> None:
+        self._stage.refresh()
+        self._view.update()
+        self._show_status()
+
+    async def _run(self, **_: Any) -> None:
+        """Frame after frame; a slow frame holds the page up as it would hold up the picture."""
+        last = time.perf_counter()
+        while True:
+            begin = time.perf_counter()
+            passed, last = begin - last, begin
+            with self._state:
+                try:
+                    self._do_frame(passed)
+                except Exception as error:
+                    # Nobody awaits this task: it would end without a word, and the page would stand still.
+                    self._fail(f"{type(error).__name__}: {error}")
+            await asyncio.sleep(max(_SHORTEST_PAUSE, FRAME_SECONDS - (time.perf_counter() - begin)))
+
+    def _fail(self, message: str) -> None:
+        self._note = message
+        self._show_status()
+
+
+class WebViewer(Page):
+    """A session behind a page; all browsers that open it share the session.
+
+    Parameters
+    ----------
+    session : ViewSession
+        What to show.
+    """
+
+    def __init__(self, session: ViewSession) -> None:
+        super().__init__(session, session.scene.name)
+        self._session = session
+        self._fill_state()
+        self._build_page()
+        self._state.change("gravity_x", "gravity_y", "gravity_z")(self._take_gravity)
+        self._chosen: float | None = None
+        self._state.change("model", "modes")(self._note_choice)
+
     def _fill_state(self) -> None:
         session = self._session
-        self._state.trame__title = f"modalshell {session.scene.name}"
         self._state.model, self._state.modes = session.name, session.modes
         for letter, value in zip("xyz", session.gravity.tolist(), strict=True):
             self._state[f"gravity_{letter}"] = value
-        self._note = ""
         self._show_status()
+
+    def _status(self) -> str:
+        return self._session.status()
 
     def _show_status(self) -> None:
         self._state.playing = self._session.playing
-        self._state.status = "; ".join(filter(None, [self._session.status(), self._note]))
+        super()._show_status()
 
-    def _build_page(self, layouts: Any, vuetify: Any, vtk: Any) -> None:
-        session, limit = self._session, self._session.gravity_limit
-        with layouts.SinglePageWithDrawerLayout(self._server) as page:
-            page.title.set_text(self._state.trame__title)
+    def _build_page(self) -> None:
+        session, limit, vuetify = self._session, self._session.gravity_limit, self._vuetify
+        with self._layouts.SinglePageWithDrawerLayout(self._server) as page:
             with page.drawer as drawer:
                 drawer.width = 280
                 with vuetify.VContainer():
@@ -86,11 +146,7 @@ class WebViewer:
                         name = f"gravity_{letter}"
                         vuetify.VLabel(f"Gravity {letter}: {{{{ {name}.toFixed(1) }}}} m/s²")
                         vuetify.VSlider(v_model=(name,), min=-limit, max=limit, step=0.1, id=name)
-            with page.content:
-                self._view = vtk.VtkRemoteView(self._stage.plotter.render_window, interactive_ratio=1, id="picture")
-            page.footer.clear()
-            with page.footer:
-                vuetify.VLabel("{{ status }}", id="status")
+            self._fill_content(page)
 
     def _toggle(self) -> None:
         self._note = ""
@@ -122,26 +178,9 @@ class WebViewer:
             self._state.model, self._state.modes = self._session.name, self._session.modes
         self._draw()
 
-    def _draw(self) -> None:
-        self._stage.refresh()
-        self._view.update()
-        self._show_status()
-
-    async def _run(self, **_: Any) -> None:
-        """Frame after frame; a slow frame holds the page up as it would hold up the picture."""
-        last = time.perf_counter()
-        while True:
-            begin = time.perf_counter()
-            passed, last = begin - last, begin
-            with self._state:
-                try:
-                    self._do_frame(passed)
-                except Exception as error:
-                    # Nobody awaits this task: it would end without a word, and the page would stand still.
-                    self._session.pause()
-                    self._note = f"{type(error).__name__}: {error}"
-                    self._show_status()
-            await asyncio.sleep(max(_SHORTEST_PAUSE, FRAME_SECONDS - (time.perf_counter() - begin)))
+    def _fail(self, message: str) -> None:
+        self._session.pause()
+        super()._fail(message)
 
     def _do_frame(self, passed: float) -> None:
         if self._chosen is not None and time.perf_counter() - self._chosen > _SETTLING:
@@ -162,10 +201,15 @@ def _import_trame() -> list[Any]:
         ) from error
 
 
-def serve_page(scene: Scene, port: int) -> None:
-    """Serve a scene on this machine's own address until interrupted; port 0 takes a free one."""
+def check_page(port: int) -> None:
+    """Raise OptionError where no page can be served, before anything is built for it."""
     if not 0 <= port < 65536:
         raise OptionError(f"port must be from 0 to 65535 (got {port})")
     _import_trame()
     demand_opengl()
+
+
+def serve_page(scene: Scene, port: int) -> None:
+    """Serve a scene on this machine's own address until interrupted; port 0 takes a free one."""
+    check_page(port)
     WebViewer(ViewSession(scene)).serve(port)

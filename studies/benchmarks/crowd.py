@@ -1,6 +1,7 @@
 """What a crowd costs: instances a second against the bare matrix products, and steps a second of a flock.
 
-Reconstruction runs on one thread, with BLAS held to one too.
+All on one thread, with BLAS held to one too, and timed by the processor's clock, which does not count the turns of
+other programs.
 """
 
 from __future__ import annotations
@@ -14,27 +15,35 @@ from numpy.typing import DTypeLike
 from threadpoolctl import threadpool_limits
 
 import modalshell as ms
+from modalshell.crowd import LEVELS
 from modalshell.modes import Basis
 from modalshell.study import load_script
 
 interleaved = load_script("studies/benchmarks", "timing").interleaved
 
 
-def bird_basis(modes: int = 8) -> Basis:
-    """Modes of a paper bird of 493 vertices, held along its body."""
-    mesh = ms.paper_bird()
+def bird_basis(modes: int = 8, cells: tuple[int, int] = (16, 14)) -> Basis:
+    """Modes of a paper bird, of 493 vertices without other ``cells``, held along its body."""
+    mesh = ms.paper_bird(cells=cells)
     material = ms.Material(stretch=2000.0, shear=2000.0, flexure=2e-3, density=0.08)
     return ms.solve_modes(ms.Shell(mesh, material, clamped=mesh.vertices[:, 2] <= 0.0), modes)
 
 
 def reconstruction(
-    instances: int = 4096, modes: int = 8, repeats: int = 7, precisions: Iterable[DTypeLike] = (np.float64, np.float32)
+    instances: int = 4096,
+    basis: Basis | None = None,
+    repeats: int = 15,
+    precisions: Iterable[DTypeLike] = (np.float64, np.float32),
 ) -> list[dict[str, Any]]:
-    """Instances a second of a crowd placed in the world, at each level, and of the two products over the batch."""
-    basis = bird_basis(modes)
+    """Instances a second, the best of ``repeats`` turns, of a crowd at each level, of its steps, and of two bounds.
+
+    They are the two products Phi q and Psi q over the whole batch, by BLAS, and writing the positions alone. ``mwts``
+    is without a place in the world, as the products are; ``placed`` is MWTS with a rotation and a translation each.
+    """
+    basis = basis or bird_basis()
     random = np.random.default_rng(0)
-    q = random.standard_normal((instances, modes))
-    q *= 2.0 / np.linalg.norm((basis.rotations @ q[0]).reshape(-1, 3), axis=1).max()
+    q = random.standard_normal((instances, basis.count))
+    q *= 1.5 / np.linalg.norm((q @ basis.rotations.T).reshape(-1, 3), axis=1).max()
     turns = np.broadcast_to(np.eye(3), (instances, 3, 3)).copy()
     moves = random.standard_normal((instances, 3))
     rows = []
@@ -46,26 +55,28 @@ def reconstruction(
         transposed = [np.ascontiguousarray(a.T, dtype=precision) for a in (basis.modes, basis.rotations)]
         products = np.empty((2, instances, 3 * crowd.vertices), precision)
 
-        def at_level(level: int, crowd: ms.Crowd = crowd, out: Any = out) -> None:
-            crowd.levels[:] = level
-            crowd.positions(turns, moves, out)
+        def at_level(name: str, placed: bool = False, crowd: ms.Crowd = crowd, out: Any = out) -> None:
+            crowd.levels[:] = LEVELS.index(name)
+            crowd.positions(turns if placed else None, moves if placed else None, out)
 
         def multiply(small: Any = small, transposed: Any = transposed, products: Any = products) -> None:
             for matrix, product in zip(transposed, products, strict=True):
                 np.matmul(small, matrix, out=product)
 
-        functions = {"rigid": lambda f=at_level: f(0), "lma": lambda f=at_level: f(1), "mwts": lambda f=at_level: f(2)}
-        functions |= {"products": multiply, "step": lambda crowd=crowd, q=q: still(crowd, q)}
+        functions = {name.lower(): lambda name=name, f=at_level: f(name) for name in LEVELS}
+        functions |= {"placed": lambda f=at_level: f("MWTS", True), "products": multiply}
+        functions |= {"writing": lambda out=out: out.fill(1.0), "step": lambda crowd=crowd: still(crowd, q)}
         with threadpool_limits(1):
-            times = interleaved(functions, repeats)
+            times = interleaved(functions, repeats, statistic=min, clock=time.process_time)
         rows.append(
             {
                 "instances": instances,
                 "vertices": crowd.vertices,
-                "modes": modes,
+                "modes": basis.count,
                 "dtype": np.dtype(precision).name,
                 **{f"per_second_{name}": instances / seconds for name, seconds in times.items()},
                 "ratio_products": times["products"] / times["mwts"],
+                "ratio_products_placed": times["products"] / times["placed"],
             }
         )
     return rows
@@ -78,35 +89,21 @@ def still(crowd: ms.Crowd, q: Any) -> None:
 
 
 def flock(
-    sizes: Iterable[int] = (1000, 10000, 100000),
-    threads: Iterable[int] = (1, 2),
-    per_volume: float = 20.0,
-    steps: int = 10,
+    sizes: Iterable[int] = (1000, 10000, 100000), per_volume: float = 20.0, steps: int = 20, search: str = "grid"
 ) -> list[dict[str, Any]]:
     """Steps a second, the best of ``steps``, from ``per_volume`` boids in a cube of the neighbour distance."""
     rows = []
     for count in sizes:
-        for parts in threads:
-            radius = (count / per_volume * 3.0 / (4.0 * np.pi)) ** (1.0 / 3.0)
-            boids = ms.Flock.random(count, radius=radius, threads=parts)
-            boids.step(1e-6)
-            seconds = []
-            for _ in range(max(steps, 50000 // count)):
-                start = time.perf_counter()
-                boids.step(1e-6)  # so short that the density stays
-                seconds.append(time.perf_counter() - start)
-            best = min(seconds)
-            rows.append(
-                {
-                    "boids": count,
-                    "threads": parts,
-                    "steps_per_second": 1.0 / best,
-                    "microseconds_boid": 1e6 * best / count,
-                }
-            )
+        radius = (count / per_volume * 3.0 / (4.0 * np.pi)) ** (1.0 / 3.0)
+        boids = ms.Flock.random(count, radius=radius, search=search)
+        boids.step(1e-6)
+        seconds = []
+        for _ in range(steps):
+            start = time.process_time()
+            boids.step(1e-6)  # so short that the density stays
+            seconds.append(time.process_time() - start)
+        best = min(seconds)
+        rows.append(
+            {"boids": count, "search": search, "steps_per_second": 1.0 / best, "microseconds_boid": 1e6 * best / count}
+        )
     return rows
-
-
-if __name__ == "__main__":
-    for row in [*reconstruction(), *flock()]:
-        print({key: float(f"{value:.3g}") if isinstance(value, float) else value for key, value in row.items()})

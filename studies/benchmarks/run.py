@@ -18,7 +18,8 @@ def main(
     out: Path, quick: bool = False, only: str | None = None, on_step: Callable[[int, int], None] | None = None
 ) -> list[Path]:
     """Run the benchmarks into ``out``; ``quick`` leaves out the largest sizes, ``only`` names one of them."""
-    frame, modes, truth = (load_script("studies/benchmarks", name) for name in ("frame", "modes", "discrete_shell"))
+    names = ("frame", "modes", "discrete_shell", "crowd")
+    frame, modes, truth, crowd = (load_script("studies/benchmarks", name) for name in names)
     sizes = (1000, 13117) if quick else (1000, 13117, 100000)
     jobs: dict[str, Callable[[], Any]] = {
         "frame": lambda: frame.benchmark(sizes, (4, 32) if quick else (4, 8, 32, 128)),
@@ -27,6 +28,8 @@ def main(
         "modes": lambda: modes.benchmark((13000,) if quick else (13000, 100000)),
         "assembly": lambda: [truth.assembly()],
         "implicit_steps": lambda: truth.implicit_steps((50,) if quick else (50, 100, 150)),
+        "crowd": lambda: crowd.reconstruction(512 if quick else 4096),
+        "flock": lambda: crowd.flock((1000, 10000) if quick else (1000, 10000, 100000)),
     }
     if only is not None:
         jobs = {name: job for name, job in jobs.items() if name == only}

@@ -274,9 +274,9 @@ def _crowds() -> list[Target]:
     def crowded(basis: Any, dtype: Any, **given: Any) -> Any:
         crowd = ms.Crowd(basis, given["count"], damping=given["damping"], dtype=dtype)
         crowd.step(given["dt"], felt=given["felt"], forcing=given["forcing"])
-        crowd.set_levels(given["distances"], given["linear_beyond"], given["rigid_beyond"])
+        crowd.choose_levels(given["distances"], given["angle"])
         positions = crowd.positions(given["rotations"], given["translations"])
-        return [crowd.coordinates, crowd.rates, positions, crowd.switch_distances(given["angle"])]
+        return [crowd.coordinates, crowd.rates, positions, crowd.level_errors()]
 
     crowd = {
         "count": 2,
@@ -285,8 +285,6 @@ def _crowds() -> list[Target]:
         "felt": np.array([0.0, 0.0, -2.0]),
         "forcing": np.zeros((2, 3)),
         "distances": np.array([1.0, 5.0]),
-        "linear_beyond": 2.0,
-        "rigid_beyond": 4.0,
         "rotations": np.eye(3),
         "translations": np.zeros(3),
         "angle": 0.01,

@@ -1,0 +1,74 @@
+"""What this machine brings: versions, solvers, the BLAS and its threads, what draws, and which extras are there."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import warnings
+from dataclasses import dataclass
+
+from modalshell.errors import ModalShellWarning
+from modalshell.modes.factorisation import available_backends
+from modalshell.render.backend import APT_LINE, choose_backend
+
+_CORE = ("numpy", "scipy", "numba", "sympy", "trimesh", "pyvista", "matplotlib")
+_EXTRAS = {
+    "cholmod": ("sksparse", "fastest factorisations, least memory; wants SuiteSparse's headers to build"),
+    "pardiso": ("pypardiso", "faster factorisations than SciPy's own on x86-64"),
+    "web": ("trame", "scenes played in a browser"),
+}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One line of what was found: ``value``, and in ``hint`` what would better it, empty where nothing would."""
+
+    name: str
+    value: str
+    hint: str = ""
+
+
+def examine() -> list[Reading]:
+    """Read the machine; drawing is tried out in a child process, which takes a second."""
+    packages = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _CORE)
+    readings = [
+        Reading("machine", f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"),
+        Reading("python", platform.python_version()),
+        Reading("packages", packages),
+        Reading("factorisation", ", ".join(available_backends())),
+        *_blas(),
+        _drawing(),
+    ]
+    for extra, (module, gain) in _EXTRAS.items():
+        here = importlib.util.find_spec(module) is not None
+        hint = "" if here else f"pip install 'modalshell[{extra}]': {gain}"
+        readings.append(Reading(f"extra {extra}", "installed" if here else "not installed", hint))
+    return readings
+
+
+def _blas() -> list[Reading]:
+    """Each BLAS in this process with its threads and the processor that it takes this one for."""
+    if importlib.util.find_spec("threadpoolctl") is None:
+        return [Reading("BLAS", "unknown", "pip install threadpoolctl: shows the BLAS and its threads")]
+    from threadpoolctl import threadpool_info
+
+    readings = []
+    for pool in threadpool_info():
+        if pool["user_api"] == "blas":
+            value = f"{pool['internal_api']} {pool['version']}, {pool['num_threads']} threads"
+            value += f", tuned for {pool['architecture']}" if pool.get("architecture") else ""
+            hint = ""
+            if pool["num_threads"] > 1:
+                hint = "OPENBLAS_NUM_THREADS=1 is faster for small matrices and on a shared machine"
+            readings.append(Reading("BLAS", value, hint))
+    return readings
+
+
+def _drawing() -> Reading:
+    """Which library draws shapes here."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)
+        renders = choose_backend() == "pyvista"
+    return Reading("drawing", "PyVista" if renders else "built-in rasteriser", "" if renders else APT_LINE)

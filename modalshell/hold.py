@@ -1,0 +1,60 @@
+"""Holding a file: one process at a time has it, and others may ask whether one has without taking it themselves."""
+
+from __future__ import annotations
+
+import os
+import struct
+import sys
+from pathlib import Path
+
+from modalshell.errors import OptionError
+
+if sys.platform != "win32":
+    import fcntl
+
+_FLOCK = "@hhqqi"
+"""The C struct of a record lock: kind, origin, start and length (0: all of the file), process."""
+_OWN_LOCKS = sys.platform == "linux"
+"""Whether locks can belong to a descriptor and still be asked about, as flock's cannot."""
+
+
+def hold(path: Path) -> int:
+    """Descriptor of the file, made if missing, and held until it is closed or the process ends (not under Windows).
+
+    Raises
+    ------
+    OptionError
+        If another process holds the file, or it cannot be written.
+    """
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+        except OSError as error:
+            raise OptionError(f"{path}: cannot be written ({error.strerror}); choose another --out folder") from error
+        if sys.platform == "win32":
+            return descriptor
+        try:
+            if _OWN_LOCKS:
+                fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0))
+            else:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            raise OptionError(
+                f"{path} is in use by another process: let it finish, or choose another --out folder"
+            ) from error
+        try:  # the holder before may have deleted the file between our two calls
+            if os.fstat(descriptor).st_ino == os.stat(path).st_ino:
+                return descriptor
+        except FileNotFoundError:
+            pass
+        os.close(descriptor)
+
+
+def is_held(descriptor: int) -> bool | None:
+    """Whether a process holds the open file; None where the system cannot tell. This takes no lock."""
+    if not _OWN_LOCKS:
+        return None
+    asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
+    answer = fcntl.fcntl(descriptor, fcntl.F_OFD_GETLK, asked)
+    return bool(struct.unpack(_FLOCK, answer)[0] != fcntl.F_UNLCK)

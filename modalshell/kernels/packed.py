@@ -1,0 +1,171 @@
+"""Packed numbers for kernels: as many of one precision as a register of this processor holds, taken along as one.
+
+LLVM packs a plain loop only as far as its cost model dares, which on processors with registers of 512 bits is half of
+one, and it neither keeps several sums in registers over an inner loop nor stores x, y, z one after the other without
+scattering. With the type of this module a kernel says what is packed, and LLVM makes the instructions.
+"""
+
+# ruff: noqa: ARG001, ARG002 (numba calls code generators by position)
+
+from __future__ import annotations
+
+import operator
+from typing import Any
+
+import llvmlite.binding
+from llvmlite import ir
+from numba import types
+from numba.core.typing.templates import AbstractTemplate, Signature, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+BYTES = 64 if llvmlite.binding.get_host_cpu_features().get("avx512f") else 32
+"""Size of a packed number; the kernels are compiled, and their cache is kept, for one kind of processor."""
+
+_intrinsic: Any = intrinsic  # its annotations count the typing context as an argument of the call
+
+# Multiplications and additions may be fused; nothing is reordered.
+_FLAGS = ("contract", "nsz")
+
+
+class Packed(types.Type):
+    """Packed numbers of a precision."""
+
+    def __init__(self, scalar: Any) -> None:
+        self.scalar = scalar
+        self.lanes = 8 * BYTES // scalar.bitwidth
+        super().__init__(name=f"Packed({scalar} x {self.lanes})")
+
+
+@register_model(Packed)
+class _PackedModel(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Packed) -> None:
+        scalar = ir.FloatType() if kind.scalar == types.float32 else ir.DoubleType()
+        super().__init__(manager, kind, ir.VectorType(scalar, kind.lanes))  # type: ignore[no-untyped-call]
+
+
+def _operator(function: Any, instruction: str) -> None:
+    @infer_global(function)  # type: ignore[no-untyped-call]
+    class _Typing(AbstractTemplate):
+        def generic(self, args: tuple[Any, ...], kws: Any) -> Signature | None:
+            both = len(args) == 2 and isinstance(args[0], Packed) and args[0] == args[1]
+            return signature(args[0], *args) if both else None  # type: ignore[no-untyped-call]
+
+    @lower_builtin(function, Packed, Packed)  # type: ignore[no-untyped-call]
+    def _lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return getattr(builder, instruction)(*args, flags=_FLAGS)
+
+
+for _function, _instruction in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+    _operator(_function, _instruction)
+
+
+def _pointer(context: Any, builder: Any, kind: Any, array: Any, index: Any, vector: Any) -> Any:
+    data = context.make_array(kind)(context, builder, array).data
+    return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
+
+
+def _indices(numbers: list[int]) -> ir.Constant:
+    return ir.Constant(ir.VectorType(ir.IntType(32), len(numbers)), numbers)
+
+
+@_intrinsic
+def load(typing, array, index):  # type: ignore[no-untyped-def]
+    """Numbers ``index`` and following of a flat array."""
+    kind = Packed(array.dtype)
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], context.get_value_type(kind))
+        return builder.load(pointer, align=array.dtype.bitwidth // 8)
+
+    return kind(array, types.intp), code
+
+
+@_intrinsic
+def store(typing, array, index, value):  # type: ignore[no-untyped-def]
+    """Write a packed number to ``index`` and following of a flat array."""
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], args[2].type)
+        builder.store(args[2], pointer, align=array.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, value), code
+
+
+@_intrinsic
+def store_triples(typing, array, index, x, y, z):  # type: ignore[no-untyped-def]
+    """Write x, y, z of one vertex after the other to ``index`` and following of a flat array."""
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        target, start, *rows = args
+        lanes = x.lanes
+        for part in range(3):
+            # What comes to each place, by vertex and axis; x and y first, then z among them.
+            wanted = [divmod(part * lanes + place, 3) for place in range(lanes)]
+            plane = _indices([vertex + lanes * (axis == 1) for vertex, axis in wanted])
+            mixed = builder.shuffle_vector(rows[0], rows[1], plane)
+            whole = _indices([lanes + vertex if axis == 2 else place for place, (vertex, axis) in enumerate(wanted)])
+            mixed = builder.shuffle_vector(mixed, rows[2], whole)
+            at = builder.add(start, ir.Constant(start.type, part * lanes))
+            pointer = _pointer(context, builder, sig.args[0], target, at, mixed.type)
+            builder.store(mixed, pointer, align=array.dtype.bitwidth // 8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, x, y, z), code
+
+
+@_intrinsic
+def spread(typing, scalar):  # type: ignore[no-untyped-def]
+    """The same number everywhere."""
+    kind = Packed(scalar)
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return _spread(builder, args[0], context.get_value_type(kind))
+
+    return kind(scalar), code
+
+
+def _spread(builder: Any, scalar: Any, vector: Any) -> Any:
+    nothing = ir.Constant(vector, ir.Undefined)
+    one = builder.insert_element(nothing, scalar, ir.Constant(ir.IntType(32), 0))
+    return builder.shuffle_vector(one, nothing, _indices([0] * vector.count))
+
+
+@_intrinsic
+def larger(typing, first, second):  # type: ignore[no-untyped-def]
+    """Place by place, ``first`` where it is larger, else ``second``; the latter too where one is not a number."""
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        return builder.select(builder.fcmp_ordered(">", *args), *args)
+
+    return first(first, second), code
+
+
+@_intrinsic
+def any_above(typing, value, limit):  # type: ignore[no-untyped-def]
+    """Whether any of the numbers is above ``limit``."""
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        kind = args[0].type
+        above = builder.fcmp_ordered(">", args[0], _spread(builder, args[1], kind))
+        bits = builder.bitcast(above, ir.IntType(kind.count))
+        return builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))
+
+    return types.boolean(value, value.scalar), code
+
+
+@_intrinsic
+def total(typing, value):  # type: ignore[no-untyped-def]
+    """Sum of the numbers, halves upon halves."""
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        rest, lanes = args[0], value.lanes
+        while lanes > 1:
+            lanes //= 2
+            low, high = (_indices(list(range(start, start + lanes))) for start in (0, lanes))
+            rest = builder.fadd(
+                builder.shuffle_vector(rest, rest, low), builder.shuffle_vector(rest, rest, high), flags=_FLAGS
+            )
+        return builder.extract_element(rest, ir.Constant(ir.IntType(32), 0))
+
+    return value.scalar(value), code

@@ -1,0 +1,138 @@
+"""Frames of a flight as a camera sees them: levels of detail, positions, and a report on what these show and cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.crowd import LEVELS, Flight
+from modalshell.rungs import RotationStrain
+from modalshell.rungs.model import Stopwatch
+from modalshell.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FlightReport:
+    """What a flight cost, and what its levels of detail show.
+
+    Attributes
+    ----------
+    birds, vertices : int
+        Number of birds, and of vertices of one.
+    shares : dict of float
+        Part of the birds' frames at each level; "RSW" is the part with any share of it, counted in its own level too.
+    allowed_pixels : float
+        Largest distance allowed between a vertex as drawn and its place by MWTS.
+    largest_error : float
+        That distance, largest over all frames [m].
+    largest_pixels : float
+        The same as it is seen: over the distance of its bird times the focal length [pixels].
+    strains_gap : float
+        Largest distance of a vertex by RSW from its place by MWTS, among the birds where RSW was blended in [m].
+    strains_jump_pixels : float
+        Largest motion that a change of RSW's share caused between two frames [pixels].
+    switches : int
+        How often a bird changed its level.
+    seconds_steps, seconds_positions : float
+        Time spent in stepping boids and shells, and in levels and positions of stored frames [s].
+    """
+
+    birds: int
+    vertices: int
+    shares: dict[str, float]
+    allowed_pixels: float
+    largest_error: float
+    largest_pixels: float
+    strains_gap: float
+    strains_jump_pixels: float
+    switches: int
+    seconds_steps: float
+    seconds_positions: float
+
+
+class FlightFilm:
+    """Frames of a flight as a camera sees them: levels of detail, positions, and what these cost.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene with a flock.
+    flight : Flight
+        Its birds; their state is overwritten.
+    """
+
+    def __init__(self, scene: Scene, flight: Flight) -> None:
+        assert scene.flock is not None
+        self._flight, self._detail, lens = flight, scene.flock.detail, scene.flock.camera
+        self._eye = np.array(lens.position)
+        self._focal = 0.5 * lens.size[1] / math.tan(0.5 * math.radians(lens.view_angle))
+        crowd = flight.crowd
+        rest = crowd.basis.shell.rest_positions
+        self._radius = float(np.linalg.norm(rest, axis=1).max())
+        self._strains = RotationStrain(crowd.basis) if self._detail.strains_within else None
+        self._out = np.empty((crowd.count, crowd.vertices, 3), crowd.dtype)
+        self._before: dict[str, NDArray[Any]] = {}
+        self._counts, self._frames = np.zeros(len(LEVELS) + 1), 0
+        self._errors = {"metres": 0.0, "pixels": 0.0, "gap": 0.0, "jump": 0.0}
+        self._switches, self._seconds = 0, 0.0
+
+    def choose_levels(self) -> None:
+        """Levels of detail at the present state."""
+        self._flight.crowd.choose_levels(self._distances(), self._detail.pixels / self._focal)
+
+    def positions(self) -> NDArray[Any]:
+        """Vertex positions (B, n, 3) [m] at the present state; overwritten by the next call."""
+        watch = Stopwatch()
+        flock, crowd = self._flight.flock, self._flight.crowd
+        frames, distances = self._flight.frames, self._distances()
+        out = crowd.positions(frames, flock.positions, self._out)
+        shares, gaps = np.zeros(crowd.count), np.zeros(crowd.count)
+        if self._strains is not None:
+            # One within the distance, zero beyond half as much again; smooth at both ends.
+            part = np.clip(3.0 - 2.0 * distances / self._detail.strains_within, 0.0, 1.0)
+            shares = part**2 * (3.0 - 2.0 * part)
+            gaps = crowd.blend_strains(self._strains, shares, out, frames, flock.positions)
+        self._seconds += watch()
+        self._note(distances, shares, gaps)
+        return out
+
+    def _distances(self) -> Array:
+        """From the camera to the nearest that a vertex of each bird may be, at least a tenth of a bird."""
+        away = np.linalg.norm(self._flight.flock.positions - self._eye, axis=1)
+        return np.asarray(np.maximum(away - self._radius, 0.1 * self._radius))
+
+    def _note(self, distances: Array, shares: Array, gaps: Array) -> None:
+        crowd = self._flight.crowd
+        errors = crowd.level_errors()
+        jumps = np.abs(shares - self._before.get("shares", shares)) * np.maximum(gaps, self._before.get("gaps", gaps))
+        found = {"metres": errors, "pixels": self._focal * errors / distances, "gap": gaps}
+        found["jump"] = self._focal * jumps / distances
+        self._errors = {name: max(value, float(found[name].max())) for name, value in self._errors.items()}
+        self._switches += int((crowd.levels != self._before.get("levels", crowd.levels)).sum())
+        self._before = {"levels": crowd.levels.copy(), "shares": shares, "gaps": gaps}
+        self._counts += [*np.bincount(crowd.levels, minlength=len(LEVELS)), np.count_nonzero(shares)]
+        self._frames += 1
+
+    def report(self, seconds_steps: float) -> FlightReport:
+        """The report on the frames so far."""
+        crowd = self._flight.crowd
+        parts = self._counts / (crowd.count * self._frames)
+        return FlightReport(
+            birds=crowd.count,
+            vertices=crowd.vertices,
+            shares=dict(zip((*LEVELS, "RSW"), parts.tolist(), strict=True)),
+            allowed_pixels=self._detail.pixels,
+            largest_error=self._errors["metres"],
+            largest_pixels=self._errors["pixels"],
+            strains_gap=self._errors["gap"],
+            strains_jump_pixels=self._errors["jump"],
+            switches=self._switches,
+            seconds_steps=seconds_steps,
+            seconds_positions=self._seconds,
+        )

@@ -1,0 +1,226 @@
+"""Following a run from another process: its newest frame, and how it stands."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.checks import checked_number
+from modalshell.errors import FileFormatError, OptionError
+from modalshell.export import load_trajectory
+from modalshell.run.frame_reader import FrameReader
+from modalshell.scene import load_scene
+
+Array = NDArray[np.float64]
+
+_FRAMES = ".frames"
+_PAUSE = 0.05
+"""Wall time [s] between two looks while there is nothing to show yet."""
+
+
+class RunFollower:
+    """Shows what a run, of another process or an earlier time, has stored last.
+
+    It takes no lock and writes nothing, so that no run notices it.
+
+    Parameters
+    ----------
+    run : path
+        The run's output folder; its scene file, if the scene's own folder takes the results; or the file of frames,
+        ``FOLDER/NAME.frames``, where one folder holds several runs. The last two need not exist yet (the scene file
+        must), nor need the folder, which may also be empty.
+
+    Attributes
+    ----------
+    name : str
+        The scene's name; "" before it is known.
+    state : str
+        "waiting" for a first frame, "running", "stopped" (no process is at work on it, its results are missing),
+        "finished", or "running or stopped" where the system cannot tell.
+    outcome : str
+        The finished run's own status, such as "completed".
+    index, time, positions
+        Number of the newest frame, its time [s] and positions (n, 3) [m].
+    rest_positions, faces, held, gravity
+        The shell at rest (n, 3) [m], its triangles (T, 3), which vertices are held (n,), and gravity (3,) [m/s^2]. A
+        run that was finished before it was followed has told neither supports nor gravity: none are shown.
+    restarts : int
+        How often the run was begun anew while it was followed.
+
+    Raises
+    ------
+    OptionError
+        If ``run`` is none; also from :meth:`poll`, where it is none when it appears.
+    SceneError
+        For a scene file that is refused.
+    """
+
+    def __init__(self, run: str | os.PathLike[str]) -> None:
+        if sys.platform == "win32":
+            raise OptionError("runs cannot be followed under Windows, where a file that is read cannot be deleted")
+        self._given = Path(run)
+        self._path: Path | None = None
+        self._reader: FrameReader | None = None
+        self._generation: object = None
+        self._identity: dict[str, Any] = {}
+        self.name, self.state, self.outcome = "", "waiting", ""
+        self.index, self.time, self.restarts = -1, 0.0, 0
+        self.positions, self.rest_positions, self.gravity = np.empty((0, 3)), np.empty((0, 3)), np.zeros(3)
+        self.faces, self.held = np.empty((0, 3), np.int64), np.empty(0, bool)
+        self._find()
+
+    def close(self) -> None:
+        """Let go of the run's file."""
+        if self._reader is not None:
+            self._reader.close()
+            self._reader = None
+
+    def wait(self, seconds: float) -> None:
+        """Wait until there is a frame; OptionError if there is none after so many seconds."""
+        end = time.monotonic() + checked_number("wait", seconds, at_least=0.0, unit="s")
+        self.poll()
+        while self.index < 0:
+            if time.monotonic() > end:
+                raise OptionError(
+                    f"{self._given} has stored no frame within {seconds:g} s; run it, or wait longer (--wait SECONDS)"
+                )
+            time.sleep(_PAUSE)
+            self.poll()
+
+    def poll(self) -> bool:
+        """Take up the newest frame and the state; return whether either is another one than before."""
+        if self._path is None:
+            self._find()
+        if self._path is None:
+            return False
+        before = self.state, self.index, self.restarts, self._generation
+        self._look(self._path)
+        return before != (self.state, self.index, self.restarts, self._generation)
+
+    def status(self) -> str:
+        """One line: name, frame, time, state."""
+        if self.index < 0:
+            return f"{self.name or self._given}; {self.state}"
+        state = f"{self.state}: {self.outcome}" if self.state == "finished" else self.state
+        parts = [self.name, f"frame {self.index}", f"t = {self.time:.6g} s", state]
+        return "; ".join([*parts, "restarted"] if self.restarts else parts)
+
+    def _look(self, path: Path) -> None:
+        if self._reader is None or not self._reader.is_file(path):
+            if self._reader is not None:
+                self._take_newest(self._reader)  # a deleted file can still be read where it is open
+            try:
+                following = FrameReader(path)
+            except FileNotFoundError:
+                self._look_at_results(path)
+                return
+            self.close()
+            self._reader = following
+        held = self._reader.is_held()  # asked first: what a process that has ended wrote is all there
+        self._take_newest(self._reader)
+        if held is False and not self._reader.is_file(path):  # it has finished since we looked for the file
+            self._look_at_results(path)
+            return
+        if self.index < 0 or self._reader.index < 0:  # at work, if at all, on what comes before the first frame
+            self.state = "waiting"
+        else:
+            self.state = {True: "running", False: "stopped", None: "running or stopped"}[held]
+
+    def _take_newest(self, reader: FrameReader) -> None:
+        if not reader.read_newest():
+            return
+        if reader.generation != self._generation:
+            self._begin(reader.generation, reader.identity)
+            self._take_shell(**reader.constants)
+        self._show(reader.index, reader.record["time"], reader.record["positions"])
+
+    def _look_at_results(self, path: Path) -> None:
+        """Without a file of frames the run is finished, or not begun, or somebody has deleted what it stored."""
+        record = _record(path.with_suffix(".json"))
+        if record is not None and self.index >= 0 and _same(record["identity"], self._identity):
+            self.state, self.outcome = "finished", str(record.get("status"))
+        elif self._reader is not None and self._reader.index >= 0 and self._reader.is_held():
+            self.state = "running"
+        elif record is not None and self._take_results(path.with_suffix(".npz"), record["identity"]):
+            self.state, self.outcome = "finished", str(record.get("status"))
+        elif self.index >= 0:
+            self.state = "stopped"
+
+    def _take_results(self, path: Path, identity: dict[str, Any]) -> bool:
+        try:
+            run = load_trajectory(path)
+        except FileFormatError:
+            return False
+        self._begin(path, identity)
+        self._take_shell(run.rest_positions, run.faces, np.zeros(len(run.rest_positions), bool), np.zeros(3))
+        self._show(len(run.times) - 1, run.times[-1], run.positions[-1])
+        return True
+
+    def _begin(self, generation: object, identity: dict[str, Any]) -> None:
+        self.restarts += self.index >= 0
+        self._generation, self._identity = generation, identity
+
+    def _take_shell(self, rest_positions: Array, faces: Any, held: Any, gravity: Array) -> None:
+        """Take up a shell, unless it is the one there is: who shows it would have to begin anew for nothing."""
+        found = {"rest_positions": rest_positions, "faces": faces, "held": held, "gravity": gravity}
+        if not all(np.array_equal(getattr(self, name), array) for name, array in found.items()):
+            for name, array in found.items():
+                setattr(self, name, np.array(array))
+
+    def _show(self, index: int, moment: Any, positions: Any) -> None:
+        self.index, self.time = index, float(moment)
+        self.positions = np.array(positions, dtype=np.float64)
+
+    def _find(self) -> None:
+        """Settle which run it is, if that can be told yet."""
+        given = self._given
+        if given.suffix == ".toml":
+            scene = load_scene(given)
+            self._path = Path(scene.output.folder) / f"{scene.name}{_FRAMES}"
+        elif given.suffix == _FRAMES:
+            self._path = given
+        elif given.is_dir():
+            name = _only_run(given)
+            self._path = None if name is None else given / f"{name}{_FRAMES}"
+        elif given.exists():
+            raise OptionError(
+                f"a run must be its output folder, its scene file (.toml) or its file of frames (.frames) (got {given})"
+            )
+        if self._path is not None:
+            self.name = self._path.stem
+
+
+def _only_run(folder: Path) -> str | None:
+    """Name of the one run that is or was at work in the folder; None where the folder is empty."""
+    names = sorted(path.stem for path in folder.glob(f"*{_FRAMES}"))
+    names = names or sorted(path.stem for path in folder.glob("*.json") if _record(path) is not None)
+    if len(names) > 1:
+        listed = ", ".join(str(folder / f"{name}{_FRAMES}") for name in names)
+        raise OptionError(f"{folder} holds several runs: name one of them ({listed})")
+    if not names and any(not path.name.startswith(".") for path in folder.iterdir()):
+        raise OptionError(
+            f"{folder} holds no run; to wait for one there, name its scene file (.toml) or its frames "
+            f"({folder / 'NAME.frames'})"
+        )
+    return names[0] if names else None
+
+
+def _record(path: Path) -> dict[str, Any] | None:
+    """The record of a finished run; None if the file is none."""
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+        return record if isinstance(record["identity"], dict) else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _same(identity: dict[str, Any], whole: dict[str, Any]) -> bool:
+    """Whether the frames' own identity, which says more, is that one."""
+    return all(whole.get(name) == value for name, value in identity.items())

@@ -1,0 +1,152 @@
+"""Reading a run's frames while another process writes them."""
+
+from __future__ import annotations
+
+import ast
+import json
+import math
+import os
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.hold import is_held
+from modalshell.run.frame_file import ALIGNMENT, CHECKSUM_BYTES, CONSTANTS, MAGIC, is_sound, record_dtype
+
+_LINE_LIMIT = 1 << 20
+"""Length [bytes] beyond which no header's line is looked for."""
+_TRIES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class _Header:
+    """A header's line, and what it says: records of ``dtype`` from ``start`` on."""
+
+    line: bytes
+    identity: dict[str, Any]
+    constants: dict[str, NDArray[Any]]
+    dtype: np.dtype[Any]
+    start: int
+
+
+class FrameReader:
+    """An open file of frames that another process may append to, cut, or write anew at any moment.
+
+    Nothing is locked, and nothing mapped: a file that is cut under a map kills the process that reads there.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Attributes
+    ----------
+    index : int
+        Number of the record last read; -1 before the first.
+    record : numpy record or None
+        The record last read, its checksum right.
+    identity : dict
+        What decides that record's frames; see :meth:`FrameFile.begin`.
+    constants : dict of ndarray
+        What all frames of its run share.
+    generation : object
+        Another one where a run was begun anew.
+
+    Raises
+    ------
+    FileNotFoundError
+        If there is no file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._descriptor = os.open(path, os.O_RDONLY)
+        self._header: _Header | None = None
+        self._seen: object = None
+        self.index = -1
+        self.record: Any = None
+        self.generation: object = None
+        self.identity: dict[str, Any] = {}
+        self.constants: dict[str, NDArray[Any]] = {}
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._descriptor)
+
+    def is_held(self) -> bool | None:
+        """Whether a process is at work on the file; None where the system cannot tell."""
+        return is_held(self._descriptor)
+
+    def is_file(self, path: Path) -> bool:
+        """Whether ``path`` is the file that is open here, and not another of its name."""
+        try:
+            return os.path.samestat(os.fstat(self._descriptor), os.stat(path))
+        except FileNotFoundError:
+            return False
+
+    def read_newest(self) -> bool:
+        """Read the newest sound record; False, all attributes as they were, if none is newer or there is none."""
+        for _ in range(_TRIES):
+            status = os.fstat(self._descriptor)
+            header, first = self._look()
+            seen = (header, first, status.st_size, status.st_mtime_ns)
+            if header is None or seen == self._seen:
+                return False
+            index, data = self._newest_sound(header, (status.st_size - header.start) // header.dtype.itemsize)
+            if self._look() != (header, first):  # another run was begun here in the meantime
+                continue
+            self._seen = seen
+            if index < 0 or ((header.line, first), index) == (self.generation, self.index):
+                return False
+            self.index, self.generation = index, (header.line, first)
+            self.record = np.frombuffer(data, header.dtype)[0]
+            self.identity, self.constants = header.identity, header.constants
+            return True
+        return False
+
+    def _look(self) -> tuple[_Header | None, bytes]:
+        """The header, None while it is written or if it is damaged, and the first record's checksum.
+
+        The first record holds wall time, so that its checksum tells runs of the same scene apart.
+        """
+        known = self._header
+        if known is None or os.pread(self._descriptor, len(known.line), 0) != known.line:
+            known = self._header = self._read_header()
+        if known is None:
+            return None, b""
+        place = known.start + known.dtype.itemsize - CHECKSUM_BYTES
+        return known, os.pread(self._descriptor, CHECKSUM_BYTES, place)
+
+    def _read_header(self) -> _Header | None:
+        text = os.pread(self._descriptor, _LINE_LIMIT, 0)
+        line = text[: text.find(b"\n", len(MAGIC)) + 1]
+        if not line.startswith(MAGIC):
+            return None
+        try:
+            identity = json.loads(line[len(MAGIC) :])
+            layout = identity.pop(CONSTANTS)
+            arrays = [(name, np.dtype(kind), tuple(shape)) for name, kind, shape in layout["arrays"]]
+            sizes = [kind.itemsize * math.prod(shape) for _, kind, shape in arrays]
+            data = os.pread(self._descriptor, sum(sizes), len(line))
+            if len(data) != sum(sizes) or zlib.crc32(data) != layout["checksum"]:
+                return None
+            dtype = record_dtype(ast.literal_eval(identity["record"]))
+        except (ValueError, KeyError, TypeError, SyntaxError):
+            return None
+        constants, place = {}, 0
+        for (name, kind, shape), size in zip(arrays, sizes, strict=True):
+            constants[name] = np.frombuffer(data[place : place + size], kind).reshape(shape)
+            place += size
+        return _Header(line, identity, constants, dtype, len(line) + place + -place % ALIGNMENT)
+
+    def _newest_sound(self, header: _Header, count: int) -> tuple[int, bytes]:
+        """The last whole record's number and bytes; (-1, b"") if there is none."""
+        length = header.dtype.itemsize
+        for index in range(count - 1, -1, -1):
+            data = os.pread(self._descriptor, length, header.start + index * length)
+            if len(data) == length and is_sound(data):
+                return index, data
+        return -1, b""

@@ -1,0 +1,109 @@
+"""``[flock]``: a flock of birds, each an instance of the scene's shell; its tables and what is built from them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from modalshell.crowd import Crowd, Flap, Flight, Flock
+from modalshell.modes import Basis
+from modalshell.scene.parts import checked_keyframes
+from modalshell.scene.tables import Count, Keyframes, NotNegative, Positive, Table, Times, Vector
+
+Array = NDArray[np.float64]
+Pixels = Annotated[int, Meta(ge=64, le=8192)]
+
+
+class Target(Table, frozen=True):
+    """``[flock.target]``: ``points`` [m] at ``times`` [s], joined smoothly, that draw the flock with a ``weight``."""
+
+    times: Times
+    points: Keyframes
+    weight: float = 1.0
+
+
+class Wings(Table, frozen=True):
+    """``[flock.flap]``: parameters of :class:`modalshell.crowd.Flap`."""
+
+    amplitude: NotNegative = 0.0
+    frequency: NotNegative = 2.0
+    largest_load_factor: Positive = 3.0
+
+
+class Detail(Table, frozen=True):
+    """``[flock.detail]``: what may be seen of levels of detail.
+
+    No vertex is drawn more than ``pixels`` from its place by MWTS, seen from the camera of a film. Birds nearer than
+    ``strains_within`` [m] are drawn by RSW, birds beyond half as much again are not, and between them it blends in;
+    0 leaves it out.
+    """
+
+    pixels: Positive = 0.5
+    strains_within: NotNegative = 0.0
+
+
+class Lens(Table, frozen=True):
+    """``[flock.camera]``: where it is, and how films and pictures are made.
+
+    ``position`` and ``target`` [m], vertical ``view_angle`` [degrees], picture ``size`` [pixels], time of the ``still``
+    [s] (the end without it), H.264's ``rate_factor`` (higher is smaller), ``color`` of the birds.
+    """
+
+    position: Vector
+    target: Vector = (0.0, 0.0, 0.0)
+    view_angle: Annotated[float, Meta(gt=0.0, lt=170.0)] = 40.0
+    size: tuple[Pixels, Pixels] = (960, 540)
+    still: NotNegative | None = None
+    rate_factor: Annotated[int, Meta(ge=0, le=51)] = 24
+    color: str = "#8fb3d9"
+
+
+class FlockTable(Table, frozen=True):
+    """``[flock]``: ``count`` birds that start in a ball of ``radius`` [m], and the parameters of a flock.
+
+    ``warm_up`` [s] is flown before time 0. The remaining keys are parameters of :class:`modalshell.Flock`; ``weights``
+    are those of separation, alignment and cohesion.
+    """
+
+    count: Count
+    radius: Positive
+    camera: Lens
+    seed: Annotated[int, Meta(ge=0)] = 0
+    warm_up: NotNegative = 0.0
+    speed: NotNegative = 1.0
+    speed_variation: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.2
+    noise_frequency: NotNegative = 0.5
+    rotation_speed: NotNegative = 1.0
+    neighbour_distance: Positive = 1.0
+    field_of_view: Annotated[float, Meta(gt=0.0, le=360.0)] = 360.0
+    weights: tuple[NotNegative, NotNegative, NotNegative] = (1.0, 1.0, 1.0)
+    flock_position: Vector = (0.0, 0.0, 0.0)
+    bounds: tuple[Vector, Vector] | None = None
+    threads: Count = 1
+    target: Target | None = None
+    flap: Wings = Wings()
+    detail: Detail = Detail()
+
+    def build(self, basis: Basis, gravity: Vector, damping: tuple[float, float], positions: str) -> Flight:
+        """The birds at the start, before they warm up."""
+        own = ("speed", "speed_variation", "noise_frequency", "rotation_speed", "neighbour_distance", "field_of_view",
+               "weights", "flock_position", "bounds", "threads")  # fmt: skip
+        parameters = {name: getattr(self, name) for name in own}
+        weight = 1.0 if self.target is None else self.target.weight
+        flock = Flock.random(self.count, radius=self.radius, seed=self.seed, target_weight=weight, **parameters)
+        crowd = Crowd(basis, self.count, damping=damping, dtype=positions, threads=self.threads)
+        flap = Flap(basis, **self.flap.plain())
+        path = None if self.target is None else build_target(self.target)
+        return Flight(flock, crowd, flap, gravity=gravity, target=path, seed=self.seed)
+
+
+def build_target(table: Target) -> Callable[[float], Array]:
+    """The target's place at a time; before the first and after the last keyframe it stays."""
+    times, points = checked_keyframes(table.times, table.points)
+    spline = CubicSpline(times, points)
+    return lambda time: np.asarray(spline(np.clip(time, times[0], times[-1])))

@@ -1,0 +1,19 @@
+"""Sheets of masses and springs, the classical models beside the shells."""
+
+from modalshell.springs.implicit import TASKS, ImplicitSprings, ImplicitStep
+from modalshell.springs.mesh_springs import REFERENCE_FOLD, mesh_springs, shell_springs
+from modalshell.springs.sheet_grid import SheetGrid
+from modalshell.springs.springs import Springs
+from modalshell.springs.verlet import GridVerlet
+
+__all__ = [
+    "REFERENCE_FOLD",
+    "TASKS",
+    "GridVerlet",
+    "ImplicitSprings",
+    "ImplicitStep",
+    "SheetGrid",
+    "Springs",
+    "mesh_springs",
+    "shell_springs",
+]

@@ -1,0 +1,150 @@
+"""A sheet of masses and springs stepped on a GPU, or by the same source on the processor (Warp)."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from modalshell.checks import checked_count, checked_number
+from modalshell.errors import OptionError, SolverError
+from modalshell.springs.sheet_grid import SheetGrid
+from modalshell.springs.verlet import _COINCIDENT, GridVerlet
+
+
+def warp() -> ModuleType:
+    """The Warp library, started without its banner; OptionError where it is not installed."""
+    try:
+        import warp as library
+    except ImportError as error:
+        raise OptionError(f"devices need Warp: pip install 'modalshell[gpu]' ({error})") from error
+    library.config.log_level = max(library.config.log_level, library.LOG_WARNING)
+    library.init()
+    return library  # type: ignore[no-any-return]
+
+
+def devices() -> list[str]:
+    """Names that :class:`DeviceVerlet` takes: "cpu", and "cuda:0" and so on for every GPU that is here."""
+    return [device.alias for device in warp().get_devices()]
+
+
+def checked_device(name: str | None) -> str:
+    """Return ``name``, or for None the first GPU and else "cpu"; OptionError for what is not here."""
+    known = devices()
+    if name is None:
+        return next((device for device in known if device.startswith("cuda")), "cpu")
+    if name not in known:
+        gpus = any(device.startswith("cuda") for device in known)
+        fault = "there is no such device" if gpus or not str(name).startswith("cuda") else "no GPU is here"
+        raise OptionError(f"{fault}: device must be one of {', '.join(known)} (got {name!r})")
+    return name
+
+
+class DeviceVerlet(GridVerlet):
+    """The steps of :class:`GridVerlet` on a device: same state, same methods, one thread of the device to a mass.
+
+    A thread works out the 12 springs of its mass, so that a spring is worked out at both ends. The state stays on the
+    device: positions and velocities are copied when they are asked for, and where ``dt`` changes.
+
+    Parameters
+    ----------
+    grid : SheetGrid
+        The sheet; without dashpots.
+    dtype : {float64, float32}
+        Precision of the state and the arithmetic.
+    start : array_like, shape (rows * columns, 3), optional
+        Positions [m], at rest without them.
+    device : str, optional
+        "cpu" or "cuda:0" and so on; without it the first GPU, and where there is none "cpu".
+    velocity : array_like, shape (rows * columns, 3), optional
+        [m/s], none without it.
+    allow_unstable_step : bool
+        Whether steps may be longer than the stable one.
+
+    Raises
+    ------
+    OptionError
+        Where Warp is not installed or the device is not here; for another precision, or dashpots.
+    LoadError
+        For positions or velocities of the wrong shape or not finite.
+    """
+
+    def __init__(
+        self,
+        grid: SheetGrid,
+        dtype: DTypeLike = np.float64,
+        start: ArrayLike | None = None,
+        device: str | None = None,
+        *,
+        velocity: ArrayLike | None = None,
+        allow_unstable_step: bool = False,
+    ) -> None:
+        self.device = checked_device(device)
+        self._warp = warp()
+        self._states: dict[str, Any] = {}
+        super().__init__(grid, dtype, start, 1, velocity=velocity, allow_unstable_step=allow_unstable_step)
+        self._pinned = self._warp.array(grid.pinned, dtype=self._warp.bool, device=self.device)
+
+    def _types(self) -> tuple[Any, Any]:
+        """Warp's number and vector of the chosen precision."""
+        real = self._warp.float64 if self.dtype == np.float64 else self._warp.float32
+        return real, self._warp.types.vector(3, real)
+
+    def _copied(self, name: str) -> NDArray[Any]:
+        return np.ascontiguousarray(np.moveaxis(self._states[name].numpy(), -1, 0))
+
+    def _send(self, name: str, places: NDArray[Any]) -> None:
+        rows = np.ascontiguousarray(np.moveaxis(places, 0, -1))
+        self._states[name] = self._warp.array(rows, dtype=self._types()[1], device=self.device)
+
+    @property
+    def _now(self) -> NDArray[Any]:
+        return self._copied("now")
+
+    @_now.setter
+    def _now(self, places: NDArray[Any]) -> None:
+        self._send("now", places)
+
+    @property
+    def _before(self) -> NDArray[Any]:
+        return self._copied("before")
+
+    @_before.setter
+    def _before(self, places: NDArray[Any]) -> None:
+        self._send("before", places)
+
+    def step(self, count: int, dt: float) -> None:
+        """Take ``count`` steps of ``dt`` [s], as :meth:`GridVerlet.step` does."""
+        count, dt = checked_count("count", count), checked_number("dt", dt, above=0.0, unit="s")
+        if dt != self._dt:
+            if not self.allow_unstable_step and dt > self.grid.stable_step():
+                longest = f"{self.grid.stable_step():.3g} s"
+                raise OptionError(f"Verlet needs a step of at most {longest} on this sheet (got {dt:.3g} s)")
+            self._set_step(dt)
+        launches = [self._launch("now", "before", dt), self._launch("before", "now", dt)]
+        for turn in range(count):
+            launches[turn % 2].launch()
+        if count % 2:
+            self._states = {"now": self._states["before"], "before": self._states["now"]}
+        self.count += count
+        # The sum is taken on the device, and waits for the steps.
+        if not np.isfinite(self._warp.utils.array_sum(self._states["now"].flatten())).all():
+            raise SolverError(
+                f"the sheet left the finite numbers within {self.count} steps of {dt:.3g} s; about its rest shape "
+                f"steps are stable up to {self.grid.stable_step():.3g} s"
+            )
+
+    def _launch(self, now: str, before: str, dt: float) -> Any:
+        """The recorded launch of a step from one state over the other."""
+        from modalshell.kernels.device_verlet import verlet_step
+
+        grid, (real, vector) = self.grid, self._types()
+        half_drag = 0.5 * dt * grid.drag
+        factor = dt**2 / (1.0 + half_drag)
+        springs = [stiffness * factor / grid.particle_mass for stiffness in (grid.structural, grid.shear, grid.flexion)]
+        tiny, keep = (_COINCIDENT * grid.spacing) ** 2, (1.0 - half_drag) / (1.0 + half_drag)
+        numbers = [real(number) for number in (grid.spacing, *springs, tiny, keep)]
+        inputs = [self._states[now], self._states[before], self._pinned, *numbers, vector(*(factor * grid.gravity))]
+        return self._warp.launch(verlet_step, grid.shape, inputs, device=self.device, record_cmd=True)

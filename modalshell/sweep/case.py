@@ -1,0 +1,231 @@
+"""One case of a sweep: what a worker needs to compute it, and what it found."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import threading
+import warnings
+from pathlib import Path
+from typing import Any, Literal
+
+import numba
+import numpy as np
+from llvmlite.binding import get_host_cpu_name
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from modalshell.errors import ModalShellError, ModalShellWarning, WorkerError
+from modalshell.measure import area_change
+from modalshell.mesh import TriangleMesh
+from modalshell.motion import Trajectory
+from modalshell.motion.simulate import Observer, step_count, stored_steps
+from modalshell.rungs.model import Stopwatch
+from modalshell.scene import BuiltScene, Scene, parse_scene
+from modalshell.study import run_record
+
+Array = NDArray[np.float64]
+
+_ONE_AT_A_TIME = threading.Lock()
+"""Threads of a cluster's worker take turns: results may not depend on who else computes in the process."""
+
+
+Ending = Literal["done", "refused", "failed", "crashed", "timed out"]
+
+
+class Task(Struct, frozen=True):
+    """A case to compute: its digest, its scene's plain tables and file, and the mesh, so that no file is read again."""
+
+    digest: str
+    file: str
+    scene: dict[str, Any]
+    vertices: bytes
+    faces: bytes
+
+    def mesh(self) -> TriangleMesh:
+        """The mesh as it was when the sweep was checked."""
+        return TriangleMesh(
+            np.frombuffer(self.vertices, dtype="<f8").reshape(-1, 3),
+            np.frombuffer(self.faces, dtype="<i8").reshape(-1, 3),
+        )
+
+
+class Measures(Struct, frozen=True, kw_only=True):
+    """Numbers of a result; None where they do not apply or are not finite.
+
+    Attributes
+    ----------
+    converged : bool
+        Whether the solver converged: of an equilibrium, or in every step of a motion that stayed finite.
+    frames, unconverged_steps : int
+        Stored frames, and steps (or equilibria) that did not converge.
+    iterations, residual : int, float
+        Of an equilibrium.
+    displacement, peak_displacement : float
+        Largest of any vertex [m]: in the last frame, and in any frame.
+    area_change : float
+        Relative, in the last frame.
+    kinetic_energy, elastic_energy, load_potential : float
+        In the last frame [J].
+    """
+
+    converged: bool
+    frames: int
+    unconverged_steps: int
+    iterations: int | None
+    residual: float | None
+    displacement: float | None
+    peak_displacement: float | None
+    area_change: float | None
+    kinetic_energy: float | None
+    elastic_energy: float | None
+    load_potential: float | None
+
+
+class Made(Struct, frozen=True):
+    """What differs from run to run: seconds to build the model and to solve, where and by what, and warnings."""
+
+    building_seconds: float = 0.0
+    solving_seconds: float = 0.0
+    host: str = ""
+    versions: str = ""
+    processor: str = ""
+    warnings: list[str] = []
+
+
+class Outcome(Struct, frozen=True):
+    """What became of a case.
+
+    Attributes
+    ----------
+    digest : str
+        Of the case.
+    outcome : {"done", "refused", "failed", "crashed", "timed out"}
+        "refused" by an error that the package raises on purpose, "failed" by another one; "crashed" where the process
+        died each time.
+    status : str
+        The solver's named outcome, or the message.
+    measures : Measures or None
+        None unless done.
+    positions : bytes
+        Vertex positions of the last frame [m], (n, 3) little-endian float64.
+    made : Made
+        What differs from run to run.
+    """
+
+    digest: str
+    outcome: Ending
+    status: str
+    measures: Measures | None = None
+    positions: bytes = b""
+    made: Made = Made()
+
+    def final_positions(self) -> Array:
+        """Positions of the last frame (n, 3) [m]."""
+        return np.frombuffer(self.positions, dtype="<f8").reshape(-1, 3)
+
+
+def case_digest(scene: Scene, mesh: TriangleMesh) -> str:
+    """Names a case by all that decides its result: scene, mesh and this package's version."""
+    parts = scene.digests(mesh) | {"modalshell": run_record({})["versions"]["modalshell"]}
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def run_case(task: Task) -> Outcome:
+    """Compute a case on one thread; what it raises becomes its outcome.
+
+    Raises
+    ------
+    WorkerError
+        If this process does not know the case by the same digest: it runs another version of the package.
+    """
+    with _ONE_AT_A_TIME, warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", RuntimeWarning)
+        warnings.simplefilter("always", ModalShellWarning)
+        scene, mesh = parse_scene(Path(task.file), task.scene), task.mesh()
+        if case_digest(scene, mesh) != task.digest:
+            raise WorkerError("the worker names the case otherwise: give workers and driver the same modalshell")
+        watch, building, threads = Stopwatch(), 0.0, numba.get_num_threads()
+        numba.set_num_threads(1)
+        kind: Ending = "done"
+        status, measures, positions = "", None, b""
+        try:
+            built = scene.build(scene.build_shell(mesh))
+            building = watch()
+            status, measures, last = _solved(built)
+            positions = np.ascontiguousarray(last, dtype="<f8").tobytes()
+        except ModalShellError as error:
+            kind, status = "refused", str(error)
+        except Exception as error:  # one case's fault must not end the sweep
+            kind, status = "failed", f"{type(error).__name__}: {error}"
+        finally:
+            numba.set_num_threads(threads)
+        made = _made(building, watch() - building, [str(warning.message) for warning in heard])
+    return Outcome(task.digest, kind, status, measures, positions, made)
+
+
+def _made(building: float, solving: float, heard: list[str]) -> Made:
+    versions = ", ".join(f"{name} {version}" for name, version in run_record({})["versions"].items())
+    return Made(building, solving, platform.node(), versions, str(get_host_cpu_name()), list(dict.fromkeys(heard)))
+
+
+def _solved(built: BuiltScene) -> tuple[str, Measures, Array]:
+    """Status, numbers and last positions of an equilibrium or a motion, whose frames are not kept."""
+    if built.scene.motion is None:
+        answer = built.equilibrium()
+        last = answer.positions
+        energies = Trajectory.still(answer, built.shell, built.load()).energies[-1]
+        measures = _measures(
+            built,
+            last,
+            energies,
+            converged=answer.converged,
+            frames=1,
+            unconverged_steps=int(not answer.converged),
+            iterations=answer.iterations,
+            residual=_finite(answer.residual),
+            peak_displacement=_largest(last, built),
+        )
+        return answer.status, measures, last
+    table, motion = built.scene.motion, built.start_motion()
+    observer, last = Observer(motion), motion.positions()
+    observer.look()
+    peak, total = _largest(last, built), step_count(table.duration, table.dt)
+    for _ in stored_steps(motion, total, table.store_every, None):
+        observer.look()
+        last = motion.positions()
+        peak = max(peak, _largest(last, built))
+    measures = _measures(
+        built,
+        last,
+        observer.energies[-1],
+        converged=motion.finite and not motion.unconverged,
+        frames=len(observer.times),
+        unconverged_steps=motion.unconverged,
+        iterations=None,
+        residual=None,
+        peak_displacement=_finite(peak),
+    )
+    return observer.status(total), measures, last
+
+
+def _measures(built: BuiltScene, positions: Array, energies: Array, **others: Any) -> Measures:
+    kinetic, elastic, potential = map(_finite, energies)
+    return Measures(
+        displacement=_finite(_largest(positions, built)),
+        area_change=_finite(area_change(positions, built.shell.mesh)),
+        kinetic_energy=kinetic,
+        elastic_energy=elastic,
+        load_potential=potential,
+        **others,
+    )
+
+
+def _largest(positions: Array, built: BuiltScene) -> float:
+    return float(np.linalg.norm(positions - built.shell.rest_positions, axis=1).max())
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,173 @@
+"""Run a sweep, or what is missing of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Generator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from modalshell.checks import checked_count, checked_number
+from modalshell.errors import OptionError
+from modalshell.sweep.case import Outcome, Task
+from modalshell.sweep.cluster import connect, run_on_cluster
+from modalshell.sweep.figure import checked_value, draw_summary
+from modalshell.sweep.grid import Sweep, load_sweep
+from modalshell.sweep.local import run_locally, usable_cores
+from modalshell.sweep.plan import Plan
+from modalshell.sweep.store import CaseFolder
+from modalshell.sweep.summary import (
+    MEASURES,
+    Row,
+    refuse_parquet_without_pyarrow,
+    run_rows,
+    summary_rows,
+    write_csv,
+    write_parquet,
+)
+
+Progress = Callable[[int, int], None]
+
+_AGAIN = ("failed", "crashed", "timed out")
+"""Outcomes that another time or machine may change; done again only where that is asked for."""
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """What a sweep found.
+
+    Attributes
+    ----------
+    rows : list of dict
+        The summary: a row for each case in the order of the grid, the last axis first; None where there is no value.
+    files : list of Path
+        ``NAME_sweep.csv``, the formats asked for, and ``NAME_sweep_runs.csv``.
+    computed, stored : int
+        Cases that were computed now, and that were there from before; each truth counts as one.
+    note : str
+        "", or why there is no picture.
+    """
+
+    rows: list[Row]
+    files: list[Path]
+    computed: int
+    stored: int
+    note: str = ""
+
+    def counts(self) -> dict[str, int]:
+        """Rows by outcome."""
+        outcomes = [row["outcome"] for row in self.rows]
+        return {name: outcomes.count(name) for name in dict.fromkeys(outcomes)}
+
+
+def run_sweep(
+    sweep: Sweep | str | os.PathLike[str],
+    *,
+    out: str | os.PathLike[str] | None = None,
+    workers: int | None = None,
+    cluster: str | None = None,
+    time_limit: float | None = None,
+    retry: bool = False,
+    on_step: Progress | None = None,
+) -> SweepResult:
+    """Run all cases of a sweep that are not stored yet, and sum up what each found.
+
+    Every scene of the grid is checked before the first case is run. Each finished case is stored at once, in a file of
+    ``NAME_cases`` named by the digest of its scene and mesh: however often a sweep is stopped, or its workers are
+    killed, no result is lost or there twice, and the summary is that of an undisturbed sweep to the last bit. Cases
+    that a changed sweep has in common with an earlier one are not computed again.
+
+    Parameters
+    ----------
+    sweep : Sweep or path
+        The sweep or its file; see :func:`~modalshell.sweep.load_sweep`.
+    out : path, optional
+        Folder for the results; the sweep's own without it.
+    workers : int, optional
+        Processes on this machine, each on one thread; one for each core without it.
+    cluster : str, optional
+        Address of a scheduler of dask.distributed that computes the cases instead.
+    time_limit : float, optional
+        Seconds after which a case is given up and recorded as timed out (not on a cluster).
+    retry : bool
+        Whether to compute again the stored cases that failed, crashed or timed out.
+    on_step : callable, optional
+        Called with the cases stored and their total.
+
+    Returns
+    -------
+    SweepResult
+        Rows of the summary, and files.
+
+    Raises
+    ------
+    SceneError
+        Where the sweep or a scene of its grid is refused.
+    OptionError
+        For a bad option, or if another process is at work on this sweep in this folder.
+    WorkerError
+        If worker processes do not start, or the cluster does not answer or is lost.
+    KeyboardInterrupt
+        When stopped, with a message of how much is stored.
+    """
+    declared = sweep if isinstance(sweep, Sweep) else load_sweep(sweep)
+    count = usable_cores() if workers is None else checked_count("workers", workers)
+    if time_limit is not None:
+        checked_number("time_limit", time_limit, above=0.0, unit="s")
+    if cluster is not None and (time_limit is not None or workers is not None):
+        raise OptionError("workers and a time limit are for this machine: leave them out with a cluster")
+    value = checked_value(declared.output.value, declared.truth is not None, MEASURES, declared.file)
+    if "parquet" in declared.output.formats:
+        refuse_parquet_without_pyarrow()
+    plan = Plan(declared)
+    folder = Path(declared.output.folder if out is None else out)
+    with CaseFolder(folder / f"{declared.name}_cases") as store:
+        found = {digest: outcome for digest in plan.tasks if (outcome := store.read(digest)) is not None}
+        if retry:
+            found = {digest: outcome for digest, outcome in found.items() if outcome.outcome not in _AGAIN}
+        before = len(found)
+        missing = [task for digest, task in plan.tasks.items() if digest not in found]
+        try:
+            with closing(_outcomes(missing, count, cluster, time_limit)) as outcomes:
+                for outcome in outcomes:
+                    store.write(outcome)
+                    found[outcome.digest] = outcome
+                    if on_step is not None:
+                        on_step(len(found), len(plan.tasks))
+        except KeyboardInterrupt as stop:
+            stored = f"{len(found)} of {len(plan.tasks)} cases are stored"
+            raise KeyboardInterrupt(f"{stored}; starting the sweep again does the rest") from stop
+        files, rows, note = _write(declared, plan, found, folder, value)
+    return SweepResult(rows, files, len(missing), before, note)
+
+
+def _outcomes(
+    missing: list[Task], workers: int, cluster: str | None, time_limit: float | None
+) -> Generator[Outcome, None, None]:
+    if not missing:
+        return
+    if cluster is None:
+        yield from run_locally(missing, workers, time_limit)
+    else:
+        with connect(cluster) as client:
+            yield from run_on_cluster(missing, client)
+
+
+def _write(
+    sweep: Sweep, plan: Plan, found: Mapping[str, Outcome], folder: Path, value: str
+) -> tuple[list[Path], list[Row], str]:
+    stem, note = f"{sweep.name}_sweep", ""
+    rows = summary_rows(plan, [axis.key for axis in sweep.axes], found)
+    files = [write_csv(folder / f"{stem}.csv", rows)]
+    if "parquet" in sweep.output.formats:
+        files.append(write_parquet(folder / f"{stem}.parquet", rows))
+    if "png" in sweep.output.formats:
+        picture = folder / f"{stem}.png"
+        note = draw_summary(rows, sweep.axes, value, picture, sweep.name)
+        if note:
+            picture.unlink(missing_ok=True)  # one of an earlier sweep would be taken for this one's
+        else:
+            files.append(picture)
+    files.append(write_csv(folder / f"{stem}_runs.csv", run_rows(plan, found)))
+    return files, rows, note

@@ -1,0 +1,239 @@
+"""The picture of a sweep.
+
+The rule: an axis of numbers, or of vectors that differ by a factor alone (their lengths are taken), can be drawn along.
+Two such axes of four values or more become a map of the sixths that the value falls in, one panel for each combination
+of the other axes. Otherwise there are curves along the axis with the most values, one for each combination of the
+others; where those are too many, one panel for each value of the first of the others. Cases without the value are left
+out of curves and grey in maps.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import OptionError
+from modalshell.render.curves import MODEL_COLORS, Curve, Panel, draw_curves
+from modalshell.render.maps import MapPanel, draw_maps
+from modalshell.sweep.grid import Axis
+from modalshell.sweep.summary import Row
+
+Array = NDArray[np.float64]
+Chosen = dict[int, int]
+"""Index of a value by the place of its axis."""
+
+_LABELS = {
+    "displacement": "largest displacement [m]",
+    "peak_displacement": "peak displacement [m]",
+    "error": "relative displacement error",
+    "area_change": "relative change of area",
+    "kinetic_energy": "kinetic energy [J]",
+    "elastic_energy": "elastic energy [J]",
+    "load_potential": "potential of the load [J]",
+}
+_COLORS = ("#2b5fc8", "#c8322b", "#2f9e44", "#d98200", "#7b2d8e", "#17a2b8", "#8c564b", "#777777")
+_RANGES = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
+_NONE, _NONE_COLOR = "no value", "#cccccc"
+_CURVES, _PANELS = len(_COLORS), 12
+_TICKS = 8
+_WIDE = 30.0
+"""Ratio of largest to smallest from which an axis is logarithmic."""
+
+
+def draw_summary(rows: Sequence[Row], axes: Sequence[Axis], value: str, path: Path, title: str) -> str:
+    """Draw ``value`` over the axes into a PNG.
+
+    Returns
+    -------
+    str
+        "", or why there is no picture.
+    """
+    table = {
+        choice: row[value]
+        for choice, row in zip(itertools.product(*(range(len(axis.values)) for axis in axes)), rows, strict=True)
+    }
+    known = [float(cell) for cell in table.values() if cell is not None]
+    if not known:
+        return f"no picture: no case has a value of {value!r}"
+    lengths = [(_numbers(axis), place) for place, axis in enumerate(axes)]
+    numeric = [(along, place) for along, place in lengths if along is not None]
+    wide = sorted(numeric, key=lambda item: -len(item[0]))  # stable: the first in the file where they tie
+    if len(wide) > 1 and len(wide[1][0]) > 3:
+        return _draw_map(table, axes, sorted(wide[:2], key=lambda item: item[1]), _label(value), known, path, title)
+    along, place = wide[0] if wide else (np.arange(1.0, len(axes[-1].values) + 1.0), len(axes) - 1)
+    return _draw_curves(table, axes, (along, place), _label(value), known, path, title, named=not wide)
+
+
+def _draw_curves(
+    table: dict[tuple[int, ...], Any],
+    axes: Sequence[Axis],
+    abscissa: tuple[Array, int],
+    label: str,
+    known: Sequence[float],
+    path: Path,
+    title: str,
+    *,
+    named: bool,
+) -> str:
+    along, place = abscissa
+    others = [other for other in range(len(axes)) if other != place]
+    count = np.prod([len(axes[other].values) for other in others], dtype=int)
+    apart = others[:1] if count > _CURVES else []
+    each = [other for other in others if other not in apart]
+    panels = list(_combinations(axes, apart))
+    curves_each = np.prod([len(axes[other].values) for other in each], dtype=int)
+    if len(panels) > _PANELS or curves_each > _CURVES:
+        return f"no picture: {count} curves are too many; plot the table instead"
+    log = _is_wide(known)
+    drawn = []
+    for fixed in panels:
+        curves = []
+        for number, chosen in enumerate(_combinations(axes, each)):
+            at = [fixed | chosen | {place: index} for index in range(len(along))]
+            cells = [table[tuple(choice[k] for k in range(len(axes)))] for choice in at]
+            kept = [index for index, cell in enumerate(cells) if cell is not None]
+            name = _name(axes, chosen) or label
+            color = MODEL_COLORS.get(name.rpartition("= ")[2].upper(), _COLORS[number])
+            curves.append(Curve(along[kept], [float(cells[index]) for index in kept], name, color))
+        drawn.append(
+            Panel(
+                curves,
+                _name(axes, fixed, "\n") or title,
+                axes[place].key if named else _axis_label(axes[place]),
+                label,
+                log=log,
+                log_x=not named and _is_geometric(along),
+                x_ticks=dict(zip(along, map(_text, axes[place].values), strict=True)) if named else _ticks(along),
+            )
+        )
+    draw_curves(drawn, path, columns=min(3, len(drawn)), share_y=True)
+    return ""
+
+
+def _draw_map(
+    table: dict[tuple[int, ...], Any],
+    axes: Sequence[Axis],
+    both: Sequence[tuple[Array, int]],
+    label: str,
+    known: Sequence[float],
+    path: Path,
+    title: str,
+) -> str:
+    first, second = both  # the longer one goes along x, where cells may be narrow
+    (x, x_place), (y, y_place) = (first, second) if len(first[0]) >= len(second[0]) else (second, first)
+    fixed = [other for other in range(len(axes)) if other not in (x_place, y_place)]
+    panels = list(_combinations(axes, fixed))
+    if len(panels) > _PANELS:
+        return f"no picture: {len(panels)} maps are too many; plot the table instead"
+    edges, names = _sixths(np.array(known))
+    x_order, y_order = np.argsort(x), np.argsort(y)
+
+    def named(choice: Chosen) -> str:
+        cell = table[tuple(choice[k] for k in range(len(axes)))]
+        if cell is None:
+            return _NONE
+        return names[int(np.clip(np.searchsorted(edges, float(cell), side="right") - 1, 0, len(names) - 1))]
+
+    drawn = []
+    for chosen in panels:
+        classes = [[named(chosen | {x_place: int(i), y_place: int(j)}) for i in x_order] for j in y_order]
+        labels = _axis_label(axes[x_place]), _axis_label(axes[y_place])
+        text = (_name(axes, chosen, "\n") or title) + f"\n{label}"
+        ticks = _ticks(x)
+        scale: Literal["log", "linear"] = "log" if _is_geometric(x) else "linear"
+        drawn.append(MapPanel(x[x_order], y[y_order], classes, text, *labels, x_scale=scale, x_ticks=ticks))
+    picked = np.linspace(0, len(_RANGES) - 1, len(names)).round().astype(int)
+    colors = {name: _RANGES[k] for name, k in zip(names, picked, strict=True)}
+    if any(cell is None for cell in table.values()):
+        colors[_NONE] = _NONE_COLOR
+    draw_maps(drawn, colors, path, columns=min(3, len(drawn)))
+    return ""
+
+
+def _sixths(known: Array) -> tuple[Array, list[str]]:
+    """Edges of ranges that hold a sixth of the values each, fewer where values are equal, and their names."""
+    edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, len(_RANGES) + 1)))
+    if len(edges) == 1:
+        return edges.repeat(2), [f"{edges[0]:.3g}"]
+    for digits in range(3, 18):
+        names = [f"{low:.{digits}g} to {high:.{digits}g}" for low, high in itertools.pairwise(edges)]
+        if len({f"{edge:.{digits}g}" for edge in edges}) == len(edges):
+            break
+    return edges, names
+
+
+def _ticks(along: Array) -> dict[float, str] | None:
+    """The values themselves where they are few enough to be read."""
+    return {float(value): f"{value:.3g}" for value in along} if len(along) <= _TICKS else None
+
+
+def _numbers(axis: Axis) -> Array | None:
+    """Where an axis's values lie on a line of numbers; None if they do not."""
+    if any(isinstance(value, bool | str | dict) for value in axis.values):
+        return None
+    try:
+        values = np.array(axis.values, dtype=np.float64)
+    except (TypeError, ValueError):
+        return None
+    if values.ndim == 1:
+        return values
+    if values.ndim != 2:
+        return None
+    lengths = np.linalg.norm(values, axis=1)
+    longest = values[np.argmax(lengths)]
+    factors = values @ longest / max(float(longest @ longest), np.finfo(float).tiny)
+    parallel = np.allclose(values, factors[:, None] * longest, rtol=0.0, atol=1e-9 * lengths.max())
+    return factors * lengths.max() if parallel else None
+
+
+def _combinations(axes: Sequence[Axis], places: Sequence[int]) -> itertools.chain[Chosen]:
+    """Every choice of one value's index for each of some axes."""
+    indices = itertools.product(*(range(len(axes[place].values)) for place in places))
+    return itertools.chain(dict(zip(places, chosen, strict=True)) for chosen in indices)
+
+
+def _name(axes: Sequence[Axis], chosen: Chosen, between: str = ", ") -> str:
+    return between.join(f"{axes[place].key} = {_text(axes[place].values[index])}" for place, index in chosen.items())
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(_text(part) if key == "name" else f"{key} {_text(part)}" for key, part in value.items())
+    if isinstance(value, list):
+        return "(" + ", ".join(map(_text, value)) + ")"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _label(value: str) -> str:
+    return _LABELS.get(value, value.replace("_", " "))
+
+
+def _axis_label(axis: Axis) -> str:
+    return f"|{axis.key}|" if isinstance(axis.values[0], list) else axis.key
+
+
+def _is_wide(values: Any) -> bool:
+    found = np.asarray(values, dtype=np.float64)
+    return bool(found.min() > 0.0 and found.max() >= _WIDE * found.min())
+
+
+def _is_geometric(along: Array) -> bool:
+    """Whether an axis is better logarithmic: it spans much, or its values are at equal ratios."""
+    if along.min() <= 0.0 or len(along) < 3:
+        return False
+    ratios = np.diff(np.log(np.sort(along)))
+    return _is_wide(along) or bool(np.allclose(ratios, ratios[0], rtol=1e-3))
+
+
+def checked_value(value: str | None, truth: bool, columns: Sequence[str], file: Path) -> str:
+    """The column to draw: what is asked for, else the error if there is a truth, else the displacement."""
+    allowed = [*columns, *(["error"] if truth else [])]
+    if value is not None and value not in allowed:
+        hint = "" if truth else "; 'error' needs a [truth]"
+        raise OptionError(f"{file}: output.value: must be one of {', '.join(allowed)} (got {value!r}{hint})")
+    return value or ("error" if truth else "displacement")

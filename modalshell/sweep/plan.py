@@ -1,0 +1,88 @@
+"""From a sweep to its cases: every scene of the grid checked, named by its digest, and made ready to compute."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from modalshell.errors import SceneError
+from modalshell.mesh import TriangleMesh
+from modalshell.scene import Scene, parse_scene
+from modalshell.sweep.case import Task, case_digest
+from modalshell.sweep.grid import Sweep
+
+
+@dataclass(frozen=True)
+class Case:
+    """A point of the grid.
+
+    Attributes
+    ----------
+    values : tuple
+        Values of the axes.
+    digest : str
+        Of the scene and its mesh; cases that come to the same share it, and are computed once.
+    truth : str or None
+        Digest of the same scene under the reference's model.
+    mesh : TriangleMesh
+        The mesh.
+    """
+
+    values: tuple[Any, ...]
+    digest: str
+    truth: str | None
+    mesh: TriangleMesh
+
+
+class Plan:
+    """The cases of a sweep and the tasks that they come to.
+
+    SceneError at the first scene that is refused: names the case and the key's path.
+
+    Attributes
+    ----------
+    cases : list of Case
+        In the order of the grid.
+    tasks : dict
+        What is to be computed, by digest: the cases' own, and their truths where they are asked for.
+    """
+
+    def __init__(self, sweep: Sweep) -> None:
+        self.cases: list[Case] = []
+        self.tasks: dict[str, Task] = {}
+        self._meshes: dict[str, tuple[TriangleMesh, bytes, bytes]] = {}
+        self._checked: set[str] = set()
+        for number, (values, raw) in enumerate(sweep.points(), start=1):
+            try:
+                digest, mesh = self._add(sweep, raw)
+                truth = None if sweep.truth is None else self._add(sweep, raw | {"model": sweep.truth})[0]
+            except SceneError as error:
+                at = ", ".join(f"{axis.key} = {value!r:.60}" for axis, value in zip(sweep.axes, values, strict=True))
+                raise SceneError(f"{sweep.file}: case {number} of {sweep.count} ({at}): {error}") from error
+            self.cases.append(Case(values, digest, truth, mesh))
+
+    def _add(self, sweep: Sweep, raw: dict[str, Any]) -> tuple[str, TriangleMesh]:
+        """Check a scene and take it up; return its digest and mesh."""
+        scene = parse_scene(sweep.scene_file, raw)
+        key = json.dumps(raw["mesh"], sort_keys=True)
+        if key not in self._meshes:
+            mesh = scene.build_mesh()
+            faces = np.ascontiguousarray(mesh.faces, dtype="<i8")
+            self._meshes[key] = mesh, mesh.vertices.astype("<f8").tobytes(), faces.tobytes()
+        mesh, vertices, corners = self._meshes[key]
+        self._check_parts(scene, mesh, key)
+        digest = case_digest(scene, mesh)
+        if digest not in self.tasks:
+            self.tasks[digest] = Task(digest, str(sweep.scene_file), raw, vertices, corners)
+        return digest, mesh
+
+    def _check_parts(self, scene: Scene, mesh: TriangleMesh, key: str) -> None:
+        """Build all but the model, once for the cases that differ in the model alone."""
+        parts = {name: part for name, part in scene.content().items() if name != "model"}
+        key += json.dumps(parts, sort_keys=True)
+        if key not in self._checked:
+            scene.build_loading(scene.build_shell(mesh))
+            self._checked.add(key)

@@ -1,0 +1,67 @@
+"""The stored cases of a sweep: one file each, named by the case's digest and whole or not there."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from types import TracebackType
+
+import msgspec
+from msgspec import Struct
+
+from modalshell.files import write_bytes
+from modalshell.hold import hold
+from modalshell.sweep.case import Outcome
+
+
+class _Stored(Struct, frozen=True):
+    """A case's file: JSON, with the SHA-256 of the result as it is written there."""
+
+    checksum: str
+    result: msgspec.Raw
+
+
+class CaseFolder:
+    """A folder of case files that this process alone holds while it is open.
+
+    OptionError if another process holds it. What a killed process had begun to write is deleted.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self._descriptor = hold(folder / "lock")
+        for leftover in folder.glob(".*.part.json"):
+            leftover.unlink()
+
+    def __enter__(self) -> CaseFolder:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        os.close(self._descriptor)
+
+    def read(self, digest: str) -> Outcome | None:
+        """The result of a case; None where it is missing or damaged."""
+        try:
+            stored = msgspec.json.decode(self._path(digest).read_bytes(), type=_Stored)
+            found = msgspec.json.decode(stored.result, type=Outcome)
+        except (OSError, msgspec.DecodeError, UnicodeDecodeError):
+            return None
+        sound = _checksum(bytes(stored.result)) == stored.checksum and found.digest == digest
+        return found if sound else None
+
+    def write(self, outcome: Outcome) -> None:
+        """Store a result: once this returns it outlives the process."""
+        result = msgspec.json.encode(outcome)
+        data = msgspec.json.encode(_Stored(_checksum(result), msgspec.Raw(result))) + b"\n"
+        write_bytes(self._path(outcome.digest), data)
+
+    def _path(self, digest: str) -> Path:
+        return self.folder / f"{digest}.json"
+
+
+def _checksum(result: bytes) -> str:
+    return hashlib.sha256(result).hexdigest()

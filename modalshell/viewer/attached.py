@@ -1,0 +1,138 @@
+"""A run of another process in a window, on a page, in a picture or as lines of text."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+from modalshell.errors import OptionError
+from modalshell.render.scene import checked_path
+from modalshell.run import RunFollower
+from modalshell.viewer.desktop import demand_window, show_window
+from modalshell.viewer.session import FRAME_SECONDS
+from modalshell.viewer.stage import Stage, demand_opengl
+from modalshell.viewer.web import Page, check_page
+
+
+class AttachedWindow:
+    """A run's newest frame, and a line of text about it.
+
+    Parameters
+    ----------
+    run : RunFollower
+        The run, which has a frame already.
+    off_screen : bool
+        Draw into memory, for pictures of the window.
+    """
+
+    def __init__(self, run: RunFollower, *, off_screen: bool = False) -> None:
+        self._run = run
+        self._stage = Stage(run, off_screen=off_screen)
+        self._status: Any = self._stage.plotter.add_text(run.status(), position="upper_left", font_size=10)
+        self._stage.plotter.add_text("q: quit", position="lower_left", font_size=8, color="#404040")
+
+    def draw(self) -> None:
+        """Draw the run's newest frame, if there is anything new."""
+        if self._run.poll():
+            self._stage.refresh()
+            self._status.set_text("upper_left", self._run.status())
+        self._stage.plotter.render()
+
+    def show(self) -> None:
+        """Open the window; returns when the user closes it."""
+        show_window(self._stage, self._run.name, lambda *_: self.draw(), lambda: None)
+
+    def save_picture(self, path: Path) -> None:
+        """Write the window's picture to a PNG file, and close."""
+        self._stage.save_picture(path)
+        self._stage.close()
+
+
+class AttachedPage(Page):
+    """A run's newest frame behind a page.
+
+    Parameters
+    ----------
+    run : RunFollower
+        The run, which has a frame already.
+    """
+
+    def __init__(self, run: RunFollower) -> None:
+        super().__init__(run, run.name)
+        self._run_shown = run
+        self._show_status()
+        with self._layouts.SinglePageLayout(self._server) as page:
+            page.icon.hide()  # there is no drawer
+            self._fill_content(page)
+
+    def _status(self) -> str:
+        return self._run_shown.status()
+
+    def _do_frame(self, passed: float) -> None:  # noqa: ARG002 (time is the run's own)
+        if self._run_shown.poll():
+            self._note = ""
+            self._draw()
+
+
+def attach(
+    run: str | os.PathLike[str],
+    *,
+    wait: float,
+    web: bool = False,
+    port: int = 0,
+    screenshot: Path | None = None,
+    follow: bool = False,
+) -> None:
+    """Show a run live, from whatever it stores, until the user has enough; it does not notice.
+
+    Parameters
+    ----------
+    run : path
+        See :class:`~modalshell.run.RunFollower`.
+    wait : float
+        How long [s] its first frame may take to come.
+    web, port
+        Show it on a page at this port of this machine.
+    screenshot : Path, optional
+        Write a PNG file with the newest frame, and return.
+    follow : bool
+        Print a line for each frame and change of state instead; returns when the run is finished.
+
+    Raises
+    ------
+    OptionError
+        If ``run`` is no run, has no frame in time, or can not be shown as asked.
+    """
+    if web + (screenshot is not None) + follow > 1:
+        raise OptionError("--web, --screenshot and --follow are three ways to show a run: choose one")
+    if web:
+        check_page(port)
+    elif screenshot is not None:
+        screenshot = checked_path(screenshot, ".png")
+        demand_opengl()
+    elif not follow:
+        demand_window()
+    follower = RunFollower(run)
+    try:
+        follower.wait(wait)
+        if follow:
+            _print_frames(follower)
+        elif web:
+            AttachedPage(follower).serve(port)
+        elif screenshot is None:
+            AttachedWindow(follower).show()
+        else:
+            AttachedWindow(follower, off_screen=True).save_picture(screenshot)
+            print(screenshot)
+    finally:
+        follower.close()
+
+
+def _print_frames(run: RunFollower) -> None:
+    print(run.status(), flush=True)
+    while run.state != "finished":
+        time.sleep(FRAME_SECONDS)
+        if run.poll():
+            print(run.status(), flush=True)

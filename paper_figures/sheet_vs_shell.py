@@ -1,0 +1,32 @@
+"""Error of sheets of springs against discrete shells, over the load (reads the study ``sheet_vs_shell``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.study import StudyResult
+
+TITLES = {
+    "strip": "Flat strip, ever softer",
+    "cloth": "Square cloth, ever softer",
+    "v_beam": "V-beam, ever more load",
+    "panel": "Curved panel, ever more load",
+}
+COLORS = ("#8fb3e8", "#2b5fc8", "#c8322b")
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    found = StudyResult.load(results, "sheet_vs_shell").findings
+    panels = []
+    for name, rows in found["sheets"].items():
+        curves = []
+        for index, (fold, color) in enumerate(zip(found["folds"], COLORS, strict=False)):
+            known = [(row["gamma"], row["springs"][index]["error"]) for row in rows]
+            known = [(gamma, error) for gamma, error in known if error is not None]
+            if known:
+                gammas, errors = zip(*known, strict=True)
+                curves.append(Curve(gammas, errors, f"fitted at a fold of {fold:g} rad", color))
+        panels.append(Panel(curves, TITLES[name], "Γ", "displacement error against DS", log=True, log_x=True))
+    return draw_curves(panels, folder / "sheet_vs_shell.png", columns=2)

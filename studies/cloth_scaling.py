@@ -1,0 +1,155 @@
+"""Implicit cloth over its size: seconds a frame and where they go, beside a published program.
+
+A square sheet of particles, springs along the edges and across the hinges of its triangles, held along one side, falls
+under gravity. A frame of 1/30 s is three steps of implicit Euler, linearised once a step [baraff1998] and solved by ten
+iterations of conjugate gradients, as in the published program that this is held against. Of that program two numbers
+are taken: 125 s a frame with 160,000 particles on 4 threads, and up to 95 % of the time for the update of the matrix;
+sizes, steps and iterations are its own, its machine and its springs are not known, so its number is a mark, no race.
+
+Ten iterations are a budget, not a solution: the residual that they leave is told, over the load and momentum of a step,
+and how many iterations (and seconds) a residual of 1e-3 takes. The more particles share a sheet, the lighter each is,
+and the further ten iterations fall short. An explicit step of the same springs is timed beside, times the steps that
+its stability asks for in a frame.
+
+Run it alone with ``modalshell reproduce --only cloth_scaling``; times hold for the machine that it runs on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+import modalshell as ms
+from modalshell.rungs.model import Damping
+from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
+from modalshell.study import StudyResult, run_record
+
+SIDES = (50, 100, 150, 300, 350, 400)
+"""Particles along a side: the published sizes."""
+FRAME, STEPS, ITERATIONS = 1.0 / 30.0, 3, 10
+STRUCTURAL, FLEXION, DENSITY, DRAG = 50.0, 5.0, 0.2, 0.5
+GRAVITY = (0.0, 0.0, -9.81)
+SOLVED, MOST = 1e-3, 20_000
+PUBLISHED = {"particles": 160_000, "threads": 4, "frame": 125.0, "matrix_share": 0.95}
+"""Particles, threads, seconds a frame, and the matrix update's share of them at most."""
+_FALL = 3
+"""Frames before the clock starts: the first compile, and the sheet leaves its plane."""
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """All sizes, threads side by side; ``quick`` takes the two smallest and fewer frames."""
+    sides, repeats = (SIDES[:2], 3) if quick else (SIDES, 7)
+    rows = []
+    for done, side in enumerate(sides):
+        rows.append(measured(side, repeats))
+        if on_step is not None:
+            on_step(done + 1, len(sides))
+    parameters = {"structural": STRUCTURAL, "flexion": FLEXION, "density": DENSITY, "drag": DRAG, "repeats": repeats}
+    parameters |= {"frame": FRAME, "steps": STEPS, "iterations": ITERATIONS, "published": PUBLISHED}
+    findings = {"rows": rows, "published": PUBLISHED}
+    particles = np.array([row["particles"] for row in rows])
+    return StudyResult("cloth_scaling", findings, {"particles": particles}, run_record(parameters))
+
+
+def cloth(side: int) -> tuple[ms.Shell, Any]:
+    """A sheet of 1 m with ``side`` squared particles, held along one side, and its springs."""
+    mesh = ms.sheet(cells=(side - 1, side - 1))
+    held = mesh.vertices[:, 0] < 1e-9
+    return ms.Shell(mesh, ms.Material(0.0, 1.0, 0.0, DENSITY), held), mesh_springs(mesh, STRUCTURAL, FLEXION)
+
+
+def measured(side: int, repeats: int) -> dict[str, Any]:
+    """Times of one size: frames on one thread and on as many as pay take turns; the fastest of each counts."""
+    shell, springs = cloth(side)
+    steppers = {"one": ImplicitSprings(springs, shell.mass, shell.clamped, threads=1)}
+    steppers["free"] = ImplicitSprings(springs, shell.mass, shell.clamped)
+    frames: dict[str, list[dict[str, float]]] = {name: [] for name in steppers}
+    residual = 0.0
+    for stepper in steppers.values():
+        stepper.place(shell.rest_positions)
+    for repeat in range(_FALL + repeats):
+        for name, stepper in steppers.items():
+            seconds, residual = frame(stepper)
+            if repeat >= _FALL:
+                frames[name].append(seconds)
+    best = {name: min(found, key=lambda seconds: sum(seconds.values())) for name, found in frames.items()}
+    row: dict[str, Any] = {
+        "particles": shell.mass.size,
+        "springs": len(springs),
+        "threads": steppers["free"].threads.most,
+    }
+    for name, seconds in best.items():
+        row[name] = {"frame": sum(seconds.values()), "tasks": seconds}
+    row["residual"] = residual
+    row["solved"] = solved(steppers["free"])
+    row["explicit"] = explicit(shell, springs)
+    return row
+
+
+def frame(stepper: ImplicitSprings) -> tuple[dict[str, float], float]:
+    """Seconds of each task over a frame's steps, and the last residual."""
+    seconds = dict.fromkeys(TASKS, 0.0)
+    for _ in range(STEPS):
+        done = stepper.step(FRAME / STEPS, GRAVITY, drag=DRAG, iterations=ITERATIONS)
+        for task, spent in done.seconds.items():
+            seconds[task] += float(spent)
+    return seconds, done.residual
+
+
+def solved(stepper: ImplicitSprings) -> dict[str, float]:
+    """A step from the same motion, taken to a small residual."""
+    begin = perf_counter()
+    done = stepper.step(FRAME / STEPS, GRAVITY, drag=DRAG, iterations=MOST, tolerance=SOLVED)
+    return {
+        "iterations": done.iterations,
+        "seconds": perf_counter() - begin,
+        "residual": done.residual,
+        "converged": done.converged,
+    }
+
+
+def explicit(shell: ms.Shell, springs: Any) -> dict[str, float]:
+    """An explicit Euler step of the same springs on one thread, and a frame of as many as are stable."""
+    model = ms.SpringSheet(shell, springs, integrator="explicit")
+    damping, load = Damping(DRAG), shell.gravity_force(GRAVITY)
+    dt = model.stable_step(damping)
+    state = model.start_motion()
+    spent = np.inf
+    for _ in range(6):
+        begin = perf_counter()
+        state, _ = model.step(state, dt, load, damping)
+        spent = min(spent, perf_counter() - begin)
+    count = int(np.ceil(FRAME / dt))
+    return {"stable_step": dt, "step": spent, "steps": count, "frame": count * spent}
+
+
+def table(result: StudyResult) -> str:
+    """Tables in Markdown: seconds a frame, then the share of each task."""
+    rows = result.findings["rows"]
+    published = result.findings["published"]
+    iterations, steps = result.record["parameters"]["iterations"], result.record["parameters"]["steps"]
+    lines = [f"Seconds a frame ({steps} steps, {iterations} iterations each), the fastest of several:", ""]
+    lines.append("| particles | springs | one thread [s] | threads at most | [s] | explicit: steps a frame | [s] |")
+    lines.append("|---|---|---|---|---|---|---|")
+    for row in rows:
+        lines.append(
+            f"| {row['particles']:,} | {row['springs']:,} | {row['one']['frame']:.4f} | {row['threads']} "
+            f"| {row['free']['frame']:.4f} | {row['explicit']['steps']} | {row['explicit']['frame']:.3f} |"
+        )
+    lines.append(f"| {published['particles']:,}, published | | | {published['threads']} | {published['frame']:g} | | |")
+    lines += ["", "Share of the tasks [%], and what the linear equations ask for:", ""]
+    words = " | ".join(TASKS)
+    lines.append(f"| particles | {words} | residual left | iterations to {SOLVED:g} | seconds of that step |")
+    lines.append("|---" * (len(TASKS) + 4) + "|")
+    for row in rows:
+        whole = row["free"]["frame"]
+        shares = " | ".join(f"{100.0 * row['free']['tasks'][task] / whole:.1f}" for task in TASKS)
+        last = row["solved"]
+        count = f"{last['iterations']}" if last["converged"] else f"more than {last['iterations']}"
+        lines.append(f"| {row['particles']:,} | {shares} | {row['residual']:.2g} | {count} | {last['seconds']:.2f} |")
+    share = 100.0 * published["matrix_share"]
+    lines.append(f"| {published['particles']:,}, published | | up to {share:g} | | | | | | |")
+    return "\n".join(lines)

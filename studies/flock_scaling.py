@@ -1,0 +1,96 @@
+"""How a flock of shells grows: boids and instances a second against their number and their vertices, on one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from modalshell.study import StudyResult, load_script, run_record
+
+BOIDS = (100, 300, 1000, 3000, 10000, 30000, 100000)
+PAIRS = (100, 300, 1000, 3000, 10000)
+"""Flocks that every pair is tried in."""
+INSTANCES = (1, 8, 64, 512, 4096)
+CELLS = ((6, 5), (11, 10), (16, 14), (32, 28), (64, 56))
+"""Meshes of the bird, from 72 to 7,385 vertices."""
+TOTAL = 2_000_000
+"""Vertices of a crowd whose mesh changes."""
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Measure; ``quick`` takes the small sizes alone."""
+    measured = load_script("studies/benchmarks", "crowd")
+    boids, pairs = (BOIDS[:3], PAIRS[:3]) if quick else (BOIDS, PAIRS)
+    batches, cells = (INSTANCES[:3], CELLS[:2]) if quick else (INSTANCES, CELLS)
+    total, repeats, steps = (20_000, 3, 3) if quick else (TOTAL, 15, 40)
+    jobs: list[tuple[str, Callable[[], Any]]] = [
+        ("flock", lambda count=count: measured.flock((count,), steps=steps)) for count in boids
+    ]
+    jobs += [
+        ("flock", lambda count=count: measured.flock((count,), steps=steps, search="all_pairs")) for count in pairs
+    ]
+    bird = measured.bird_basis()
+    jobs += [
+        ("instances", lambda count=count: measured.reconstruction(count, bird, repeats=repeats)) for count in batches
+    ]
+    for size in cells:
+        basis = measured.bird_basis(cells=size)
+        count = total // len(basis.shell.rest_positions)
+        jobs.append(
+            ("vertices", lambda count=count, basis=basis: measured.reconstruction(count, basis, repeats=repeats))
+        )
+    rows: dict[str, list[dict[str, Any]]] = {"flock": [], "instances": [], "vertices": []}
+    for done, (name, job) in enumerate(jobs, start=1):
+        rows[name] += job()
+        if on_step is not None:
+            on_step(done, len(jobs))
+    grid = [row for row in rows["flock"] if row["search"] == "grid"]
+    findings = {
+        **rows,
+        "boid_growth": grid[-1]["microseconds_boid"] / next(r["microseconds_boid"] for r in grid if r["boids"] == 1000),
+        "pairs_exponent": _exponent([row for row in rows["flock"] if row["search"] == "all_pairs"]),
+    }
+    return StudyResult("flock_scaling", findings, {"boids": np.array(boids)}, run_record({"quick": quick}))
+
+
+def _exponent(rows: list[dict[str, Any]]) -> float:
+    """Slope of log seconds a step over log N between the two largest flocks."""
+    last = rows[-2:]
+    seconds, counts = (np.log([row[key] for row in last]) for key in ("steps_per_second", "boids"))
+    return float(-np.diff(seconds)[0] / np.diff(counts)[0])
+
+
+def table(result: StudyResult) -> str:
+    """The findings as Markdown tables."""
+    found = result.findings
+    by = {(row["boids"], row["search"]): row for row in found["flock"]}
+    lines = ["Steps of a flock a second of the processor, 20 boids in a cube of the neighbour distance:", ""]
+    lines += ["| boids | grid of cells | all pairs | times faster |", "|---|---|---|---|"]
+    for row in (row for row in found["flock"] if row["search"] == "grid"):
+        pairs = by.get((row["boids"], "all_pairs"))
+        rest = "| |"
+        if pairs:
+            ratio = row["steps_per_second"] / pairs["steps_per_second"]
+            rest = f"{pairs['steps_per_second']:,.3g} | {ratio:.1f} |"
+        lines.append(f"| {row['boids']:,} | {row['steps_per_second']:,.3g} | {rest}")
+    lines += [
+        "",
+        f"A boid costs {found['boid_growth']:.2f} times as much in the largest flock as among 1,000. Trying all pairs "
+        f"grows with N to the power {found['pairs_exponent']:.2f} at the end.",
+        "",
+        "Thousands of instances of the paper bird a second, eight modes. The bounds: the products Phi q and Psi q over "
+        "the whole batch by BLAS, and writing the positions alone. Placed instances have a rotation and translation "
+        "each; the last column is MWTS over the products.",
+        "",
+        "| instances | vertices | precision | rigid | LMA | MWTS | MWTS placed | steps | products | writing | ratio |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    names = ("rigid", "lma", "mwts", "placed", "step", "products", "writing")
+    for row in [*found["instances"], *found["vertices"]]:
+        rates = " | ".join(f"{row[f'per_second_{name}'] / 1e3:,.3g}" for name in names)
+        lines.append(
+            f"| {row['instances']:,} | {row['vertices']:,} | {row['dtype']} | {rates} | {row['ratio_products']:.2f} |"
+        )
+    return "\n".join(lines)

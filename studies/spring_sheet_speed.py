@@ -1,0 +1,172 @@
+"""Steps of a sheet of masses and springs: NumPy, compiled kernels, threads and devices, from 64^2 to 1024^2 masses.
+
+Every way takes the same Verlet steps of the same crumpled sheet (structural, shear and flexion springs, 12 a mass). How
+far each ends from NumPy's float64, over the largest displacement, is told. The ways take turns, so that all are timed
+under the same conditions.
+The streaming bound is what the machine would do if springs cost nothing: two states read and one written a step, at the
+speed at which one core copies a large array. Small sheets stay in the caches and may pass it.
+
+Run it alone with ``modalshell reproduce --only spring_sheet_speed``.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+
+from modalshell.errors import OptionError
+from modalshell.springs import GridVerlet, SheetGrid
+from modalshell.springs.device import DeviceVerlet, devices
+from modalshell.study import StudyResult, load_script, run_record
+
+SIZES = (64, 128, 256, 512, 1024)
+PRECISIONS = ("float64", "float32")
+BASE = "numba, one thread"
+ONE_CORE = ("NumPy", BASE, "Warp, one core")
+"""Timed by the processor's clock, which stands still while others run; the other ways by the wall's."""
+PUBLISHED = {"OpenMP": (2.24, 3.40), "GPU": (4.20, 35.25)}
+"""Published speed-ups over one core of a CPU, at 64^2 and at 1024^2 masses."""
+CHECKED_STEPS = 10
+COPIED = 2**26
+"""Bytes of the array that is copied for the bandwidth of memory."""
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Every way at every size; ``quick`` stops at 128^2."""
+    sizes = SIZES[:2] if quick else SIZES
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    bandwidth = copy_bandwidth()
+    rows: list[dict[str, Any]] = []
+    for done, size in enumerate(sizes, start=1):
+        rows += timings(size, 3 if quick else 5)
+        if on_step is not None:
+            on_step(done, len(sizes))
+    findings = {"rows": rows, "bandwidth": bandwidth, "missing": missing_devices(), "published": PUBLISHED}
+    findings["load"] = load
+    findings["streaming_bound"] = {kind: bandwidth / bytes_of_a_mass(kind) for kind in PRECISIONS}
+    return StudyResult("spring_sheet_speed", findings, {}, run_record({"sizes": sizes, "checked_steps": CHECKED_STEPS}))
+
+
+def bytes_of_a_mass(precision: str) -> int:
+    """Bytes that one step moves for a mass: two states of three numbers read, one written."""
+    return 9 * np.dtype(precision).itemsize
+
+
+def copy_bandwidth() -> float:
+    """Bytes a second, read and written, of one core that copies a large array: the best of several."""
+    source, target = np.ones(COPIED // 8), np.zeros(COPIED // 8)
+    seconds = []
+    for _ in range(10):
+        start = time.perf_counter()
+        np.copyto(target, source)
+        seconds.append(time.perf_counter() - start)
+    return 2.0 * COPIED / min(seconds)
+
+
+def missing_devices() -> dict[str, str]:
+    """Why there are no rows of a kind of device."""
+    try:
+        here = devices()
+    except OptionError as error:
+        return {"Warp": str(error)}
+    return {} if any(device.startswith("cuda") for device in here) else {"Warp, GPU": "no GPU here"}
+
+
+def crumpled_sheet(size: int) -> tuple[SheetGrid, np.ndarray]:
+    """A sheet of cloth held along one side, and places [m] to start from, a little off its rest."""
+    pinned = np.zeros((size, size), bool)
+    pinned[0] = True
+    stiffness = {"structural": 50.0, "shear": 30.0, "flexion": 10.0}
+    gravity = np.array([0.0, 0.0, -9.81])
+    grid = SheetGrid(
+        shape=(size, size), spacing=0.01, particle_mass=1e-3, drag=0.5, pinned=pinned, gravity=gravity, **stiffness
+    )
+    noise = np.random.default_rng(0).normal(scale=0.02 * grid.spacing, size=(grid.count, 3))
+    return grid, grid.rest_positions() + noise
+
+
+def steppers(grid: SheetGrid, start: np.ndarray) -> dict[tuple[str, str], Any]:
+    """Every way to step the sheet that is here, by its name and precision."""
+    numpy_verlet = load_script("studies/benchmarks", "numpy_verlet").NumpyVerlet
+    most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+    found: dict[tuple[str, str], Any] = {}
+    for precision in PRECISIONS:
+        found["NumPy", precision] = numpy_verlet(grid, precision, start)
+        found[BASE, precision] = GridVerlet(grid, precision, start, threads=1)
+        several = GridVerlet(grid, precision, start, threads=2) if most > 1 else None
+        if several is not None and several.threads > 1:
+            found["numba, two threads", precision] = several
+        if "Warp" not in missing_devices():
+            for device in devices():
+                name = "Warp, one core" if device == "cpu" else f"Warp, {device}"
+                found[name, precision] = DeviceVerlet(grid, precision, start, device)
+    return found
+
+
+def timings(size: int, repeats: int) -> list[dict[str, Any]]:
+    """Masses a second of every way on a sheet of ``size``^2, and how far it ends from NumPy in float64."""
+    grid, start = crumpled_sheet(size)
+    dt = 0.5 * grid.stable_step()
+    ways = steppers(grid, start)
+    for way in ways.values():
+        way.step(CHECKED_STEPS, dt)
+    truth = ways["NumPy", "float64"].positions
+    moved = float(np.abs(truth - start).max())
+    places = {key: way.positions for key, way in ways.items()}
+    # Many steps in a call, so that the state's check after them is not what is timed.
+    count = max(4, 2**18 // grid.count)
+    calls = {key: lambda way=way: way.step(count, dt) for key, way in ways.items()}
+    interleaved = load_script("studies/benchmarks", "timing").interleaved
+    alone = {key: call for key, call in calls.items() if key[0] in ONE_CORE}
+    processor = interleaved(alone, repeats, clock=time.process_time)
+    together = {key: call for key, call in calls.items() if key[0] not in ONE_CORE or key[0] == BASE}
+    wall = interleaved(together, repeats) if len(together) > len(PRECISIONS) else {}
+    rows = []
+    for name, kind in ways:
+        own = processor if name in ONE_CORE else wall
+        seconds = own[name, kind]
+        rows.append(
+            {
+                "size": size,
+                "way": name,
+                "precision": kind,
+                "masses_per_second": count * grid.count / seconds,
+                "over_numpy_float64": processor["NumPy", "float64"] / seconds,
+                "over_numpy": processor["NumPy", kind] / seconds,
+                "over_one_core": own[BASE, kind] / seconds,
+                "distance_from_numpy": float(np.abs(places[name, kind] - truth).max()) / moved,
+            }
+        )
+    return rows
+
+
+def table(result: StudyResult) -> str:
+    """Table in Markdown: every way at every size, then the bounds, what is missing, and the published speed-ups."""
+    found = result.findings
+    lines = ["| masses | way | precision | million masses a second | over NumPy, float64 | over NumPy, same precision "]
+    lines[0] += "| over numba's one core | share of the streaming bound | distance from NumPy, float64 |"
+    lines.append("|---|---|---|---|---|---|---|---|---|")
+    for row in found["rows"]:
+        share = row["masses_per_second"] / found["streaming_bound"][row["precision"]]
+        lines.append(
+            f"| {row['size']}^2 | {row['way']} | {row['precision']} | {row['masses_per_second'] / 1e6:.1f} "
+            f"| {row['over_numpy_float64']:.1f} | {row['over_numpy']:.1f} | {row['over_one_core']:.2f} "
+            f"| {100.0 * share:.0f} % | {row['distance_from_numpy']:.0e} |"
+        )
+    for name, reason in found["missing"].items():
+        lines.append(f"| all | {name} | {reason} | | | | | | |")
+    bounds = ", ".join(f"{bound / 1e6:.0f} in {kind}" for kind, bound in found["streaming_bound"].items())
+    published = "; ".join(f"{name} {low:.2f} to {high:.2f}" for name, (low, high) in PUBLISHED.items())
+    machine = result.record["machine"]
+    words = f"Machine: {machine['processor']}, {machine['cores']} cores, shared with other work"
+    if found["load"] is not None:
+        words += f" ({found['load']:.1f} processes wanted to run when this began). Ways of one core are timed by the "
+        words += "processor's clock; two threads and GPUs by the wall's, which on a busy machine says little"
+    copied = f"One core copies {found['bandwidth'] / 1e9:.1f} GB/s, read and written, which bounds a step's million "
+    lines += ["", f"{words}.", "", f"{copied}masses a second: {bounds}."]
+    return "\n".join([*lines, "", f"Published speed-ups over one core of a CPU, 64^2 to 1024^2: {published}."])

@@ -1,0 +1,482 @@
+"""Stability at the extremes: the outcome of every model and integrator over step, stiffness, load, mesh and damping.
+
+A strip clamped at one end, 12 x 2 cells, is let go under gravity (the rigid one spins, free and without it). Slices
+through a named base point are mapped for every model with every integrator, and every cell is one named outcome:
+
+* *converged*: the tip's displacement is within 10 % of the static answer of DS;
+* *agrees with half the step*: it is within 10 % of what the same model does with half the step;
+* *inaccurate*: neither, though nothing else is wrong;
+* *bounded cycle*, *wound up* (|w| beyond 2 pi): as the motion's own status says;
+* *unsolved*: the model's own solver gave up in six steps, or in fewer and the answer is off;
+* *diverged*: the motion left the finite numbers, or its energy ran away;
+* *refused*: a ModalShellError, from the mesh, the modes, the model or the step.
+
+The static answer (on the mesh without needles) is the truth where the run is long enough to settle: where damping
+leaves 1/200 of a motion. Shorter runs, undamped ones, loads at which DS statics finds no answer and the rigid body are
+held against the same model at half the step, twice as many of them: that says nothing of the model, only of the step.
+
+Limits that have a theory are measured by bisection, see ``stability_limits``.
+
+Run it alone with ``modalshell reproduce --only stability_atlas``.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+import modalshell as ms
+from modalshell.errors import ModalShellError
+from modalshell.motion import Motion, Trajectory, stability
+from modalshell.motion.simulate import Observer
+from modalshell.rungs import Damping, Model
+from modalshell.rungs.modal import ModalModel
+from modalshell.study import StudyResult, call_script, load_script, run_record
+
+limits = load_script("studies", "stability_limits")
+
+LENGTH, CELLS, FLEXURE, DENSITY, MODES = 1.0, (12, 2), 0.05, 0.2, 4
+RIGIDITY = 5.0 * FLEXURE
+"""D [N m] of this mesh family, for Gamma = (mass per area) g L^3 / D."""
+TOLERANCE = 0.1
+FEWEST, MOST = 40, 80
+"""Steps of a run."""
+PATIENCE = 6
+"""Steps without convergence after which a run is given up."""
+LEFT = 1.0 / 200.0
+AGREES = "agrees with half the step"
+OUTCOMES = ("converged", AGREES, "inaccurate", "bounded cycle", "wound up", "unsolved", "diverged", "refused")
+ADDED_DAMPING, FREQUENCY_SHIFT = 0.05, 0.05
+"""Numerical damping ratio, and relative shift of frequency, of the first mode from which motion is coloured by it."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One point: step [s], membrane over bending stiffness, Gamma, damping ratio of mode 1, aspect, rest fold [deg]."""
+
+    step: float = 1.0 / 30.0
+    ratio: float = 1e2
+    gamma: float = 1.0
+    damping: float = 0.7
+    aspect: float = 1.0
+    fold: float = 0.0
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """Gravity (3,) [m/s^2]."""
+        return np.array([0.0, 0.0, -self.gamma * RIGIDITY / (DENSITY * LENGTH**3)])
+
+    @property
+    def rayleigh(self) -> Damping:
+        """Damping of the mass that gives the first mode of the strip without needles its damping ratio."""
+        return Damping(2.0 * self.damping * first_frequency(self.ratio, self.fold), 0.0)
+
+
+BASE = Scene()
+
+
+@dataclass(frozen=True)
+class Slice:
+    """A map: two of the scene's numbers, their values, and their names for a reader."""
+
+    x: str
+    x_values: tuple[float, ...]
+    y: str
+    y_values: tuple[float, ...]
+
+
+STEPS = tuple(float(f"{step:.3g}") for step in np.geomspace(1e-6, 10.0, 15))
+RATIOS = (1.0, 1e2, 1e4, 1e6, 1e8)
+GAMMAS = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)
+FOLDS = (-179.99, -179.0, -150.0, -90.0, 0.0, 90.0, 150.0, 179.0, 179.99)
+SLICES = {
+    "ratio": Slice("step", STEPS, "ratio", RATIOS),
+    "load": Slice("step", STEPS, "gamma", GAMMAS),
+    "damping": Slice("gamma", (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 3e3, 1e4), "damping",
+                     (0.0, 0.01, 0.1, 1.0, 10.0, 100.0)),
+    "needles": Slice("aspect", (1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6), "ratio", RATIOS),
+    "fold": Slice("fold", FOLDS, "gamma", GAMMAS),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Row:
+    """A model with its integrator.
+
+    Attributes
+    ----------
+    name : str
+        For readers.
+    make : callable
+        The model of a shell.
+    theory : {"implicit", "midpoint", "explicit", "rigid"}
+        Which theory its limits have. Explicit rows take half their longest stable step at the base point for their own.
+    """
+
+    name: str
+    make: Callable[[ms.Shell], Model]
+    theory: str = "implicit"
+
+
+def modal(kind: Callable[..., Model], shell: ms.Shell, **options: Any) -> Model:
+    """A model on the modes of a shell."""
+    return kind(ms.solve_modes(shell, MODES), **options)
+
+
+def reduced(shell: ms.Shell, integrator: str) -> Model:
+    """Reduced RSW, trained on gravity up to Gamma = 30."""
+    loads = [replace(BASE, gamma=gamma).gravity for gamma in (0.3, 1.0, 3.0, 10.0, 30.0)]
+    return ms.ReducedRotationStrain.trained(modal(ms.RotationStrain, shell, integrator=integrator), loads, rank=12)
+
+
+def coarse(shell: ms.Shell) -> Model:
+    """DS with ten cells along the strip instead of twelve, its rows at the clamp those of ``shell``."""
+    fold, along = fold_of(shell), 10
+    mesh = ms.v_beam(length=LENGTH, cells=(along, CELLS[1]), fold=180.0 - abs(fold))
+    vertices, held, cell = np.array(mesh.vertices), LENGTH / CELLS[0], LENGTH / along
+    beyond = held + (vertices[:, 0] - cell) * (LENGTH - held) / (LENGTH - cell)
+    vertices[:, 0] = np.where(vertices[:, 0] < 0.5 * cell, 0.0, beyond)
+    vertices[:, 2] *= 1.0 if fold >= 0.0 else -1.0
+    return ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, ms.TriangleMesh(vertices, mesh.faces)))
+
+
+EULER, MIDPOINT = "implicit_euler", "implicit_midpoint"
+WARPS = {"MWTS": {}, "MWTS sum": {"warp": "sum"}, "MWTS consistent": {"consistent_force": True}}
+ROWS = (
+    Row("LMA, implicit Euler", partial(modal, ms.LinearModal, integrator=EULER)),
+    Row("LMA, midpoint", partial(modal, ms.LinearModal, integrator=MIDPOINT), "midpoint"),
+    *(
+        Row(f"{name}, {word}", partial(modal, ms.ModalWarping, integrator=integrator, **options), theory)
+        for name, options in WARPS.items()
+        for integrator, word, theory in ((EULER, "implicit Euler", "implicit"), (MIDPOINT, "midpoint", "midpoint"))
+    ),
+    Row("RSW, implicit Euler", partial(modal, ms.RotationStrain, integrator=EULER)),
+    Row("RSW, midpoint", partial(modal, ms.RotationStrain, integrator=MIDPOINT), "midpoint"),
+    Row("reduced RSW, implicit Euler", partial(reduced, integrator=EULER)),
+    Row("reduced RSW, midpoint", partial(reduced, integrator=MIDPOINT), "midpoint"),
+    Row("MD-ROM, implicit Euler", partial(ms.ModalDerivatives, count=MODES)),
+    Row("rigid, free and spinning", ms.RigidShell, "rigid"),
+    Row("coarse DS, implicit Euler", coarse),
+    Row("DS, implicit Euler", ms.DiscreteShell),
+    Row("DS, explicit Euler", partial(ms.DiscreteShell, integrator="explicit", allow_unstable_step=True), "explicit"),
+)
+"""Every model with every integrator; a further one, a spring sheet's say, is one more line."""
+
+
+@cache
+def shell_of(ratio: float, aspect: float, fold: float, held: bool = True) -> ms.Shell:
+    """The strip, folded along its middle, one column of its cells squeezed to needles of ``aspect``."""
+    mesh = ms.v_beam(length=LENGTH, cells=CELLS, fold=180.0 - abs(fold))
+    vertices, cell = np.array(mesh.vertices), LENGTH / CELLS[0]
+    vertices[:, 2] *= 1.0 if fold >= 0.0 else -1.0
+    column = np.isclose(vertices[:, 0], 0.5 * LENGTH)
+    vertices[column, 0] = 0.5 * LENGTH + cell * (1.0 - 1.0 / aspect)
+    material = ms.Material(ratio * FLEXURE, ratio * FLEXURE, FLEXURE, DENSITY)
+    return ms.Shell(ms.TriangleMesh(vertices, mesh.faces), material, vertices[:, 0] < 1.5 * cell if held else None)
+
+
+def fold_of(shell: ms.Shell) -> float:
+    """Rest fold [degrees] of a shell of :func:`shell_of`, from the slope of a flange."""
+    x = shell.rest_positions
+    side = x[np.argmax(x[:, 1] - x[:, 0])]
+    return float(np.degrees(2.0 * np.arctan2(-side[2], side[1])))
+
+
+@cache
+def first_frequency(ratio: float, fold: float) -> float:
+    """Lowest angular frequency [rad/s] of the strip without needles."""
+    return float(np.sqrt(ms.solve_modes(shell_of(ratio, 1.0, fold), 2).eigenvalues[0]))
+
+
+@cache
+def static_tip(ratio: float, gamma: float, fold: float) -> np.ndarray | None:
+    """Displacement (3,) [m] of the tip in the static answer of DS; None where there is none."""
+    shell = shell_of(ratio, 1.0, fold)
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=replace(BASE, gamma=gamma).gravity)
+    return tip_displacement(answer.positions, shell.rest_positions) if answer.converged else None
+
+
+@cache
+def model_of(row: str, ratio: float, aspect: float, fold: float) -> Model | str:
+    """A row's model of a strip, or the words in which it was refused."""
+    row_of = next(one for one in ROWS if one.name == row)
+    try:
+        return row_of.make(shell_of(ratio, aspect, fold, held=row_of.theory != "rigid"))
+    except ModalShellError as error:
+        return str(error)
+
+
+def tip_displacement(positions: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Mean displacement (3,) of the free end."""
+    return np.asarray((positions - rest)[rest[:, 0] > LENGTH - 1e-9].mean(axis=0))
+
+
+def classify(trajectory: Trajectory, truth: np.ndarray | None, static: bool = True) -> str:
+    """Outcome of a motion whose tip ought to have moved by ``truth`` (3,) [m]; without a truth nothing is accurate.
+
+    ``static`` says whether the truth is the static answer of DS, not the model's own at half the step.
+    """
+    status = trajectory.status
+    if status.startswith("diverged") or "runs away" in status:
+        return "diverged"
+    for name in ("wound up", "bounded cycle"):
+        if name in status:
+            return name
+    if trajectory.unconverged_steps >= PATIENCE:
+        return "unsolved"
+    moved = tip_displacement(trajectory.positions[-1], trajectory.rest_positions)
+    if truth is not None and np.linalg.norm(moved - truth) <= TOLERANCE * np.linalg.norm(truth):
+        return "converged" if static else AGREES
+    return "unsolved" if trajectory.unconverged_steps else "inaccurate"
+
+
+def follow(model: Model, scene: Scene, dt: float, count: int) -> Trajectory:
+    """A run of ``count`` steps; given up once a few steps have not converged. ModalShellError where it is refused."""
+    damping = scene.rayleigh
+    spins = isinstance(model, ms.RigidShell)
+    gravity = None if spins else scene.gravity
+    motion = Motion(model, dt=dt, gravity=gravity, damping=(damping.mass_factor, damping.stiffness_factor))
+    if spins:
+        motion.state.rates[3:] = spin_of(scene)
+    observer = Observer(motion)
+    frames = [motion.positions()]
+    observer.look()
+    while motion.count < count and motion.unconverged < PATIENCE:
+        motion.advance()
+        if not motion.finite:
+            break
+        frames.append(motion.positions())
+        observer.look()
+    rest = model.shell.rest_positions
+    status, energies = observer.status(motion.count), np.array(observer.energies)
+    return Trajectory(
+        np.array(observer.times), np.array(frames), status, motion.unconverged, 0.0, energies, rest_positions=rest
+    )
+
+
+def spin_of(scene: Scene) -> np.ndarray:
+    """Angular velocity (3,) [rad/s] of the rigid body: ``sqrt(g / L)`` about the axis across the strip."""
+    return np.sqrt(scene.gamma * RIGIDITY / DENSITY) / LENGTH**2 * np.array([0.0, 1.0, 0.0])
+
+
+def outcome(row: Row, scene: Scene) -> str:
+    """Class of one cell."""
+    model = model_of(row.name, scene.ratio, scene.aspect, scene.fold)
+    if isinstance(model, str):
+        return "refused"
+    ratio, omega = scene.damping, first_frequency(scene.ratio, scene.fold)
+    decay = omega * (ratio if ratio <= 1.0 else ratio - float(np.sqrt(ratio**2 - 1.0)))
+    settled = -np.log(LEFT) / decay if decay > 0.0 else np.inf
+    count = int(np.clip(np.ceil(min(settled / scene.step, 1e9)), FEWEST, MOST))
+    try:
+        run = follow(model, scene, scene.step, count)
+        truth = None
+        if count * scene.step >= settled and row.theory != "rigid":
+            truth = static_tip(scene.ratio, scene.gamma, scene.fold)
+        static = truth is not None
+        if not static and classify(run, truth) in ("inaccurate", "unsolved"):
+            finer = follow(model, scene, 0.5 * scene.step, 2 * count)
+            if finer.status == "completed":
+                truth = tip_displacement(finer.positions[-1], finer.rest_positions)
+    except ModalShellError:
+        return "refused"
+    return classify(run, truth, static)
+
+
+def own_base(row: Row) -> Scene:
+    """The base point, with an explicit row's own step."""
+    if row.theory != "explicit":
+        return BASE
+    return replace(BASE, step=0.5 * explicit_limit(row, BASE))
+
+
+def explicit_limit(row: Row, scene: Scene) -> float:
+    """Longest stable step [s] at rest, by theory."""
+    model = model_of(row.name, scene.ratio, scene.aspect, scene.fold)
+    return model.stable_step(scene.rayleigh)  # type: ignore[union-attr]
+
+
+def excess(row: Row, scene: Scene) -> float | None:
+    """Positive where theory calls a scene unstable, negative where stable; None where there is no theory."""
+    model = model_of(row.name, scene.ratio, scene.aspect, scene.fold)
+    if isinstance(model, str):
+        return None
+    if row.theory == "explicit":
+        return float(np.log(scene.step / explicit_limit(row, scene)))
+    if row.theory == "rigid":
+        slowed = scene.step * np.linalg.norm(spin_of(scene)) / (1.0 + scene.step * scene.rayleigh.mass_factor)
+        return float(np.log(slowed))
+    if not isinstance(model, ModalModel) or isinstance(model, ms.LinearModal):
+        return None
+    slope = _equilibrium(row.name, scene.ratio, scene.gamma, scene.aspect, scene.fold)
+    if slope is None:
+        return 1.0
+    load = model.shell.gravity_force(scene.gravity)
+    rate = np.log(stability.step_radius(model, slope, load, scene.step, scene.rayleigh)) / scene.step
+    return float(rate - 1e-3)  # undamped motion neither grows nor falls, but for rounding
+
+
+@cache
+def _equilibrium(row: str, ratio: float, gamma: float, aspect: float, fold: float) -> np.ndarray | None:
+    model = model_of(row, ratio, aspect, fold)
+    if isinstance(model, ms.ModalWarping) and model.warp == "sum":  # the coordinates move as with the closed form
+        model = ms.ModalWarping(model.basis, integrator=model.integrator)
+    return limits.at_rest(model, replace(BASE, gamma=gamma).gravity)
+
+
+def crossings(row: Row, plane: Slice, base: Scene, y: float) -> list[float]:
+    """Values of x at which theory's limit is crossed in one row of a map; the first x where all of it is unstable."""
+    grid = np.geomspace(plane.x_values[0], plane.x_values[-1], 3 * len(plane.x_values))
+    at = [excess(row, replace(base, **{plane.y: y, plane.x: float(x)})) for x in grid]
+    found = [float(grid[0])] if at[0] is not None and at[0] > 0.0 else []
+    for left, right, before, after in zip(grid[:-1], grid[1:], at[:-1], at[1:], strict=True):
+        if before is None or after is None or (before > 0.0) == (after > 0.0):
+            continue
+        share = abs(before) / (abs(before) + abs(after)) if np.isfinite([before, after]).all() else 0.5
+        found.append(float(left * (right / left) ** share))
+    return found
+
+
+def coloured_step(row: Row, scene: Scene) -> float | None:
+    """Step from which the integrator colours the first mode: numerical damping, or frequency, off by 5 %."""
+    omega = first_frequency(scene.ratio, scene.fold)
+    if row.theory == "implicit":
+        # A damping ratio: about omega h / 2.
+        steps = np.geomspace(1e-3, 1.0, 2000) / omega
+        ratio = -np.log(stability.implicit_euler_amplification(omega**2, 0.0, steps)) / (omega * steps)
+        return float(steps[np.searchsorted(ratio, ADDED_DAMPING)])
+    if row.theory == "midpoint":
+        steps = np.geomspace(1e-3, 10.0, 2000) / omega
+        shift = 1.0 - stability.midpoint_frequency(omega, steps) / omega
+        return float(steps[np.searchsorted(shift, FREQUENCY_SHIFT)])
+    return None
+
+
+def maps_of(name: str, slices: dict[str, Slice]) -> dict[str, Any]:
+    """All maps of one row, with theory's lines over them."""
+    row = next(one for one in ROWS if one.name == name)
+    base = own_base(row)
+    found: dict[str, Any] = {}
+    for key, plane in slices.items():
+        scenes = [[replace(base, **{plane.y: y, plane.x: x}) for x in plane.x_values] for y in plane.y_values]
+        lines = key in ("ratio", "load", "damping") or (key == "needles" and row.theory == "explicit")
+        found[key] = {
+            "classes": [[outcome(row, scene) for scene in line] for line in scenes],
+            "limits": [crossings(row, plane, base, y) if lines else [] for y in plane.y_values],
+            "coloured": [coloured_step(row, line[0]) if plane.x == "step" else None for line in scenes],
+        }
+    return found
+
+
+def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
+    """Limits of one row that have a theory, measured."""
+    row = next(one for one in ROWS if one.name == name)
+    model = model_of(name, BASE.ratio, BASE.aspect, BASE.fold)
+    damping, count = BASE.rayleigh, 300 if quick else 900
+    if isinstance(model, ms.DiscreteShell) and row.theory == "explicit":
+        omega = 2.0 / model.stable_step()
+        cases = {"undamped": Damping(), "xi = omega_max / 2": Damping(0.5 * omega, 0.0)}
+        cases["zeta = 1 / (2 omega_max)"] = Damping(0.0, 0.5 / omega)
+        return [
+            limits.entry(name, f"longest step at rest, {words}", "s", *limits.explicit_step(model, case, count))
+            for words, case in cases.items()
+        ]
+    if isinstance(model, ms.RigidShell):
+        return [limits.entry(name, "longest step of a spin of 2 rad/s", "s", *limits.spin_step(model, 2.0))]
+    if isinstance(model, ms.LinearModal):
+        omega = first_frequency(BASE.ratio, BASE.fold)
+        if row.theory == "implicit":
+            theory, measured = limits.numerical_damping(model, BASE.step, 0, Damping(0.2 * omega, 0.01))
+            return [limits.entry(name, "shrinking of mode 1 in a step of 1/30 s", "1", theory, measured)]
+        theory, measured = limits.oscillation(model, BASE.step, 1, 1000)
+        return [limits.entry(name, "frequency of mode 2 at 1/30 s", "rad/s", theory, measured)]
+    if not isinstance(model, ModalModel) or name.startswith("MWTS sum"):  # its coordinates move as with the closed form
+        return []
+    unit = BASE.gravity  # Gamma = 1
+    found = [
+        limits.entry(name, "longest step at Γ = 30", "s", *limits.longest_step(model, 30.0 * unit, damping, count))
+    ]
+    if quick and row.theory != "implicit":
+        return found
+    pair = limits.iteration_load(model, unit, (1.0, 60.0))
+    if row.theory == "implicit":
+        found.append(limits.entry(name, "largest Γ of the iteration q ← Λ⁻¹p(q)", "1", *pair))
+    if isinstance(model, ms.ModalWarping) and not model.consistent_force:
+        for ratio in (0.7,) if quick else (0.05, 0.2, 0.7):
+            light = replace(BASE, damping=ratio).rayleigh
+            count = 600 if quick else 4000
+            pair = limits.largest_load(model, unit, BASE.step, light, count, (20.0, 400.0))
+            words = f"largest Γ at 1/30 s, damping ratio {ratio:g}"
+            found.append(limits.entry(name, words, "1", *pair))
+            if not quick:
+                rest = limits.bisect(
+                    lambda factor, light=light: limits.settles_from_rest(model, factor * unit, BASE.step, light),
+                    20.0,
+                    400.0,
+                )
+                # No theory of small motion holds from rest: beside it, not against it.
+                found.append(limits.entry(name, words + ", let go from rest", "1", None, rest) | {"beside": pair[0]})
+    return found
+
+
+def work(name: str, quick: bool) -> dict[str, Any]:
+    """Maps and limits of one row."""
+    return {"maps": maps_of(name, chosen_slices(quick)), "limits": limits_of(name, quick)}
+
+
+def chosen_slices(quick: bool) -> dict[str, Slice]:
+    """The slices, or a few cells of each."""
+    return {key: thinned(plane) if quick else plane for key, plane in SLICES.items()}
+
+
+def thinned(plane: Slice) -> Slice:
+    """Three columns and a row of a map."""
+    x, y = plane.x_values, plane.y_values
+    return replace(plane, x_values=(x[0], x[len(x) // 2], x[-1]), y_values=y[1:2])
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Map every row, two at a time; ``quick`` takes a few cells of each map, and the limits less finely."""
+    slices, names = chosen_slices(quick), [row.name for row in ROWS]
+    done: dict[str, dict[str, Any]] = {}
+    if quick:
+        for name in names:
+            done[name] = work(name, quick)
+            if on_step is not None:
+                on_step(len(done), len(names))
+    else:
+        # The dearest first, so that two processes end together.
+        order = names[::-1]
+        with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
+            futures = {
+                name: pool.submit(call_script, "studies", "stability_atlas", "work", name, quick) for name in order
+            }
+            for name in order:
+                done[name] = futures[name].result()
+                if on_step is not None:
+                    on_step(len(done), len(names))
+    findings = {
+        "rows": {name: done[name]["maps"] for name in names},
+        "limits": [limit for name in names for limit in done[name]["limits"]],
+        "slices": {key: asdict(plane) for key, plane in slices.items()},
+        "outcomes": OUTCOMES,
+        "steps": {row.name: own_base(row).step for row in ROWS},
+    }
+    arrays = {
+        key: np.array([[[OUTCOMES.index(c) for c in line] for line in done[n]["maps"][key]["classes"]] for n in names])
+        for key in slices
+    }
+    parameters = {"base": asdict(BASE), "cells": CELLS, "flexure": FLEXURE, "density": DENSITY, "modes": MODES}
+    parameters |= {"tolerance": TOLERANCE, "steps": (FEWEST, MOST), "patience": PATIENCE, "left": LEFT}
+    return StudyResult("stability_atlas", findings, arrays, run_record(parameters))
+
+
+def table(result: StudyResult) -> str:
+    """Where each row works and what ends it, in words; then every limit that has a theory beside its measurement."""
+    return str(load_script("studies", "stability_page").page(result))

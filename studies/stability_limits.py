@@ -1,0 +1,204 @@
+"""Where the stability limits lie: what theory says, and what small motion about an equilibrium does, by bisection.
+
+Part of the study ``stability_atlas``, which names the models; a limit is given as theory, measurement and their ratio.
+
+* Explicit (symplectic) Euler of DS: ``h^2 omega^2 + 2 h c < 4`` for the stiffest mode, ``c = xi + zeta omega^2``.
+* Modal models: the spectral radius of the step's linearisation at the model's own equilibrium
+  (:mod:`modalshell.motion.stability`); the force lags by a step, or half of one, which long steps do not forgive.
+* Implicit Euler at a very long step is the iteration ``q <- Lambda^-1 p(q)``: spectral radius of ``Lambda^-1 dp/dq``.
+* Implicit Euler's numerical damping and the midpoint rule's frequency, mode by mode.
+* A rigid body that spins: one radian a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import modalshell as ms
+from modalshell.motion import stability
+from modalshell.rungs import Damping, MotionState
+from modalshell.rungs.modal import ModalModel
+
+PRECISION = 2e-3
+"""Relative width at which bisection stops."""
+_SMALL = 1e-6
+"""Size of the disturbance, as a share of the equilibrium."""
+
+
+def bisect(stable: Callable[[float], bool], low: float, high: float) -> float | None:
+    """Where ``stable`` ends between ``low``, which must be stable, and ``high``, which must not; None otherwise."""
+    if not stable(low) or stable(high):
+        return None
+    while high > low * (1.0 + PRECISION):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if stable(middle) else (low, middle)
+    return float(np.sqrt(low * high))
+
+
+def entry(row: str, what: str, unit: str, theory: float | None, measured: float | None) -> dict[str, Any]:
+    """One limit, ready for JSON."""
+    ratio = None if theory is None or measured is None else measured / theory
+    return {"row": row, "what": what, "unit": unit, "theory": theory, "measured": measured, "ratio": ratio}
+
+
+def dies_out(step: Callable[[np.ndarray], np.ndarray], start: np.ndarray, count: int, margin: float = 1.0) -> bool:
+    """Whether a disturbance (N,) is no larger in the last third of ``count`` steps than ``margin`` times the second's.
+
+    A thousand times the start is growth, too, even if it ends in a small cycle.
+    """
+    sizes, now = np.empty(count), start
+    for place in range(count):
+        now = step(now)
+        sizes[place] = np.linalg.norm(now)
+        if not sizes[place] < 1e3 * np.linalg.norm(start):
+            return False
+    third = count // 3
+    last, before = sizes[-third:].max(), sizes[third : 2 * third].max()
+    return bool(last < margin * before or last < 1e-2 * np.linalg.norm(start))
+
+
+# ---- modal models
+
+
+def at_rest(model: ModalModel, gravity: np.ndarray) -> np.ndarray | None:
+    """Coordinates (m,) of the model's equilibrium, stable or not; None where there is none."""
+    answer = model.equilibrium(gravity=gravity)
+    return answer.coordinates if answer.residual < 1e-6 else None
+
+
+def settles(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping, count: int) -> bool:
+    """Whether steps of the model bring a small disturbance of its equilibrium back."""
+    q = at_rest(model, gravity)
+    if q is None:
+        return False
+    load, root = model.shell.gravity_force(gravity), np.sqrt(model.basis.eigenvalues)
+    size = float(np.linalg.norm(root * q))
+    disturbed = _SMALL * size * np.random.default_rng(0).standard_normal(2 * q.size)
+
+    def step(away: np.ndarray) -> np.ndarray:
+        state = MotionState(q + away[: q.size] / root, away[q.size :])
+        after, _ = model.step(state, dt, load, damping)
+        return np.concatenate([root * (after.coordinates - q), after.rates])
+
+    return dies_out(step, disturbed, count)
+
+
+def grows(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping) -> float:
+    """Rate [1/s] at which theory has small motion about the equilibrium grow; infinite where there is none."""
+    q = at_rest(model, gravity)
+    if q is None:
+        return np.inf
+    return float(np.log(stability.step_radius(model, q, model.shell.gravity_force(gravity), dt, damping)) / dt)
+
+
+def longest_step(model: ModalModel, gravity: np.ndarray, damping: Damping, count: int) -> tuple[float | None, ...]:
+    """Longest stable step [s] up to 10 s at one load, by theory and by measurement."""
+    shortest = 1e-3
+    theory = bisect(lambda dt: grows(model, gravity, dt, damping) <= 0.0, shortest, 10.0)
+    return theory, bisect(lambda dt: settles(model, gravity, dt, damping, count), shortest, 10.0)
+
+
+def largest_load(
+    model: ModalModel, unit: np.ndarray, dt: float, damping: Damping, count: int, bounds: tuple[float, float]
+) -> tuple[float | None, ...]:
+    """Largest multiple of the gravity ``unit`` (3,) whose equilibrium holds, by theory and by measurement."""
+    theory = bisect(lambda factor: grows(model, factor * unit, dt, damping) <= 0.0, *bounds)
+    return theory, bisect(lambda factor: settles(model, factor * unit, dt, damping, count), *bounds)
+
+
+def iteration_load(model: ModalModel, unit: np.ndarray, bounds: tuple[float, float]) -> tuple[float | None, ...]:
+    """Largest multiple of the gravity ``unit`` (3,) that the iteration ``q <- Lambda^-1 p(q)`` finds the answer to."""
+    eigenvalues = model.basis.eigenvalues
+    root = np.sqrt(eigenvalues)
+
+    def theory(factor: float) -> bool:
+        q = at_rest(model, factor * unit)
+        return q is not None and stability.iteration_radius(model, q, model.shell.gravity_force(factor * unit)) <= 1.0
+
+    def measured(factor: float) -> bool:
+        q, load = at_rest(model, factor * unit), model.shell.gravity_force(factor * unit)
+        if q is None:
+            return False
+        disturbed = _SMALL * float(np.linalg.norm(root * q)) * np.random.default_rng(0).standard_normal(q.size)
+        return dies_out(
+            lambda away: root * (model.modal_force(q + away / root, load) / eigenvalues - q), disturbed, 600
+        )
+
+    return bisect(theory, *bounds), bisect(measured, *bounds)
+
+
+def settles_from_rest(model: ms.ModalWarping, gravity: np.ndarray, dt: float, damping: Damping) -> bool:
+    """Whether damped motion from the rest shape ends at the static answer, and not in a cycle or wound up."""
+    factors = (damping.mass_factor, damping.stiffness_factor)
+    run = ms.simulate(model, duration=2000 * dt, dt=dt, gravity=gravity, damping=factors, store_every=4)
+    return run.status == "completed"
+
+
+def numerical_damping(model: ms.LinearModal, dt: float, mode: int, damping: Damping) -> tuple[float, float]:
+    """Factor by which one mode shrinks in a step of implicit Euler: theory, and the determinant's root of two steps."""
+    stiffness = float(model.basis.eigenvalues[mode])
+    damp = damping.mass_factor + damping.stiffness_factor * stiffness
+    load = np.zeros_like(model.shell.rest_positions)
+    # The area that two different motions span shrinks by the determinant: free of the phase.
+    states = [MotionState(np.zeros(model.basis.count), np.zeros(model.basis.count)) for _ in range(2)]
+    states[0].coordinates[mode], states[1].rates[mode] = 1.0, np.sqrt(stiffness)
+    areas = []
+    for _ in range(20):
+        (q, v), (r, w) = ((state.coordinates[mode], state.rates[mode]) for state in states)
+        areas.append(abs(q * w - r * v))
+        states = [model.step(state, dt, load, damping)[0] for state in states]
+    measured = float((areas[-1] / areas[0]) ** (0.5 / (len(areas) - 1)))
+    return float(stability.implicit_euler_amplification(stiffness, damp, dt)), measured
+
+
+def oscillation(model: ms.LinearModal, dt: float, mode: int, count: int) -> tuple[float, float]:
+    """Angular frequency [rad/s] of one undamped mode by the midpoint rule: theory, and the crossings of zero."""
+    frequency = float(np.sqrt(model.basis.eigenvalues[mode]))
+    state, load = model.start_motion(), np.zeros_like(model.shell.rest_positions)
+    state.coordinates[mode] = 1.0
+    values = np.empty(count)
+    for place in range(count):
+        state, _ = model.step(state, dt, load, Damping())
+        values[place] = state.coordinates[mode]
+    before = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    crossings = before + values[before] / (values[before] - values[before + 1])
+    measured = np.pi * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * dt)
+    return float(stability.midpoint_frequency(frequency, dt)), float(measured)
+
+
+# ---- full models
+
+
+def explicit_step(model: ms.DiscreteShell, damping: Damping, count: int) -> tuple[float, float | None]:
+    """Longest stable step [s] of explicit Euler at rest: theory, and by disturbing the rest shape."""
+    theory = model.stable_step(damping)
+    shell = model.shell
+    load, size = np.zeros_like(shell.rest_positions), shell.rest_positions.size
+    start = np.random.default_rng(0).standard_normal(load.shape) * 1e-9
+    start[shell.clamped] = 0.0
+
+    def stable(dt: float) -> bool:
+        def step(away: np.ndarray) -> np.ndarray:
+            x, v = away[:size].reshape(load.shape), away[size:].reshape(load.shape) / dt
+            after, _ = model.step(MotionState(shell.rest_positions + x, v), dt, load, damping)
+            moved = after.coordinates - shell.rest_positions
+            return np.concatenate([moved.ravel(), dt * after.rates.ravel()])
+
+        # Undamped motion beats; above its limit it grows by more than a tenth a step.
+        return dies_out(step, np.concatenate([start.ravel(), 0.0 * start.ravel()]), count, margin=2.0)
+
+    return theory, bisect(stable, 0.5 * theory, 2.0 * theory)
+
+
+def spin_step(model: ms.RigidShell, spin: float) -> tuple[float, float | None]:
+    """Longest step [s] of a spin [rad/s] about a principal axis: one radian, and where the solver stops to converge."""
+
+    def solved(dt: float) -> bool:
+        state = model.start_motion()
+        state.rates[3] = spin
+        return model.step(state, dt, np.zeros_like(model.shell.rest_positions), Damping())[1]
+
+    return 1.0 / spin, bisect(solved, 0.1 / spin, 10.0 / spin)

@@ -1,0 +1,123 @@
+"""The page of the study ``stability_atlas``: what its maps and limits say, in words."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from modalshell.study import StudyResult
+
+LIMIT = ("theory", "measured")
+RIGHT = ("converged", "agrees with half the step")
+ADVICE = """Before choosing a step:
+
+* Explicit Euler (DS): stay below `DiscreteShell.stable_step(damping)`; needles and a stiffer membrane shorten it.
+* Implicit Euler is stable at any step as such, but adds less than 5 % of damping to the first mode only below 0.1 / ω₁.
+  The midpoint rule shifts that mode's frequency by less than 5 % up to 0.79 / ω₁, and rings on at long steps.
+* MWTS and RSW take their modal force from the step before, or from a predicted middle. Long steps lose the equilibrium
+  by that, the sooner the larger the load: where `modalshell.motion.stability.step_radius` passes one.
+* MWTS loses its equilibrium under large loads at any step, by flutter; damping puts it off. RSW does not.
+"""
+
+
+def page(result: StudyResult) -> str:
+    """Where each row works and what ends it, in words; then every limit that has a theory beside its measurement."""
+    found = result.findings
+    planes = {key: SimpleNamespace(**plane) for key, plane in found["slices"].items()}
+    base, cells = (result.record["parameters"][key] for key in ("base", "cells"))
+    lines = [
+        f"A strip clamped at one end, {cells[0]} x {cells[1]} cells, at the base point: step 1/30 s (explicit: half "
+        f"its limit), membrane over bending stiffness {base['ratio']:g}, Γ = {base['gamma']:g}, damping ratio "
+        f"{base['damping']:g} of mode 1. Each column leaves it along one line; Γ and the damping ratio cross at "
+        "Γ = 1 and a damping ratio of 1. A cell is right if the tip is within "
+        f"{100.0 * result.record['parameters']['tolerance']:g} % of the truth: DS statics where the run of 40 to 80 "
+        "steps settles, else the same model at half the step. So short a run says little of slow growth: there the "
+        "theory's lines count; one at the left edge of a map calls all of its row unstable up to the next line.",
+        "",
+        "| model | longest stable step [s]: theory, measured | step [s] | stiffness ratio | Γ | damping ratio "
+        "| needles, aspect | fold [°] |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, maps in found["rows"].items():
+        base = result.record["parameters"]["base"] | {"step": found["steps"][name]}
+        words = [
+            longest_step(found["limits"], name),
+            across(maps, planes, "ratio", base),
+            down(maps, planes, "ratio", base),
+            across(maps, planes, "damping", base | {"damping": 1.0}),
+            down(maps, planes, "damping", base),
+            across(maps, planes, "needles", base),
+            across(maps, planes, "fold", base),
+        ]
+        lines.append(f"| {name} | " + " | ".join(words) + " |")
+    lines += ["", "Limits, by theory and by measurement:", "", "| model | limit | theory | measured | ratio |"]
+    lines.append("|---|---|---|---|---|")
+    for limit in found["limits"]:
+        theory, measured, ratio = (limit[key] for key in ("theory", "measured", "ratio"))
+        unit = "" if limit["unit"] == "1" else f" [{limit['unit']}]"
+        shown = ["none found" if value is None else f"{value:.4g}" for value in (theory, measured)]
+        if "beside" in limit:
+            shown[0] = "–"
+        lines.append(
+            f"| {limit['row']} | {limit['what']}{unit} | {shown[0]} | {shown[1]} | "
+            + ("–" if ratio is None else f"{ratio:.3f}")
+            + " |"
+        )
+    counts = [sum(line.count(c) for maps in found["rows"].values() for m in maps.values() for line in m["classes"])
+              for c in found["outcomes"]]  # fmt: skip
+    lines += ["", "Cells: " + ", ".join(f"{n} {c}" for n, c in zip(counts, found["outcomes"], strict=True)) + "."]
+    return "\n".join([ADVICE, *lines])
+
+
+def longest_step(limits: list[dict[str, Any]], name: str) -> str:
+    """The first limit of the step of one row, and at what it holds."""
+    if name.startswith("MWTS sum"):
+        return "as MWTS: the coordinates are the same"
+    for limit in limits:
+        if limit["row"] == name and limit["what"].startswith("longest step"):
+            theory, measured = ("none found" if limit[key] is None else f"{limit[key]:.4g}" for key in LIMIT)
+            return f"{theory}, {measured} {limit['what'].removeprefix('longest step ')}"
+    return "any"
+
+
+def nearest(values: tuple[float, ...], wanted: float) -> int:
+    """Place of the value nearest ``wanted``, by ratio where both are positive."""
+    array = np.array(values)
+    away = np.abs(np.log(array / wanted)) if wanted > 0.0 and (array > 0.0).all() else np.abs(array - wanted)
+    return int(np.argmin(away))
+
+
+def across(maps: dict[str, Any], planes: dict[str, SimpleNamespace], key: str, base: dict[str, float]) -> str:
+    """Where a row of a map, through the base point, is converged."""
+    plane = planes[key]
+    return reach(plane.x_values, maps[key]["classes"][nearest(plane.y_values, base[plane.y])], base[plane.x])
+
+
+def down(maps: dict[str, Any], planes: dict[str, SimpleNamespace], key: str, base: dict[str, float]) -> str:
+    """Where a column of a map, through the base point, is converged."""
+    plane = planes[key]
+    place = nearest(plane.x_values, base[plane.x])
+    return reach(plane.y_values, [line[place] for line in maps[key]["classes"]], base[plane.y])
+
+
+def reach(values: tuple[float, ...], classes: list[str], base: float) -> str:
+    """The stretch of values that are right about the base point (or nearest to it), and what ends it on either side."""
+    right = [name in RIGHT for name in classes]
+    good = [place for place, name in enumerate(right) if name]
+    if not good:
+        return "nowhere: " + ", ".join(dict.fromkeys(classes))
+    first = last = min(good, key=lambda place: abs(place - nearest(values, base)))
+    while first > 0 and right[first - 1]:
+        first -= 1
+    while last < len(values) - 1 and right[last + 1]:
+        last += 1
+    if first == 0 and last == len(values) - 1:
+        return "all"
+    words = f"{values[first]:g} to {values[last]:g}" if first < last else f"{values[first]:g}"
+    if first > 0:
+        words += f"; below {classes[first - 1]}"
+    if last < len(values) - 1:
+        words += f"; beyond {classes[last + 1]}"
+    return words

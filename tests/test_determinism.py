@@ -1,0 +1,94 @@
+"""The same input on the same machine gives the same bits on one thread, and nearly so on two.
+
+This file is also the program that the tests run in fresh processes, with a path to write to and the cells of the mesh.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.modes import available_backends
+
+TWO_THREADS = 1e-10
+"""What two threads may change, as a share of the largest number of an answer; found: 2e-14, in trained cubature."""
+
+
+def answers(cells):
+    """Modes by every back end, equilibrium and motion of every kind of model."""
+    mesh = ms.v_beam(cells=cells)
+    material = ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
+    shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 / cells[0])
+    found = {}
+    for backend in available_backends():
+        basis = ms.solve_modes(shell, 8, backend=backend)
+        for name in ("eigenvalues", "modes", "rotations"):
+            found[f"{backend}: {name}"] = getattr(basis, name)
+        found[f"{backend}: modes of a free shell"] = ms.solve_modes(ms.Shell(mesh, material), 10, backend=backend).modes
+    models = [ms.LinearModal(basis), ms.ModalWarping(basis), ms.RotationStrain(basis)]
+    models += [ms.ModalDerivatives(shell, count=4), ms.ModalDerivatives(shell, count=3, cubature=True)]
+    models += [ms.DiscreteShell(shell, backend=backend) for backend in available_backends("refactor")]
+    for number, model in enumerate(models):
+        gravity = (0.0, 0.3, -1.0)
+        rest = model.equilibrium(gravity=gravity)
+        run = ms.simulate(model, duration=4 / 30, dt=1 / 30, gravity=gravity, damping=(0.1, 0.0))
+        assert rest.converged
+        assert run.status == "completed"
+        found[f"{number} {model.name}: equilibrium"] = rest.positions - mesh.vertices
+        found[f"{number} {model.name}: motion"] = run.positions - mesh.vertices
+    return found
+
+
+def in_fresh_processes(folder, threads, cells=(24, 6)):
+    """Answers of one process for each number of threads, each with a hash seed of its own, at the same time."""
+    runs = []
+    for seed, count in enumerate(threads):
+        path = folder / f"{seed}.npz"
+        names = ("OPENBLAS", "OMP", "MKL", "NUMBA")
+        environment = os.environ | {f"{name}_NUM_THREADS": str(count) for name in names}
+        environment |= {"PYTHONHASHSEED": str(seed), "PYTHONPATH": str(Path(ms.__file__).parents[1])}
+        command = [sys.executable, __file__, str(path), *map(str, cells)]
+        runs.append((path, subprocess.Popen(command, env=environment)))
+    results = []
+    for path, process in runs:
+        assert process.wait(timeout=300) == 0
+        with np.load(path) as stored:
+            results.append({name: stored[name] for name in stored.files})
+    return results
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return in_fresh_processes(tmp_path_factory.mktemp("determinism"), (1, 1, 2))
+
+
+def test_one_thread_gives_the_same_bits(small):
+    first, second, _ = small
+    assert list(first) == list(second)
+    assert len(first) >= 4 + 2 * 6
+    for name, array in first.items():
+        assert np.isfinite(array).all(), name
+        assert np.abs(array).max() > 0.0, name
+    assert [name for name in first if first[name].tobytes() != second[name].tobytes()] == []
+
+
+def check_two_threads(one, two):
+    for name, array in one.items():
+        np.testing.assert_allclose(two[name], array, rtol=0, atol=TWO_THREADS * np.abs(array).max(), err_msg=name)
+
+
+def test_two_threads_stay_within_their_bound(small):
+    check_two_threads(small[0], small[2])
+
+
+@pytest.mark.slow
+def test_two_threads_stay_within_their_bound_on_a_mesh_that_keeps_them_busy(tmp_path):
+    check_two_threads(*in_fresh_processes(tmp_path, (1, 2), (80, 20)))
+
+
+if __name__ == "__main__":
+    np.savez(sys.argv[1], **answers((int(sys.argv[2]), int(sys.argv[3]))))
