@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -136,6 +138,21 @@ def checked_vectors(
         allowed = "finite" if not np.isfinite(array[bad]).all() else f"at most {LARGEST:g} in size"
         raise error(f"{name} must be {allowed} (got {array[bad]} at entry {bad}, counted from 0)")
     return array
+
+
+def checked_each(name: str, values: Any, count: int, error: type[ModalShellError]) -> NDArray[np.float64]:
+    """Return ``count`` finite numbers from so many or from one for all, else raise ``error``."""
+    given = as_array(name, values, f"one number or {count}", error)
+    if given.shape not in ((), (count,)):
+        raise error(f"{name} must be one number or {count} (got shape {given.shape})")
+    return checked_vectors(name, np.array(np.broadcast_to(given, (count,))), (count,), error)
+
+
+def checked_folder(name: str, value: Any) -> Path:
+    """Return ``value`` as a path, else raise OptionError."""
+    if not isinstance(value, str | os.PathLike):
+        raise OptionError(f"{name} must be a path (got {shown(value)})")
+    return Path(value)
 
 
 def vector_count(values: Any) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import zipfile
 from collections.abc import Callable, Iterator
@@ -17,7 +18,7 @@ from modalshell.checks import shortened, shown
 from modalshell.errors import FileFormatError
 
 _DIGEST = "sha256"
-"""Member of an ``.npz`` file over all others, so that not even one from another file goes unnoticed."""
+"""Member of an ``.npz`` or JSON file over all others, so that not even one from another file goes unnoticed."""
 
 
 @contextmanager
@@ -112,6 +113,24 @@ def digest(arrays: dict[str, NDArray[Any]]) -> str:
         whole.update(f"{name} {array.dtype.str} {arrays[name].shape}\n".encode())
         whole.update(array.tobytes())
     return whole.hexdigest()
+
+
+def write_record(path: str | os.PathLike[str], document: dict[str, Any]) -> Path:
+    """Write a JSON file with a digest over all of it."""
+    return write_text(path, json.dumps(document | {_DIGEST: _document_digest(document)}, indent=1) + "\n")
+
+
+def read_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """What :func:`write_record` wrote; None where the file is missing, damaged or another one."""
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        return document if document.pop(_DIGEST) == _document_digest(document) else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _document_digest(document: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:

@@ -99,7 +99,7 @@ def steppers(grid: SheetGrid, start: np.ndarray) -> dict[tuple[str, str], Any]:
         found["NumPy", precision] = numpy_verlet(grid, precision, start)
         found[BASE, precision] = GridVerlet(grid, precision, start, threads=1)
         several = GridVerlet(grid, precision, start, threads=2) if most > 1 else None
-        if several is not None and several.threads > 1:
+        if several is not None and several.threads.most > 1:
             found["numba, two threads", precision] = several
         if "Warp" not in missing_devices():
             for device in devices():

@@ -142,7 +142,7 @@ def test_without_motion_a_scene_is_static(load):
         ('"v_beam"', '"w_beam"', "mesh.shape: must be one of flat_beam, v_beam, sheet, cylinder_panel, leaf"),
         ('shape = "v_beam"', "", "mesh: must have either file or shape"),
         ("[mesh]", "[[mesh]]", "mesh: must be a table"),
-        ("[mesh]", 'name = "a/b"\n[mesh]', "name: must be letters, digits"),
+        ("[mesh]", 'name = "a/b"\n[mesh]', "name: must be 1 to 100 letters"),
         ("[mesh]", "x = " + "[" * 3000 + "\n[mesh]", "not TOML"),
         ('"mwts"', '"magic"', "model.name: must be one of rigid, lma, mwts"),
         ('name = "mwts"', "", "model.name: missing; choose from rigid, lma, mwts"),

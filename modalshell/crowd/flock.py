@@ -139,7 +139,7 @@ class Flock:
         self.field_of_view = math.radians(angle)
         self.weights = checked_vectors("weights", weights, (3,), OptionError)
         if self.weights.min() < 0.0:
-            raise OptionError(f"weights must be at least 0 (got {weights!r})")
+            raise OptionError(f"weights must be at least 0 (got {shown(weights)})")
         self.flock_position = checked_vectors("flock_position", flock_position, (3,), OptionError)
         self.target = None if target is None else checked_vectors("target", target, (3,), OptionError)
         self.target_weight = checked_number("target_weight", target_weight)

@@ -228,7 +228,9 @@ def outside_positions(truth: ArrayLike | str | os.PathLike[str], shell: Shell) -
     try:
         positions = np.asarray(read_npz(file)["positions"], dtype=np.float64)
     except Exception as error:  # OS, zip and key errors all mean the same to the user
-        raise FileFormatError(f"{file}: no .npz file with an array 'positions': {shortened(str(error))}") from error
+        raise FileFormatError(
+            f"{file}: no readable .npz file with an array 'positions': {shortened(str(error))}"
+        ) from error
     last = positions[-1] if positions.ndim == 3 else positions
     return checked_vectors(f"{file}: positions", last, (count, 3), FileFormatError)
 

@@ -54,10 +54,6 @@ def rectangle(length: float, width: float, cells: Sequence[int], family: str) ->
     return _lattice(along, across, columns, rows, chessboard=family != "right")
 
 
-_MOST_CELLS = 20_000_000
-"""Of a generated mesh; more do not fit the memory of a common machine."""
-
-
 def mirrored(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Join a triangulation of y >= 0 with its mirror image at y = 0; vertices sorted by x, then y."""
     ridge = points[:, 1] == 0.0

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_count, checked_number
+from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, shown
 from modalshell.errors import MeshError, OptionError
 from modalshell.rungs.discrete_shell import DiscreteShell, Integrator
 from modalshell.rungs.model import Damping, MotionState
@@ -70,15 +70,15 @@ class SpringSheet(DiscreteShell):
         step_tolerance: float = 1e-6,
         backend: str | None = None,
     ) -> None:
-        self.springs = shell_springs(shell) if springs is None else springs
+        checked_kind("shell", shell, Shell)
+        self.springs = shell_springs(shell) if springs is None else checked_kind("springs", springs, Springs)
         count = len(shell.rest_positions)
         if len(self.springs) == 0 or self.springs.pairs.max() >= count:
             worst = self.springs.pairs.max(initial=-1)
             raise MeshError(f"springs must join the vertices 0 to {count - 1} of the mesh (got {worst})")
-        if solver not in ("factor", "cg"):
-            raise OptionError(f"solver must be 'factor' or 'cg' (got {solver!r})")
+        checked_choice("solver", solver, ("factor", "cg"))
         if solver == "cg" and integrator != "linear_implicit":
-            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {integrator!r})")
+            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {shown(integrator)})")
         super().__init__(
             shell.with_elements([self.springs.element_set()]),
             integrator=integrator,

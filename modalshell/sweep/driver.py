@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from modalshell.checks import checked_count, checked_number
+from modalshell.checks import checked_count, checked_folder, checked_number
 from modalshell.errors import OptionError
 from modalshell.sweep.case import Outcome, Task
 from modalshell.sweep.cluster import connect, run_on_cluster
@@ -111,7 +111,8 @@ def run_sweep(
     KeyboardInterrupt
         When stopped, with a message of how much is stored.
     """
-    declared = sweep if isinstance(sweep, Sweep) else load_sweep(sweep)
+    declared = sweep if isinstance(sweep, Sweep) else load_sweep(checked_folder("sweep", sweep))
+    folder = Path(declared.output.folder) if out is None else checked_folder("out", out)
     count = usable_cores() if workers is None else checked_count("workers", workers)
     if time_limit is not None:
         checked_number("time_limit", time_limit, above=0.0, unit="s")
@@ -121,7 +122,6 @@ def run_sweep(
     if "parquet" in declared.output.formats:
         refuse_parquet_without_pyarrow()
     plan = Plan(declared)
-    folder = Path(declared.output.folder if out is None else out)
     with CaseFolder(folder / f"{declared.name}_cases") as store:
         found = {digest: outcome for digest in plan.tasks if (outcome := store.read(digest)) is not None}
         if retry:

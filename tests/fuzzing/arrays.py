@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import functools
 import inspect
@@ -10,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from hypothesis import strategies as st
@@ -17,11 +19,14 @@ from hypothesis import strategies as st
 import modalshell as ms
 from fuzzing.harness import Input, LongWork, few_steps
 from fuzzing.mutations import array_like, scalars
+from modalshell import springs as masses
 from modalshell.checks import shown
+from modalshell.crowd import Flap, Flight
+from modalshell.sweep import load_sweep
 
 Build = Callable[..., Any]
 
-RECORDS = {"Advice", "Basis", "Scene", "SceneResult", "Tradeoff", "Trajectory"}
+RECORDS = {"Advice", "Basis", "Scene", "SceneResult", "SweepResult", "Tradeoff", "Trajectory"}
 """Plain records that the package fills itself; they hold what they are given."""
 FILES = {"load_mesh", "save_mesh", "load_scene", "load_trajectory", "save_trajectory", "run_scene"}
 """Their input is files: see the other surfaces."""
@@ -64,13 +69,16 @@ def world() -> dict[str, Any]:
         "CoarseDiscreteShell": ms.CoarseDiscreteShell(
             shell, ms.coarse_shell(shell, ms.v_beam(cells=(4, 2)), ms.Material(20.0, 20.0, 0.05, 0.2))
         ),
+        "SpringSheet": ms.SpringSheet(shell),
+        "SpringSheet, cg": ms.SpringSheet(shell, integrator="linear_implicit", solver="cg", iterations=30),
     }
     return {"mesh": mesh, "material": material, "shell": shell, "basis": basis, "path": path, "models": models}
 
 
 def targets() -> list[Target]:
     """Every public call, those that this file does not know with junk alone."""
-    made = [*_meshes(), *_shells(), *_models(), *_motions(), *_crowds(), *_measures(), *_ladder()]
+    made = [*_meshes(), *_shells(), *_models(), *_springs(), *_motions(), *_crowds(), *_measures(), *_ladder()]
+    made += _sweeps()
     known = {target.name.split(".")[0].split(",")[0] for target in made} | RECORDS | FILES | {"measure"}
     for name in ms.__all__:
         value = getattr(ms, name)
@@ -186,7 +194,10 @@ def _models() -> list[Target]:
         Target("ModalDerivatives", answered(ms.ModalDerivatives), {"count": 2},
                {"cubature": (False, True, 5, 0, -1, 1.5, "x", None)}, {"shell": shell}),
         Target("DiscreteShell", answered(ms.DiscreteShell), {"step_tolerance": 1e-6},
-               {"integrator": ("implicit", "explicit", "x", None)}, {"shell": shell}),
+               {"integrator": ("implicit", "linear_implicit", "explicit", "verlet", "x", None)}, {"shell": shell}),
+        Target("SpringSheet", answered(ms.SpringSheet), {"step_tolerance": 1e-6, "iterations": 1000},
+               {"integrator": ("linear_implicit", "verlet", "x", None), "solver": ("factor", "cg", "x", None)},
+               {"shell": shell, "springs": masses.shell_springs(shell)}),
         Target("RigidShell", answered(ms.RigidShell), {}, {}, {"shell": shell}),
         Target("coarse_shell", ms.coarse_shell, {}, {}, {"shell": shell, "mesh": mesh, "material": world_["material"]}),
         Target("CoarseDiscreteShell", answered(ms.CoarseDiscreteShell), {}, {}, {"shell": shell, "coarse": shell}),
@@ -200,6 +211,64 @@ def _models() -> list[Target]:
             Target(f"{name}.equilibrium", model.equilibrium, {"gravity": gravity, "force": force, "start": start})
         )
     return made
+
+
+def _springs() -> list[Target]:
+    mesh, shell = world()["mesh"], world()["shell"]
+    sizes = {"spacing": 0.1, "particle_mass": 0.01, "structural": 20.0, "shear": 10.0, "flexion": 5.0, "drag": 0.1}
+    pinned = np.zeros((3, 4), dtype=bool)
+    pinned[0] = True
+    sheet = masses.SheetGrid(shape=(3, 4), pinned=pinned, **sizes)
+    gravity, springs = np.array([0.0, 0.0, -9.81]), sheet.springs()
+    start = sheet.rest_positions()
+
+    def declared(**given: Any) -> list[Any]:
+        grid = masses.SheetGrid(**given)
+        return [grid, grid.springs(), grid.rest_positions()]
+
+    def stepped(count: Any, dt: Any, **given: Any) -> list[Any]:
+        verlet = masses.GridVerlet(**given)
+        verlet.step(count, dt)
+        return [verlet.positions, verlet.velocities]
+
+    def solved(positions: Any, velocities: Any, mass: Any, held: Any, **given: Any) -> list[Any]:
+        stepper = masses.ImplicitSprings(springs, mass, held, threads=1)
+        stepper.place(positions, velocities)
+        found = stepper.step(**given)
+        return [found if found.converged else found.converged, stepper.positions, stepper.velocities]
+
+    arrays = {"pairs": np.array(springs.pairs), "rest_lengths": np.array(springs.rest_lengths)}
+    arrays |= {"stiffness": np.array(springs.stiffness), "damping": np.zeros(len(springs))}
+    steps = {"dt": 1e-3, "load": gravity, "drag": 0.1, "stiffness_damping": 0.01, "iterations": 10, "tolerance": 1e-6}
+    return [
+        Target("SheetGrid", declared, sizes | {"shape": np.array([3, 4]), "spring_damping": 0.1, "gravity": gravity,
+                                               "pinned": pinned}),
+        Target("GridVerlet", stepped, {"count": 3, "dt": 1e-3, "start": start, "velocity": np.zeros_like(start),
+               "threads": 1}, {"dtype": (np.float64, "float32", "f2", "x", int), "allow_unstable_step": (False, True)},
+               {"grid": sheet}),
+        Target("Springs", masses.Springs, arrays),
+        Target("mesh_springs", masses.mesh_springs, {"structural": np.full(len(mesh.edges), 20.0), "damping": 0.1,
+               "flexion": np.full(len(mesh.hinges), 2.0)}, {}, {"mesh": mesh}),
+        Target("shell_springs", masses.shell_springs, {"reference_fold": 0.2}, {}, {"shell": shell}),
+        Target("ImplicitSprings", solved, steps | {"positions": start, "velocities": np.zeros_like(start),
+               "mass": np.full(len(start), 0.01), "held": np.array([0, 1])}),
+    ]  # fmt: skip
+
+
+def _sweeps() -> list[Target]:
+    """Sweeps that stop where their cases would be computed."""
+    declared = load_sweep(Path(__file__).with_name("sweep.toml"))
+
+    def refused(**given: Any) -> Any:
+        with mock.patch("modalshell.sweep.driver.CaseFolder", _not_computed):
+            return ms.run_sweep(**given)
+
+    return [Target("run_sweep", refused, {"workers": 1, "time_limit": 10.0, "out": "results"}, {}, {"sweep": declared},
+                   ("workers", "time_limit", "out"))]  # fmt: skip
+
+
+def _not_computed(*_: Any) -> Any:
+    raise LongWork
 
 
 def _constraint(make: Build) -> Build:
@@ -290,12 +359,21 @@ def _crowds() -> list[Target]:
         "angle": 0.01,
     }
     step = {"dt": 0.1, "gravity": np.array([0.0, 0.0, -9.81])}
+    wings = {"amplitude": 0.1, "frequency": 2.0, "largest_load_factor": 3.0, "seed": 0}
+
+    def carried(dt: Any, gravity: Any, basis: Any, seed: Any, **flap: Any) -> list[Any]:
+        flock, crowd = ms.Flock(places, places[::-1]), ms.Crowd(world()["basis"], 4)
+        flight = Flight(flock, crowd, Flap(basis, **flap), gravity=gravity, seed=seed)
+        flight.advance(dt)
+        return [flight.frames, flight.crowd.coordinates, flight.crowd.positions(flight.frames)]
+
     search = {"search": ("grid", "all_pairs", "x", None)}
     dtypes = {"dtype": (np.float64, "float32", "f2", "x", int)}
     return [
         Target("Flock", flown, numbers | vectors | step | {"positions": places, "directions": places[::-1]}, search),
         Target("Flock.random", scattered, numbers | vectors | {"count": 4, "radius": 1.0}, search),
         Target("Crowd", crowded, crowd, dtypes, {"basis": world()["basis"]}),
+        Target("Flap and Flight", carried, wings | step, {}, {"basis": world()["basis"]}),
     ]
 
 
@@ -331,7 +409,19 @@ def _checks_only(call: Build) -> Build:
 
 def make(folder: Path) -> st.SearchStrategy[Input]:  # noqa: ARG001 (one signature for every surface)
     """Inputs: a call, one to three of its arguments replaced."""
+    _warm_up()
     return st.one_of([_inputs(target) for target in targets()])
+
+
+@cache
+def _warm_up() -> None:
+    """Compile and load what the calls need, which may take longer than an input may; their own arguments are sound."""
+    for target in targets():
+        with contextlib.suppress(LongWork):
+            if target.always and target.name not in ("run_sweep", "tradeoff", "advise"):
+                continue  # valid arguments are not known, or slow
+            dtype = {"dtype": "float64"} if "dtype" in target.words else {}
+            target.call(**target.values | target.objects | dtype)
 
 
 def _inputs(target: Target) -> st.SearchStrategy[Input]:

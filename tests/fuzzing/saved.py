@@ -9,7 +9,7 @@ import shutil
 import tempfile
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,12 @@ from fuzzing.harness import HalfRead, Input
 from fuzzing.mutations import TOKENS, array_like, byte_damage, damaged, flips
 from modalshell.checks import shown
 from modalshell.ladder.tradeoff import outside_positions
+from modalshell.run import RunFollower
 from modalshell.study import StudyResult, run_record
+from modalshell.sweep import load_sweep
+from modalshell.sweep.case import run_case
+from modalshell.sweep.plan import Plan
+from modalshell.sweep.store import CaseFolder
 
 SCENE = """
 name = "beam"
@@ -33,6 +38,15 @@ loads = {gravity = [0.0, 0.0, -4.0]}
 model = {name = "mwts", modes = 2}
 motion = {duration = 0.2, dt = 0.02}
 """
+FLIGHT = (
+    SCENE.replace('"beam"', '"birds"')
+    + """
+[flock]
+count = 3
+radius = 2.0
+camera = {position = [0.0, -5.0, 0.0]}
+"""
+)
 
 
 @dataclass(frozen=True)
@@ -90,6 +104,34 @@ def results() -> tuple[Saved, ...]:
         def resumed(at: Path) -> Any:
             return ms.run_scene(at / "beam.toml", out=at).trajectory
 
+        def flown(at: Path) -> Any:
+            result = ms.run_scene(at / "birds.toml", out=at)
+            with np.load(at / "birds.npz") as stored:
+                return [replace(result.report, seconds_steps=0.0, seconds_positions=0.0), dict(stored)]
+
+        def followed(at: Path) -> Any:
+            follower = RunFollower(at / "beam.frames")
+            try:
+                follower.poll()
+                shape = [follower.rest_positions, follower.faces, follower.held, follower.gravity]
+                shown = [follower.name, follower.time, follower.positions, follower.outcome, *shape]
+            finally:
+                follower.close()
+            if follower.index < 0:
+                raise ms.FileFormatError(f"no sound frame in {at}")
+            if follower.index < frames - 1 and not np.array_equal(follower.positions, kept[follower.index]):
+                raise HalfRead(f"frame {follower.index} of a damaged file is not what was written")
+            if follower.index < frames - 1:
+                raise ms.FileFormatError(f"{at}: frame {follower.index} is the last that is sound")
+            return shown
+
+        def case(at: Path) -> Any:
+            with CaseFolder(at) as cases:
+                found = cases.read(task.digest)
+            if found is None:
+                raise ms.FileFormatError(f"no sound case in {at}: it would be computed again")
+            return found
+
         both = ("study.json", "study.npz")
         kind("basis", "basis.npz", ("basis.npz",), lambda at: ms.Basis.load(at / "basis.npz"))
         kind("trajectory", "run.npz", ("run.npz",), lambda at: ms.load_trajectory(at / "run.npz"))
@@ -97,10 +139,21 @@ def results() -> tuple[Saved, ...]:
         kind("study's findings", "study.json", both, lambda at: StudyResult.load(at, "study"))
         kind("frames", "beam.frames", ("beam.frames", "beam.toml"), resumed)
         kind("outside solution", "truth.npz", ("truth.npz",), lambda at: outside_positions(at / "truth.npz", shell))
+        kept = whole.trajectory.positions
+        frames = len((folder / "beam.frames").read_bytes()) and 7
+        kind("followed frames", "beam.frames", ("beam.frames",), followed)
         for name in ("beam.json", "beam.npz"):
             shutil.copy(folder / "whole" / name, folder / name)
         kind("run's record", "beam.json", ("beam.json", "beam.npz", "beam.toml"), resumed)
         kind("run's positions", "beam.npz", ("beam.json", "beam.npz", "beam.toml"), resumed)
+        (folder / "birds.toml").write_text(FLIGHT)
+        flown(folder)
+        kind("flight's record", "birds.json", ("birds.json", "birds.npz", "birds.toml"), flown)
+        kind("flight's arrays", "birds.npz", ("birds.json", "birds.npz", "birds.toml"), flown)
+        task = next(iter(Plan(load_sweep(Path(__file__).with_name("sweep.toml"))).tasks.values()))
+        with CaseFolder(folder) as cases:
+            cases.write(run_case(task))
+        kind("sweep's case", f"{task.digest}.json", (f"{task.digest}.json",), case)
     return tuple(made)
 
 
@@ -216,7 +269,7 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
     place = folder / "saved"
     place.mkdir(exist_ok=True)
     anywhere = st.one_of(flips.map(lambda flip: [flip]), st.lists(byte_damage, max_size=2))
-    quick = [saved for saved in kinds if "beam.toml" not in saved.files]
+    quick = [saved for saved in kinds if not any(name.endswith(".toml") for name in saved.files)]
     any_kind = st.sampled_from([*quick, *quick, *kinds])  # to run a scene takes ten times as long as to read a file
     broken = st.builds(_damage, st.just(place), any_kind, anywhere)
     replaced = st.builds(
