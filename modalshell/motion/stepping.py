@@ -76,7 +76,10 @@ class Motion:
         self.model = model
         self.state = model.start_motion(None if start is None else shell.checked_positions(start))
         if supports is not None and not model.in_shell_frame:
-            self.state.coordinates = supports.at(0.0).to_world(self.state.coordinates)
+            pose = supports.at(0.0)
+            self.state.coordinates = pose.to_world(self.state.coordinates)
+            if self.state.carried is not None:
+                self.state.carried = self.state.carried @ pose.rotation.T
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
         self.count, self.unconverged, self.finite = 0, 0, True

@@ -241,7 +241,9 @@ class DiscreteShell(Model):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest."""
         x = self._held(self.shell.rest_positions if positions is None else self.shell.checked_positions(positions))
-        return MotionState(x, np.zeros_like(x))
+        rates = np.zeros_like(x)
+        inner = self._inner_force(x, rates, Damping()) if self.integrator == "verlet" else None
+        return MotionState(x, rates, inner)
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m]: the coordinates themselves."""
@@ -281,7 +283,8 @@ class DiscreteShell(Model):
         """``x+ - 2 x + x- = h^2 a`` as two half kicks about a drift; the inner force is carried, one a step."""
         shell, x = self.shell, state.coordinates
         drag, kick = 0.5 * dt * damping.mass_factor, 0.5 * dt / shell.mass[:, None]
-        inner = self._inner_force(x, state.rates, damping) if state.carried is None else state.carried
+        assert state.carried is not None
+        inner = state.carried
         middle = state.rates * (1.0 - drag) + kick * (load + inner)
         middle[shell.clamped] = 0.0 if held is None else (held - x[shell.clamped]) / dt
         x = x + dt * middle

@@ -91,7 +91,10 @@ def _minimise(
     value = merit(z, residual)
     for _ in range(_PASSES):
         scaled = jacobian * root
-        mu = np.linalg.solve(scaled @ scaled.T + epsilon * np.eye(len(residual)), residual + scaled @ z)
+        try:
+            mu = np.linalg.solve(scaled @ scaled.T + epsilon * np.eye(len(residual)), residual + scaled @ z)
+        except np.linalg.LinAlgError:  # targets that no softness tells apart, under absurd loads
+            break
         move = scaled.T @ mu - z
         length = 1.0
         while length > 1e-4:

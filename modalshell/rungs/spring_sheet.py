@@ -103,6 +103,13 @@ class SpringSheet(DiscreteShell):
             backend=self._factoriser.backend,
         )
 
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest; conjugate gradients take the last change of velocities along."""
+        state = super().start_motion(positions)
+        if self.solver == "cg":
+            state.carried = np.zeros_like(state.rates)
+        return state
+
     def _linear_implicit(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
     ) -> tuple[MotionState, bool]:

@@ -87,9 +87,10 @@ def select(key: str, selection: int | str | list[int], mesh: TriangleMesh) -> ND
             raise OptionError(f"{key} {error}") from error
     else:
         mask = np.zeros(count, dtype=bool)
-        indices = np.atleast_1d(np.array(selection, dtype=np.int64))
-        if indices.size and indices.max() >= count:
-            raise OptionError(f"{key} names vertex {indices.max()}, but the mesh has vertices 0 to {count - 1}")
+        indices = [selection] if isinstance(selection, int) else selection
+        worst = max(indices, default=0)
+        if worst >= count:
+            raise OptionError(f"{key} names vertex {shown(worst)}, but the mesh has vertices 0 to {count - 1}")
         mask[indices] = True
     if not mask.any():
         low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()

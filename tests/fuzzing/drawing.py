@@ -30,8 +30,22 @@ def _film(path: Any, frames: Any, *_: Any, **__: Any) -> Path:
     return write_text(path, "film")
 
 
+def _surface(path: Any, surface: Any, *_: Any, **__: Any) -> Path:
+    _checked([surface.vertices])
+    return write_text(path, "picture")
+
+
+def _streamed(path: Any, surface: Any, frames: Any, *_: Any, **__: Any) -> Path:
+    _checked([surface.vertices, *map(np.array, frames)])
+    return write_text(path, "film")
+
+
 @contextmanager
 def without_pictures() -> Iterator[None]:
     """Draw nothing, but look at what should be drawn."""
-    with mock.patch.object(render, "draw_views", _views), mock.patch.object(render, "write_film", _film):
+    flocks = {"draw_surface": _surface, "write_streamed_film": _streamed}
+    with (
+        mock.patch.multiple(render, draw_views=_views, write_film=_film),
+        mock.patch.multiple("modalshell.run.run_flock", **flocks),
+    ):
         yield
