@@ -1,5 +1,6 @@
 """Bad input that fuzzing found, each shrunk to one line: it used to crash, hang, or answer NaN."""
 
+import contextlib
 import json
 import zipfile
 
@@ -11,15 +12,21 @@ import modalshell as ms
 from modalshell import files
 from modalshell.checks import checked_count, checked_number, checked_vectors, shown
 from modalshell.cli import main
+from modalshell.crowd import Flight
+from modalshell.run import RunFollower
 from modalshell.run.frame_file import FrameFile
 from modalshell.rungs.reduced import minimise
+from modalshell.scene.parts import select
 from modalshell.selection import select_vertices
+from modalshell.springs import GridVerlet, ImplicitSprings, SheetGrid, Springs, mesh_springs
 from modalshell.study import StudyResult, run_record
+from modalshell.sweep.cluster import connect
 
 MESH = ms.v_beam(cells=(4, 2))
 MATERIAL = ms.Material(20.0, 20.0, 0.05, 0.2)
 SHELL = ms.Shell(MESH, MATERIAL, MESH.vertices[:, 0] < 0.3)
 POINTS = np.array(MESH.vertices)
+GRID = {"spacing": 0.1, "particle_mass": 0.01, "structural": 20.0, "shear": 10.0, "flexion": 5.0}
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +112,27 @@ def test_vectors_are_not_converted_with_loss(values):
         (lambda: ms.load_mesh("a\0.obj"), ms.MeshError),
         (lambda: ms.save_mesh(MESH, "a\0.obj"), ms.MeshError),
         (lambda: select_vertices("x < " + "9" * 400, POINTS), ms.OptionError),
+        (lambda: select("clamped", [2**63], MESH), ms.OptionError),
+        (lambda: ms.SpringSheet(MESH), ms.OptionError),
+        (lambda: ms.SpringSheet(SHELL, POINTS), ms.OptionError),
+        (lambda: mesh_springs(MESH, print, 1.0), ms.MaterialError),
+        (lambda: mesh_springs(SHELL, 1.0, 1.0), ms.OptionError),
+        (lambda: Springs([[0, 1]], [b"1"], 1.0, 0.0), ms.MaterialError),
+        (lambda: Springs([[0, 1]], [1e-320], 1.0, 0.0), ms.MaterialError),
+        (lambda: Springs([[0], [1, 2]], [1.0], 1.0, 0.0), ms.MeshError),
+        (lambda: SheetGrid(shape=(10**6, 10**6), **GRID), ms.MeshError),
+        (lambda: SheetGrid(shape=None, **GRID), ms.MeshError),
+        (lambda: SheetGrid(shape=(3, 3), pinned=[[1.0]], **GRID), ms.SupportError),
+        (lambda: GridVerlet(SheetGrid(shape=(3, 3), **GRID), dtype="x"), ms.OptionError),
+        (lambda: GridVerlet(SHELL), ms.OptionError),
+        (lambda: ImplicitSprings(SHELL, [1.0]), ms.OptionError),
+        (lambda: Flight(SHELL, SHELL, SHELL), ms.OptionError),
+        (lambda: ms.Flock(POINTS, POINTS + 1.0, threads=10**9), ms.OptionError),
+        (lambda: ms.Flock.random(2**31 - 1, radius=1.0), ms.OptionError),
+        (lambda: ms.run_sweep(POINTS), ms.OptionError),
+        (lambda: ms.run_sweep("sweep.toml", out=np.nan), ms.OptionError),
+        (lambda: ms.cylinder_panel(radius=2.0**64, family="lloyd"), ms.OptionError),
+        (lambda: connect("x"), ms.OptionError),
     ],
 )
 def test_arguments(call, error):
@@ -245,3 +273,78 @@ def test_what_cannot_be_written_is_refused(tmp_path, path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(ms.FileFormatError, match="give another"):
         files.write_text(tmp_path / path, "text")
+
+
+SCENE = """
+name = "beam"
+mesh = {shape = "v_beam", cells = [2, 2]}
+material = {stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}
+supports = {clamped = "x < 0.6"}
+motion = {duration = 0.02, dt = 0.002}
+loads = {gravity = [0.0, 0.0, -1.0]}
+"""
+FLIGHT = """
+model = {name = "mwts", modes = 2}
+flock = {count = 2, radius = 2.0, camera = {position = [0.0, -5.0, 0.0]}}
+"""
+
+
+@pytest.mark.parametrize(
+    "model",
+    ['{name = "ds", integrator = "verlet"}', '{name = "springs", integrator = "linear_implicit", solver = "cg"}'],
+)
+def test_motions_that_take_more_along_are_stored_and_taken_up(tmp_path, model):
+    def stop(done, _):
+        if done == 4:
+            raise KeyboardInterrupt
+
+    (tmp_path / "beam.toml").write_text(f"{SCENE}\nmodel = {model}\n")
+    whole = ms.run_scene(tmp_path / "beam.toml", out=tmp_path / "whole")
+    for on_step in (stop, None):
+        with contextlib.suppress(KeyboardInterrupt):
+            found = ms.run_scene(tmp_path / "beam.toml", out=tmp_path / "stopped", on_step=on_step)
+    assert found.resumed > 1
+    np.testing.assert_array_equal(found.trajectory.positions, whole.trajectory.positions)
+
+
+@pytest.mark.parametrize("file", ["beam.json", "beam.npz"])
+def test_a_flight_whose_results_are_damaged_is_flown_again(tmp_path, file):
+    (tmp_path / "beam.toml").write_text(SCENE + FLIGHT)
+    first = ms.run_scene(tmp_path / "beam.toml", out=tmp_path)
+    assert ms.run_scene(tmp_path / "beam.toml", out=tmp_path).resumed == first.frames
+    data = (tmp_path / file).read_bytes()
+    at = data.index(b'"birds": 2') + 9 if file.endswith("json") else len(data) // 2
+    (tmp_path / file).write_bytes(data[:at] + b"7" + data[at + 1 :])
+    again = ms.run_scene(tmp_path / "beam.toml", out=tmp_path)
+    assert (again.resumed, again.report.birds) == (0, 2)
+
+
+@pytest.mark.parametrize("junk", [b"5", b"[" * 100_000, b"", b'{"identity": 5}'])
+def test_a_flight_whose_record_is_none_is_flown_again(tmp_path, junk):
+    (tmp_path / "beam.toml").write_text(SCENE + FLIGHT)
+    ms.run_scene(tmp_path / "beam.toml", out=tmp_path)
+    (tmp_path / "beam.json").write_bytes(junk)
+    assert ms.run_scene(tmp_path / "beam.toml", out=tmp_path).resumed == 0
+
+
+@pytest.mark.parametrize(("old", "new"), [(b'"rest_positions"', b'"rest_posiMions"'), (b"'positions'", b"'posiMions'")])
+def test_frames_with_a_damaged_header_are_not_followed(tmp_path, old, new):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    (tmp_path / "beam.toml").write_text(SCENE + '\nmodel = {name = "rigid"}\n')
+    with contextlib.suppress(KeyboardInterrupt):
+        ms.run_scene(tmp_path / "beam.toml", out=tmp_path, on_step=stop)
+    frames = tmp_path / "beam.frames"
+    assert old in frames.read_bytes()
+    frames.write_bytes(frames.read_bytes().replace(old, new))
+    follower = RunFollower(frames)
+    assert not follower.poll()
+    assert (follower.index, follower.state) == (-1, "waiting")
+    follower.close()
+
+
+def test_a_coarse_surface_with_collapsed_triangles_is_carried_up():
+    coarse = ms.CoarseDiscreteShell(SHELL, ms.coarse_shell(SHELL, MESH, MATERIAL))
+    for scale in ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, -1.0], [1.0, -1.0, 0.0]):
+        assert np.isfinite(coarse.carried_up(POINTS * scale)).all()

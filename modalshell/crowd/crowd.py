@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors, shown
+from modalshell.crowd.flock import MOST, MOST_THREADS
 from modalshell.errors import OptionError
 from modalshell.kernels import crowd as kernels
 from modalshell.kernels.frame import TILE
@@ -73,8 +74,8 @@ class Crowd:
         threads: int = 1,
     ) -> None:
         self.basis = checked_kind("basis", basis, Basis)
-        self.count = checked_count("count", count)
-        self.threads = checked_count("threads", threads)
+        self.count = checked_count("count", count, at_most=MOST)
+        self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
         mass_factor, stiffness_factor = checked_vectors("damping", damping, (2,), OptionError)
         if min(mass_factor, stiffness_factor) < 0.0:
             raise OptionError(f"damping must be two factors at least 0 (got {shown(damping)})")

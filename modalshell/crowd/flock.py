@@ -14,6 +14,8 @@ from modalshell.errors import OptionError
 
 Array = NDArray[np.float64]
 
+MOST, MOST_THREADS = 10_000_000, 4096
+"""Of boids and instances, more of which do not fit the memory of a common machine, and of threads."""
 _NOISE_PERIOD = 256
 _PARALLEL = 1e-9
 
@@ -148,7 +150,7 @@ class Flock:
             raise OptionError(f"bounds must be a lower and an upper corner (got {shown(bounds)})")
         checked_choice("search", search, ("grid", "all_pairs"))
         self.search = search
-        self.threads = checked_count("threads", threads)
+        self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
         random = np.random.default_rng(checked_count("seed", seed, at_least=0))
         self._knots = random.uniform(-1.0, 1.0, _NOISE_PERIOD)
         self._offsets = random.uniform(0.0, _NOISE_PERIOD, count)
@@ -162,7 +164,7 @@ class Flock:
 
         ``radius`` is the ball's [m]; ``parameters`` are the flock's.
         """
-        count = checked_count("count", count)
+        count = checked_count("count", count, at_most=MOST)
         radius = checked_number("radius", radius, above=0.0, unit="m")
         # Another stream than the noise's, which takes the seed itself.
         random = np.random.default_rng([checked_count("seed", seed, at_least=0), 1])

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import QhullError
 
 from modalshell.checks import checked_choice, checked_count, checked_number, shown
 from modalshell.errors import OptionError
@@ -143,12 +144,16 @@ def _lloyd(length: float, width: float, columns: int, rows: int) -> tuple[FloatA
     sides = [np.column_stack((x, np.full_like(x, at))) for at in (0.0, width)]
     sides += [np.column_stack((np.full(rows - 1, at), y[1:-1])) for at in (0.0, length)]
     fixed = np.vstack(sides)
-    interior = relax_in_rectangle(lattice[inside] + noise * spacing, fixed, length, width)
-    points = np.vstack((fixed, interior))
-    faces = delaunay_faces(points, sliver=1e-9 * spacing[0] * spacing[1])
+    refusal = OptionError(
+        f"no Lloyd mesh fills the rectangle with cells=({columns}, {rows}) of {spacing[0]:g} x {spacing[1]:g} m; "
+        "choose cells nearer to square"
+    )
+    try:
+        interior = relax_in_rectangle(lattice[inside] + noise * spacing, fixed, length, width)
+        points = np.vstack((fixed, interior))
+        faces = delaunay_faces(points, sliver=1e-9 * spacing[0] * spacing[1])
+    except QhullError as error:
+        raise refusal from error
     if not np.isclose(signed_areas(points, faces).sum(), length * width, rtol=1e-9):
-        raise OptionError(
-            f"no Lloyd mesh fills the rectangle with cells=({columns}, {rows}) of {spacing[0]:g} x {spacing[1]:g} m; "
-            "choose cells nearer to square"
-        )
+        raise refusal
     return sort_by_column(points, faces)

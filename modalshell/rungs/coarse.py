@@ -119,6 +119,8 @@ class CoarseDiscreteShell(Model):
         coarse = self.coarse.shell
         gradients = _frames(positions, coarse.mesh.faces) @ np.linalg.inv(self._rest_frames)
         left, stretch, right = np.linalg.svd(gradients)
+        mirrored = np.linalg.det(left @ right) < 0.0  # of triangles that have collapsed: their third stretch is zero
+        left[mirrored, :, 2] *= -1.0
         turns = left @ right
         strains = np.swapaxes(right, 1, 2) @ (stretch[:, :, None] * right)
         quaternions = Rotation.from_matrix(turns).as_quat()
@@ -256,7 +258,8 @@ def _frames(positions: Array, faces: Index) -> Array:
     first = positions[faces[:, 1]] - positions[faces[:, 0]]
     second = positions[faces[:, 2]] - positions[faces[:, 0]]
     normal = np.cross(first, second)
-    return np.stack([first, second, normal / np.linalg.norm(normal, axis=1)[:, None]], axis=2)
+    length = np.linalg.norm(normal, axis=1)[:, None]  # zero where a triangle has collapsed
+    return np.stack([first, second, normal / np.where(length > 0.0, length, 1.0)], axis=2)
 
 
 def _corner_means(mesh: TriangleMesh, triangles: Index) -> sps.csr_array:

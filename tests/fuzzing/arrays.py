@@ -263,7 +263,8 @@ def _sweeps() -> list[Target]:
         with mock.patch("modalshell.sweep.driver.CaseFolder", _not_computed):
             return ms.run_sweep(**given)
 
-    return [Target("run_sweep", refused, {"workers": 1, "time_limit": 10.0, "out": "results"}, {}, {"sweep": declared},
+    return [Target("run_sweep", refused, {"workers": 1, "time_limit": 10.0, "out": "results"},
+                   {"cluster": (None, 3, np.eye(2), "x", "tcp://127.0.0.1:1")}, {"sweep": declared},
                    ("workers", "time_limit", "out"))]  # fmt: skip
 
 

@@ -208,11 +208,12 @@ def run_few_cases(sweep: Any, **options: Any) -> Any:
     declared = sweep if isinstance(sweep, Sweep) else load_sweep(sweep)
     if declared.count > FEW:
         raise LongWork
-    with mock.patch("modalshell.sweep.driver.run_locally", _in_this_process):
+    with mock.patch("modalshell.sweep.driver.run_locally", in_this_process):
         return ms.run_sweep(sweep, **options)
 
 
-def _in_this_process(tasks: Sequence[Task], *_: Any) -> Iterator[Outcome]:
+def in_this_process(tasks: Sequence[Task], *_: Any) -> Iterator[Outcome]:
+    """Outcomes of a sweep's cases while they are few and short; UncaughtException where one fails."""
     for number, task in enumerate(tasks):
         motion = parse_scene(Path(task.file), task.scene).motion
         long = motion is not None and motion.duration > FEW * motion.dt
