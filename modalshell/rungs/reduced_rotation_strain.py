@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_count, checked_kind, checked_vectors, vector_count
+from modalshell.checks import LARGEST, checked_count, checked_kind, checked_vectors, vector_count
 from modalshell.errors import OptionError
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
@@ -69,8 +69,10 @@ class ReducedRotationStrain(TurnedTriangles):
             raise OptionError(f"reduced RSW needs a shell that its supports hold (got {basis.rigid_modes} rigid modes)")
         if len(samples) < rank:
             raise OptionError(f"training needs at least rank = {rank} coordinates (got {len(samples)})")
-        if not samples.any():
-            raise OptionError("training needs coordinates that move the shell (got zeros only)")
+        if np.abs(samples).max() < 1.0 / LARGEST:
+            raise OptionError(
+                f"training needs coordinates that move the shell (got at most {np.abs(samples).max():g} in size)"
+            )
         root_mass = np.sqrt(np.repeat(shell.mass, 3))
         full = np.array([model.displacement(q).ravel() for q in samples])
         wanted, shapes = principal((full - samples @ basis.modes.T) * root_mass, rank)
