@@ -16,6 +16,8 @@ T = TypeVar("T")
 
 LARGEST = 1e50
 """Size of a number above which its powers overflow in the energies; below its inverse they underflow."""
+_APART = 1e-15
+"""Shortest time [s] between keyframes, whose third power splines divide by."""
 _SHOWN = 80
 _PLAIN = (str, bytes, int, float, complex, list, tuple, dict, type(None), np.ndarray, np.generic)
 
@@ -138,6 +140,14 @@ def checked_vectors(
         allowed = "finite" if not np.isfinite(array[bad]).all() else f"at most {LARGEST:g} in size"
         raise error(f"{name} must be {allowed} (got {array[bad]} at entry {bad}, counted from 0)")
     return array
+
+
+def checked_times(times: Any) -> NDArray[np.float64]:
+    """Return times of keyframes (k,) [s], at least two, each later than the one before, else raise OptionError."""
+    moments = checked_vectors("times", times, (vector_count(times),), OptionError)
+    if moments.size < 2 or (np.diff(moments) < _APART).any():
+        raise OptionError(f"times must increase, by at least {_APART:g} s, and be at least two (got {shown(times)})")
+    return moments
 
 
 def checked_each(name: str, values: Any, count: int, error: type[ModalShellError]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from modalshell.crowd import Flight
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import FrameFile
 from modalshell.rungs.reduced import minimise
-from modalshell.scene.parts import select
+from modalshell.scene.parts import checked_keyframes, select
 from modalshell.selection import select_vertices
 from modalshell.springs import GridVerlet, ImplicitSprings, SheetGrid, Springs, mesh_springs
 from modalshell.study import StudyResult, run_record
@@ -102,6 +102,8 @@ def test_vectors_are_not_converted_with_loss(values):
         (lambda: ms.PositionConstraint([1, [2, 3]], POINTS[0]), ms.OptionError),
         (lambda: ms.SupportPath([0.0, [1.0]], POINTS[:2]), ms.OptionError),
         (lambda: ms.SupportPath([0.0, 1.0], POINTS[:2]).at(np.nan), ms.OptionError),
+        (lambda: ms.SupportPath([0.0, 1e-320, 1.0], POINTS[:3]), ms.OptionError),
+        (lambda: checked_keyframes([0.0, 1e-320], [(0.0, 0.0, 0.0)] * 2), ms.OptionError),
         (lambda: ms.SupportPath.from_function(lambda _: POINTS[:2], 1e40, step=1e-9), ms.OptionError),
         (lambda: ms.Flock(POINTS, POINTS + 1.0, seed=np.nan), ms.OptionError),
         (lambda: ms.Flock.random(2**64, radius=1.0), ms.OptionError),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_count, checked_number, checked_vectors, shown, vector_count
+from modalshell.checks import checked_count, checked_number, checked_times, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.kernels import rotations
 
@@ -105,9 +105,7 @@ class SupportPath:
         *,
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        self.times = checked_vectors("times", times, (vector_count(times),), OptionError)
-        if self.times.size < 2 or (np.diff(self.times) <= 0).any():
-            raise OptionError(f"times must be at least two increasing numbers (got {shown(times)})")
+        self.times = checked_times(times)
         shape = (self.times.size, 3)
         self.pivot = checked_vectors("pivot", pivot, (3,), OptionError)
         # Clamped ends: the supports start and stop at rest.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from modalshell.checks import checked_vectors, shown
+from modalshell.checks import checked_times, checked_vectors, shown
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.motion import SupportPath
@@ -160,7 +160,5 @@ def checked_keyframes(times: list[float] | None, targets: list[Vector] | None) -
     """Times (k,) and targets (k, 3) as arrays, or OptionError if the times are missing or do not increase."""
     if times is None:
         raise OptionError("targets need keyframe times beside them: give times")
-    moments = np.array(times, dtype=np.float64)
-    if (np.diff(moments) <= 0.0).any():
-        raise OptionError(f"times must increase (got {shown(times)})")
+    moments = checked_times(times)
     return moments, checked_vectors("targets", targets, (moments.size, 3), OptionError)
