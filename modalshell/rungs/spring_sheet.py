@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_count, checked_number
+from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, shown
 from modalshell.errors import MeshError, OptionError
 from modalshell.rungs.constraints import Constraint
 from modalshell.rungs.discrete_shell import DiscreteShell, Integrator
@@ -78,15 +78,15 @@ class SpringSheet(DiscreteShell):
         step_tolerance: float = 1e-6,
         backend: str | None = None,
     ) -> None:
-        self.springs = shell_springs(shell) if springs is None else springs
+        checked_kind("shell", shell, Shell)
+        self.springs = shell_springs(shell) if springs is None else checked_kind("springs", springs, Springs)
         count = len(shell.rest_positions)
         if len(self.springs) == 0 or self.springs.pairs.max() >= count:
             worst = self.springs.pairs.max(initial=-1)
             raise MeshError(f"springs must join the vertices 0 to {count - 1} of the mesh (got {worst})")
-        if solver not in ("factor", "cg"):
-            raise OptionError(f"solver must be 'factor' or 'cg' (got {solver!r})")
+        checked_choice("solver", solver, ("factor", "cg"))
         if solver == "cg" and integrator != "linear_implicit":
-            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {integrator!r})")
+            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {shown(integrator)})")
         super().__init__(
             shell.with_elements([self.springs.element_set()]),
             integrator=integrator,
@@ -128,7 +128,8 @@ class SpringSheet(DiscreteShell):
         if found.converged or constraints:
             return found
         load = total_load(self.shell, gravity, force)
-        relaxed, steps = self._relaxed(load, start)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+            relaxed, steps = self._relaxed(load, start)
         if relaxed is not None:
             found = super().equilibrium(gravity=gravity, force=force, start=relaxed)
         return replace(found, iterations=found.iterations + steps, seconds=watch())
@@ -150,6 +151,13 @@ class SpringSheet(DiscreteShell):
             if float(np.linalg.norm((load - inner)[shell.free])) <= goal:
                 return state.coordinates, count
         return state.coordinates, _RELAXING
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest; conjugate gradients take the last change of velocities along."""
+        state = super().start_motion(positions)
+        if self.solver == "cg":
+            state.carried = np.zeros_like(state.rates)
+        return state
 
     def _linear_implicit(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
