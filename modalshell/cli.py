@@ -17,8 +17,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 import modalshell as ms
+from modalshell.checks import shortened
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
+from modalshell.files import make_folder
 from modalshell.ladder import MODES
 from modalshell.reproduce import chosen_studies
 from modalshell.reproduce import reproduce as reproduce_study
@@ -33,6 +35,7 @@ from modalshell.viewer import open_window, serve_page, take_picture
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 _console = Console()
 _errors = Console(stderr=True)
+_LONGEST_MESSAGE = 1000
 
 
 @contextmanager
@@ -69,7 +72,9 @@ def reproduce(
     quick: Annotated[bool, Parameter(help="Coarser meshes and fewer loads, to try things out.")] = False,
 ) -> None:
     """Run the studies and draw the paper's figures."""
-    for name in chosen_studies(only, everything):
+    names = chosen_studies(only, everything)
+    make_folder(out)
+    for name in names:
         with _progress(name) as on_step:
             written = reproduce_study(name, out, figures or out / "figures", quick=quick, on_step=on_step)
         for path in written:
@@ -160,6 +165,7 @@ def tradeoff(
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
     """Measure every rung that a scene allows: error against DS, cost of a frame, and what none cheaper matches."""
+    make_folder(out)
     with _progress(f"{scene.stem} rungs") as on_step:
         found = ms.tradeoff(scene, truth=truth, modes=modes, on_step=on_step)
     print(found.table())
@@ -177,6 +183,7 @@ def advise(
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
     """Name the cheapest rung that is as accurate and as fast as asked on a scene, from measured runs."""
+    make_folder(out)
     with _progress(f"{scene.stem} rungs") as on_step:
         found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
     _console.print(Markdown(found.explanation))
@@ -195,6 +202,7 @@ def bench(
     names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps", "crowd", "flock")
     if only is not None and only not in names:
         raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
+    make_folder(out)
     run = load_script("studies/benchmarks", "run").main
     with _progress("benchmarks") as on_step:
         written = run(out, quick=quick, only=only, on_step=on_step)
@@ -265,6 +273,7 @@ def simulate(
         basis = chosen.basis
         span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
         print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
+    make_folder(out)
     if static:
         answer = chosen.equilibrium(gravity=gravity)
         print(f"{chosen.name}: {answer.status}, {answer.iterations} iterations, residual {answer.residual:.1e}")
@@ -293,6 +302,7 @@ def modes(
     from modalshell.render import ShadedSurface, View, draw_views
 
     built = (shell or _ShellOptions()).build(mesh)
+    make_folder(out)
     basis = ms.solve_modes(built, count)
     table = Table("mode", "frequency [Hz]", "kind")
     size = float(np.ptp(built.rest_positions, axis=0).max())
@@ -307,7 +317,6 @@ def modes(
         surface = ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)
         views.append(View([surface], title=title))
     _console.print(table)
-    out.mkdir(parents=True, exist_ok=True)
     basis.save(out / f"{mesh.stem}_basis.npz")
     print(out / f"{mesh.stem}_basis.npz")
     print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))
@@ -334,8 +343,7 @@ def main(arguments: list[str] | None = None) -> None:
     except (ModalShellError, CycloptsError, OSError) as error:
         if debug:
             raise
-        message = " ".join(str(error).split())
-        print(f"modalshell: {message}", file=sys.stderr)
+        print(f"modalshell: {shortened(str(error), _LONGEST_MESSAGE)}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("modalshell: stopped", file=sys.stderr)

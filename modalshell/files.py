@@ -1,32 +1,53 @@
-"""Writing files so that a killed run leaves a whole file or none, and holding one against other processes."""
+"""Files that are whole or not there: written in one move, their arrays read with every checksum."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
-import sys
+import zipfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-if sys.platform != "win32":
-    pass
+from modalshell.checks import shortened, shown
+from modalshell.errors import FileFormatError
+
+_DIGEST = "sha256"
+"""Member of an ``.npz`` or JSON file over all others, so that not even one from another file goes unnoticed."""
 
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path beside ``path``, with its suffix; what was written there is put in place in one move."""
+    """A temporary path beside ``path``, with its suffix; what was written there is put in place in one move.
+
+    FileFormatError where nothing can be written.
+    """
     target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     temporary = target.with_name(f".{target.stem}.{os.getpid()}.part{target.suffix}")
     try:
         yield temporary
         os.replace(temporary, target)
+    except OSError as error:
+        place = shortened(str(target))
+        raise FileFormatError(f"{place}: cannot be written ({error.strerror}); give another path or folder") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for results, and those above it; FileFormatError where there can be none."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:  # ValueError: a null character in the name
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise FileFormatError(f"{shown(str(folder))}: no folder for results ({reason}); give another one") from error
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], None]) -> Path:
@@ -39,8 +60,77 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
 
 
 def write_npz(path: str | os.PathLike[str], **arrays: ArrayLike) -> Path:
-    """Write arrays to a compressed ``.npz`` file (no pickle)."""
-    return write_atomically(path, lambda file: np.savez_compressed(file, allow_pickle=False, **arrays))
+    """Write arrays to a compressed ``.npz`` file (no pickle), with a digest over them all."""
+    given = {name: np.asarray(array) for name, array in arrays.items()}
+    given[_DIGEST] = np.array(digest(given))
+    return write_atomically(path, lambda file: np.savez_compressed(file, allow_pickle=False, **given))
+
+
+def read_npz(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
+    """Arrays of an ``.npz`` file, every one whole; any exception of zip, NumPy or the system where one is not.
+
+    Files without a digest, as NumPy and earlier versions write them, are read by the checksums of their members alone.
+    """
+    with zipfile.ZipFile(path) as archive:
+        names = [name.removesuffix(".npy") for name in archive.namelist()]
+        if len(set(names)) < len(names):
+            raise ValueError("two of its arrays have the same name")
+        arrays = {name: read_member(archive, name) for name in names}
+    stored = arrays.pop(_DIGEST, None)
+    if stored is not None and str(stored) != digest(arrays):
+        raise ValueError("its arrays are not those that were written together: the digest differs")
+    return arrays
+
+
+def read_member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """One array of an ``.npz`` file, its checksum verified; refused before memory is taken if it is not all there."""
+    info = archive.getinfo(f"{name}.npy")
+    with archive.open(info) as member:
+        shape, _, dtype = read_header(member)
+        if dtype.hasobject:
+            raise ValueError(f"{name} holds Python objects, which are not read")
+        if member.tell() + dtype.itemsize * int(np.prod(shape, dtype=object)) != info.file_size:
+            raise ValueError(f"{name} is not as long as its header says")
+    with archive.open(info) as member:
+        array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
+        member.read(1)  # the checksum is compared at the end only
+    return array
+
+
+def read_header(member: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, Fortran order and dtype of a ``.npy`` file, read up to its data."""
+    major = np.lib.format.read_magic(member)
+    read = np.lib.format.read_array_header_1_0 if major == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read(member)
+    return shape, fortran, dtype
+
+
+def digest(arrays: dict[str, NDArray[Any]]) -> str:
+    """SHA-256 over the names, types, shapes and bytes of ``arrays``, in any order."""
+    whole = hashlib.sha256()
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        whole.update(f"{name} {array.dtype.str} {arrays[name].shape}\n".encode())
+        whole.update(array.tobytes())
+    return whole.hexdigest()
+
+
+def write_record(path: str | os.PathLike[str], document: dict[str, Any]) -> Path:
+    """Write a JSON file with a digest over all of it."""
+    return write_text(path, json.dumps(document | {_DIGEST: _document_digest(document)}, indent=1) + "\n")
+
+
+def read_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """What :func:`write_record` wrote; None where the file is missing, damaged or another one."""
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        return document if document.pop(_DIGEST) == _document_digest(document) else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def _document_digest(document: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:

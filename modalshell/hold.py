@@ -24,10 +24,13 @@ def hold(path: Path) -> int:
     Raises
     ------
     OptionError
-        If another process holds the file.
+        If another process holds the file, or it cannot be written.
     """
     while True:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+        except OSError as error:
+            raise OptionError(f"{path}: cannot be written ({error.strerror}); choose another --out folder") from error
         if sys.platform == "win32":
             return descriptor
         try:

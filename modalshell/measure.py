@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import Shell
@@ -34,7 +34,7 @@ def displacement_error(
     OptionError
         If the reference does not move, so that no relative error exists.
     """
-    mesh = shape.mesh if isinstance(shape, Shell) else shape
+    mesh = shape.mesh if isinstance(shape, Shell) else checked_kind("shape", shape, TriangleMesh)
     a, b = _checked(positions, mesh), _checked(reference, mesh)
     if not weighted:
         weights = np.ones(len(mesh.vertices))
@@ -50,7 +50,7 @@ def displacement_error(
 
 def area_change(positions: ArrayLike, mesh: TriangleMesh) -> float:
     """Relative change of the surface area, ``A(positions) / A(rest) - 1``."""
-    corners = _checked(positions, mesh)[mesh.faces]
+    corners = _checked(positions, checked_kind("mesh", mesh, TriangleMesh))[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return float(0.5 * np.linalg.norm(normals, axis=1).sum() / mesh.area - 1.0)
 

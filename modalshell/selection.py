@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import shortened, shown
 from modalshell.errors import OptionError
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
@@ -49,16 +50,18 @@ def select_vertices(expression: str, vertices: NDArray[np.float64]) -> NDArray[n
         tree = ast.parse(expression.strip(), mode="eval").body
         with np.errstate(divide="ignore", invalid="ignore"):
             mask = _mask(tree, expression.strip(), np.asarray(vertices).T)
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+    except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError) as error:
         if isinstance(error, OptionError):
             raise
-        raise OptionError(f"cannot read the selection {expression!r}: {error}; allowed: {_ALLOWED}") from error
+        raise OptionError(
+            f"cannot read the selection {shown(expression)}: {shortened(str(error))}; allowed: {_ALLOWED}"
+        ) from error
     return np.broadcast_to(np.asarray(mask, dtype=bool), (len(vertices),)).copy()
 
 
 def _refuse(node: ast.AST, text: str) -> OptionError:
     part = ast.get_source_segment(text, node) or type(node).__name__
-    return OptionError(f"cannot use {part!r} in the selection {text!r}; allowed: {_ALLOWED}")
+    return OptionError(f"cannot use {shown(part)} in the selection {shown(text)}; allowed: {_ALLOWED}")
 
 
 def _mask(node: ast.expr, text: str, axes: NDArray[np.float64]) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import functools
+import hashlib
 import importlib
 import importlib.util
 import json
@@ -18,9 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
-from modalshell.files import write_npz, write_text
+from modalshell.files import digest, read_npz, write_npz, write_text
 
+_DIGEST = "sha256"
 _PACKAGES = ("modalshell", "numpy", "scipy", "numba")
 
 
@@ -59,22 +62,39 @@ class StudyResult:
 
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write ``NAME.json`` and ``NAME.npz`` into ``folder``; return the paths."""
-        document = {"study": self.name, "record": self.record, "findings": self.findings}
-        text = json.dumps(document, indent=1, default=_plain, allow_nan=False)
+        content = {"study": self.name, "record": self.record, "findings": self.findings}
+        # As they read back: tuples as lists, NumPy's numbers as Python's.
+        content = json.loads(json.dumps(content, default=_plain, allow_nan=False))
+        arrays = {name: np.asarray(array) for name, array in self.arrays.items()}
+        text = json.dumps(content | {_DIGEST: _digest(content, arrays)}, indent=1)
         stem = Path(folder) / self.name
-        return [write_npz(stem.with_suffix(".npz"), **self.arrays), write_text(stem.with_suffix(".json"), text + "\n")]
+        return [write_npz(stem.with_suffix(".npz"), **arrays), write_text(stem.with_suffix(".json"), text + "\n")]
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str], name: str) -> StudyResult:
-        """Read a saved result; FileFormatError if it is missing or damaged."""
+        """Read a saved result; FileFormatError if it is missing, damaged, or JSON and NPZ are not of one run.
+
+        Results of earlier versions, whose JSON has no digest, are read without that check.
+        """
         stem = Path(folder) / name
         try:
             document = json.loads(stem.with_suffix(".json").read_text(encoding="utf-8"))
-            with np.load(stem.with_suffix(".npz"), allow_pickle=False) as stored:
-                arrays = {key: stored[key] for key in stored.files}
+            arrays = read_npz(stem.with_suffix(".npz"))
+            stored = document.pop(_DIGEST, None)
+            if set(document) != {"study", "record", "findings"}:
+                raise ValueError(f"its JSON has the keys {', '.join(document)}")
+            if stored is not None and stored != _digest(document, arrays):
+                raise ValueError("its JSON and NPZ are not those that were written together: the digest differs")
             return cls(name, document["findings"], arrays, document["record"])
         except Exception as error:  # OS, JSON, zip and key errors all mean the same to the user
-            raise FileFormatError(f"no readable result of study {name!r} in {Path(folder)}: {error}") from error
+            text = shortened(str(error))
+            raise FileFormatError(f"no readable result of study {name!r} in {Path(folder)}: {text}") from error
+
+
+def _digest(content: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> str:
+    """SHA-256 over a result's JSON content and its arrays."""
+    text = json.dumps(content, sort_keys=True) + digest(arrays)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _plain(value: Any) -> Any:

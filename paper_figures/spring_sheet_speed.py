@@ -7,7 +7,7 @@ from pathlib import Path
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
 
-COLORS = {"numba, one thread": "#2b5fc8", "numba, two threads": "#c8322b", "Warp, one core": "#2f9e44"}
+COLORS = {"numba, one thread": "#2b5fc8", "numba, free threads": "#c8322b", "Warp, one core": "#2f9e44"}
 OTHER, PUBLISHED_COLORS = "#c8802b", {"OpenMP": "0.45", "GPU": "0.7"}
 ENDS = (64, 1024)
 

@@ -91,7 +91,7 @@ def test_large_positions_are_verified_on_request(run, tmp_path, monkeypatch):
         ({"positions": np.zeros((11, 45, 3), dtype=int)}, "float64 or float32"),
         ({"times": np.zeros(3)}, "times has shape"),
         ({"modalshell_trajectory": np.array(7)}, "format 7"),
-        ({"status": np.array([{"a": 1}])}, "llow_pickle"),
+        ({"status": np.array([{"a": 1}])}, "Python objects"),
     ],
 )
 def test_other_archives_are_refused(run, tmp_path, change, match):

@@ -17,7 +17,7 @@ _TO_MOTION = _PLAIN | {"kernels", "mesh", "shell", "modes", "springs", "rungs", 
 MAY_IMPORT = {
     "errors": set(),
     "checks": {"errors"},
-    "files": {"errors"},
+    "files": {"errors", "checks"},
     "hold": {"errors"},
     "bundled": {"errors", "files"},
     "kernels": {"errors"},

@@ -119,7 +119,7 @@ def test_a_mesh_of_few_triangles_is_sampled_whole():
         (np.zeros((40, 7)), 32, r"shape \(40, 8\)"),
         (np.full((40, 8), np.nan), 32, "finite"),
         (np.zeros((5, 8)), 32, "at least rank"),
-        (np.zeros((40, 8)), 32, "zeros"),
+        (np.zeros((40, 8)), 32, "move the shell"),
         ("many", 32, "coordinates"),
         (np.zeros((40, 8)), 0, "rank"),
     ],

@@ -313,6 +313,13 @@ def test_free_fall_does_not_run_away():
 
 
 @pytest.mark.parametrize("gravity", [1e60, 1e150])
+def test_loads_whose_squares_no_sum_can_hold_are_refused(basis, gravity):
+    for model in models(basis, "implicit_euler").values():
+        with pytest.raises(ms.LoadError, match="gravity must be at most 1e"):
+            ms.simulate(model, duration=5.0, dt=0.5, gravity=(0, 0, -gravity))
+
+
+@pytest.mark.parametrize("gravity", [1e40, 1e50])
 def test_absurd_loads_leave_finite_frames_and_a_name(basis, gravity):
     """Coordinates that are finite, but whose squares are not, once made frames of NaN under the status "diverged"."""
     for name, model in models(basis, "implicit_euler").items():

@@ -116,7 +116,7 @@ def test_a_function_cut_off_in_motion_is_stopped_within_a_few_samples():
 
 def test_refusals():
     shell = strip()
-    with pytest.raises(ms.OptionError, match="increasing"):
+    with pytest.raises(ms.OptionError, match="times must increase"):
         ms.SupportPath([0.0, 0.0], np.zeros((2, 3)))
     with pytest.raises(ms.OptionError, match="translations"):
         ms.SupportPath([0.0, 1.0], np.zeros((3, 3)))

@@ -139,6 +139,7 @@ def check(tmp_path, sweep, total, kills, last, seed):
     return done
 
 
+@pytest.mark.slow
 def test_a_few_kills(tmp_path, monkeypatch):
     sweep = write(tmp_path, (2, 4), 4, 6.0)
     with monkeypatch.context() as patch:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_number, checked_vectors
+from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors, shown
+from modalshell.crowd.flock import MOST, MOST_THREADS
 from modalshell.errors import OptionError
 from modalshell.kernels import crowd as kernels
 from modalshell.kernels.frame import TILE
@@ -72,12 +73,12 @@ class Crowd:
         dtype: DTypeLike = np.float64,
         threads: int = 1,
     ) -> None:
-        self.basis = basis
-        self.count = checked_count("count", count)
-        self.threads = checked_count("threads", threads)
+        self.basis = checked_kind("basis", basis, Basis)
+        self.count = checked_count("count", count, at_most=MOST)
+        self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
         mass_factor, stiffness_factor = checked_vectors("damping", damping, (2,), OptionError)
         if min(mass_factor, stiffness_factor) < 0.0:
-            raise OptionError(f"damping must be two factors at least 0 (got {damping!r})")
+            raise OptionError(f"damping must be two factors at least 0 (got {shown(damping)})")
         self._damping = mass_factor + stiffness_factor * basis.eigenvalues
         frame = WarpFrame(basis, dtype=dtype)
         self.dtype, self.vertices = frame.dtype, frame.vertices

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_number, checked_vectors
+from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.modes import Basis
 
@@ -41,7 +41,7 @@ class Flap:
         amplitude = checked_number("amplitude", amplitude, at_least=0.0, unit="m")
         self.frequency = checked_number("frequency", frequency, at_least=0.0, unit="Hz")
         self.largest_load_factor = checked_number("largest_load_factor", largest_load_factor, above=0.0)
-        if basis.rigid_modes:
+        if checked_kind("basis", basis, Basis).rigid_modes:
             raise OptionError("flapping needs a shell that its supports hold: clamp the bird's body")
         force = basis.modes[2::3].T @ basis.shell.mass
         static = (basis.modes @ (force / basis.eigenvalues)).reshape(-1, 3)

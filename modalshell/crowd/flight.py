@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_count, checked_kind, checked_vectors
 from modalshell.crowd.crowd import Crowd
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
@@ -53,6 +53,10 @@ class Flight:
         target: Callable[[float], Array] | None = None,
         seed: int = 0,
     ) -> None:
+        checked_kind("flock", flock, Flock)
+        checked_kind("crowd", crowd, Crowd)
+        checked_kind("flap", flap, Flap)
+        seed = checked_count("seed", seed, at_least=0)
         if crowd.count != len(flock.positions):
             raise OptionError(f"{len(flock.positions)} boids need as many instances (got {crowd.count})")
         self.gravity = checked_vectors("gravity", gravity, (3,), OptionError)

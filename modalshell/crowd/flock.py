@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_count, checked_number, checked_vectors
+from modalshell.checks import checked_choice, checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.crowd.neighbours import Search, gather
 from modalshell.errors import OptionError
 
 Array = NDArray[np.float64]
 
+MOST, MOST_THREADS = 10_000_000, 4096
+"""Of boids and instances, more of which do not fit the memory of a common machine, and of threads."""
 _NOISE_PERIOD = 256
 _PARALLEL = 1e-9
 
@@ -123,11 +125,12 @@ class Flock:
         search: Search = "grid",
         threads: int = 1,
     ) -> None:
-        count = len(np.atleast_1d(np.asarray(positions)))
+        count = vector_count(positions)
         self.positions = checked_vectors("positions", positions, (count, 3), OptionError).copy()
         given = checked_vectors("directions", directions, (count, 3), OptionError)
         if not np.linalg.norm(given, axis=1).all():
-            raise OptionError("directions must not be zero")
+            first = int(np.argmin(np.linalg.norm(given, axis=1)))
+            raise OptionError(f"directions must not be zero (got {given[first]} for boid {first}, counted from 0)")
         self.directions = unit(given)
         self.speed = checked_number("speed", speed, at_least=0.0, unit="m/s")
         self.speed_variation = checked_number("speed_variation", speed_variation, at_least=0.0, at_most=1.0)
@@ -138,18 +141,17 @@ class Flock:
         self.field_of_view = math.radians(angle)
         self.weights = checked_vectors("weights", weights, (3,), OptionError)
         if self.weights.min() < 0.0:
-            raise OptionError(f"weights must be at least 0 (got {weights!r})")
+            raise OptionError(f"weights must be at least 0 (got {shown(weights)})")
         self.flock_position = checked_vectors("flock_position", flock_position, (3,), OptionError)
         self.target = None if target is None else checked_vectors("target", target, (3,), OptionError)
         self.target_weight = checked_number("target_weight", target_weight)
         self.bounds = None if bounds is None else checked_vectors("bounds", bounds, (2, 3), OptionError)
         if self.bounds is not None and (self.bounds[0] > self.bounds[1]).any():
-            raise OptionError(f"bounds must be a lower and an upper corner (got {bounds!r})")
-        if search not in ("grid", "all_pairs"):
-            raise OptionError(f"search must be 'grid' or 'all_pairs' (got {search!r})")
+            raise OptionError(f"bounds must be a lower and an upper corner (got {shown(bounds)})")
+        checked_choice("search", search, ("grid", "all_pairs"))
         self.search = search
-        self.threads = checked_count("threads", threads)
-        random = np.random.default_rng(seed)
+        self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
+        random = np.random.default_rng(checked_count("seed", seed, at_least=0))
         self._knots = random.uniform(-1.0, 1.0, _NOISE_PERIOD)
         self._offsets = random.uniform(0.0, _NOISE_PERIOD, count)
         self.time = 0.0
@@ -162,14 +164,14 @@ class Flock:
 
         ``radius`` is the ball's [m]; ``parameters`` are the flock's.
         """
-        count = checked_count("count", count)
+        count = checked_count("count", count, at_most=MOST)
         radius = checked_number("radius", radius, above=0.0, unit="m")
         # Another stream than the noise's, which takes the seed itself.
-        random = np.random.default_rng([seed, 1])
+        random = np.random.default_rng([checked_count("seed", seed, at_least=0), 1])
         outward = unit(random.standard_normal((count, 3)))
         positions = radius * np.cbrt(random.random(count))[:, None] * outward
         directions = random.standard_normal((count, 3))
-        centre = np.asarray(parameters.get("flock_position", (0.0, 0.0, 0.0)), dtype=np.float64)
+        centre = checked_vectors("flock_position", parameters.get("flock_position", np.zeros(3)), (3,), OptionError)
         return cls(positions + centre, directions, seed=seed, **parameters)
 
     def speeds(self) -> Array:

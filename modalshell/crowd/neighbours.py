@@ -70,14 +70,14 @@ def gather(
     count = len(positions)
     sums = np.empty((count, kernels.SUMS))
     if search == "all_pairs":
-        kernels.gather_all_pairs(positions, directions, distance, cosine, sums)
+        kernels.gather_all_pairs(np.ascontiguousarray(positions.T), directions, distance, cosine, sums)
     else:
         # A power of two an axis, at least four, with one to eight cells a boid.
         bits = max(2, math.ceil(math.log2(max(count, 2)) / 3.0))
         keys, order = np.empty((2, count), np.int64)
         starts = np.empty((1 << 3 * bits) + 1, np.int64)
         kernels.sort_by_cell(positions, distance, bits, keys, starts, order)
-        sorted_data = positions[order], directions[order], distance, cosine, sums
+        sorted_data = np.ascontiguousarray(positions[order].T), directions[order], distance, cosine, sums
         if threads == 1:
             kernels.gather_places(0, count, bits, keys, starts, order, *sorted_data)
         else:

@@ -11,8 +11,9 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
-from modalshell.files import write_atomically
+from modalshell.files import read_header, read_member, write_atomically
 from modalshell.motion import Trajectory
 
 _FORMAT = 1
@@ -81,26 +82,19 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     file = Path(path)
     try:
         with zipfile.ZipFile(file) as archive:
-            mark = int(_member(archive, _MARK))
+            mark = int(read_member(archive, _MARK))
             if mark != _FORMAT:
                 raise ValueError(f"format {mark} (this version reads {_FORMAT})")
-            values = {name: _member(archive, _NAMES.get(name, name)) for name in (*_SMALL, *_SCALARS)}
+            values = {name: read_member(archive, _NAMES.get(name, name)) for name in (*_SMALL, *_SCALARS)}
             positions = _mapped(file, archive, verify)
+            checked = positions if _verifies(verify, positions.nbytes) else positions[:0]
         _check_shapes(values, positions)
+        _check_numbers(values, checked)
+        status, unconverged, seconds = str(values["status"]), int(values["unconverged_steps"]), float(values["seconds"])
     except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
-        raise FileFormatError(f"cannot read a saved trajectory from {file}: {error}") from error
-    status, unconverged, seconds = str(values["status"]), int(values["unconverged_steps"]), float(values["seconds"])
+        raise FileFormatError(f"cannot read a saved trajectory from {file}: {shortened(str(error))}") from error
     arrays = {name: values[name] for name in ("energies", "constraint_residuals", "faces", "rest_positions")}
     return Trajectory(values["times"], positions, status, unconverged, seconds, **arrays)
-
-
-def _member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """A small member as an array, its checksum verified by reading it to the end."""
-    with archive.open(f"{name}.npy") as member:
-        array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
-        if member.read(1):
-            raise ValueError(f"{name} is longer than its header says")
-    return array
 
 
 def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArray[np.floating]:
@@ -108,11 +102,9 @@ def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArra
     if info.compress_type != zipfile.ZIP_STORED:
         raise ValueError("positions are compressed, so they cannot be mapped; save them with save_trajectory")
     with archive.open(info) as member:
-        major = np.lib.format.read_magic(member)
-        read_header = np.lib.format.read_array_header_1_0 if major == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read_header(member)
         header = member.tell()
-        if verify or (verify is None and info.file_size <= _VERIFIED):
+        if _verifies(verify, info.file_size):
             while member.read(_CHUNK):
                 pass
     if fortran or len(shape) != 3 or shape[2] != 3 or dtype not in (np.dtype("<f8"), np.dtype("<f4")):
@@ -126,6 +118,22 @@ def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArra
     if offset + info.file_size - header > file.stat().st_size:
         raise ValueError("positions are cut off")
     return np.memmap(file, dtype, "r", offset, shape)
+
+
+def _verifies(verify: bool | None, size: int) -> bool:
+    """Whether positions of ``size`` bytes are read once to be checked."""
+    return size <= _VERIFIED if verify is None else verify
+
+
+def _check_numbers(values: dict[str, NDArray[Any]], positions: NDArray[np.floating]) -> None:
+    """ValueError where an array holds no real, finite numbers, or a triangle names no vertex."""
+    numbers = [(name, values[name]) for name in (*_SMALL, "seconds", "unconverged_steps")]
+    for name, array in (*numbers, ("positions", positions)):
+        if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite numbers (dtype {array.dtype})")
+    faces = values["faces"]
+    if faces.size and (faces.dtype.kind == "f" or faces.min() < 0 or faces.max() >= len(values["rest_positions"])):
+        raise ValueError(f"faces must name vertices 0 to {len(values['rest_positions']) - 1}")
 
 
 def _check_shapes(values: dict[str, NDArray[Any]], positions: NDArray[np.floating]) -> None:

@@ -27,8 +27,8 @@ CHUNK = 32
 
 _LIMIT = 2.0 * MIDDLE
 
-_kernel = njit(cache=True, error_model="numpy")
-_inline = njit(cache=True, error_model="numpy", forceinline=True)
+_kernel = njit(cache=True, error_model="numpy", fastmath=False)
+_inline = njit(cache=True, error_model="numpy", fastmath=False, forceinline=True)
 
 
 def powers(dtype: Any) -> NDArray[Any]:
@@ -289,7 +289,7 @@ def crowd_forces(begin, end, order, modal, mass, q, powers, felt, work, out):  #
                         out[b, mode] += total(sum_b)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
 def crowd_positions_parallel(level, order, modal, rest, q, powers, poses, work, out):  # type: ignore[no-untyped-def]
     """:func:`crowd_positions` over as many equal parts of the chunks as ``work`` has rows, each on a thread."""
     parts, chunks = work.shape[0], (order.size + CHUNK - 1) // CHUNK
@@ -298,7 +298,7 @@ def crowd_positions_parallel(level, order, modal, rest, q, powers, poses, work, 
         crowd_positions(begin, end, level, order, modal, rest, q, powers, poses, work[part], out)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
 def crowd_forces_parallel(order, modal, mass, q, powers, felt, work, out):  # type: ignore[no-untyped-def]
     """:func:`crowd_forces` over as many equal parts of the chunks as ``work`` has rows, each on a thread."""
     parts, chunks = work.shape[0], (order.size + CHUNK - 1) // CHUNK

@@ -17,38 +17,61 @@ SUMS = 10
 _kernel = njit(cache=True, error_model="numpy", fastmath=False)
 
 
-@_kernel
-def _gather(x, y, z, direction, first, last, positions, directions, reach, cosine, sums):  # type: ignore[no-untyped-def]
-    """Add to ``sums`` (10,) what the boids ``first`` to ``last - 1`` are to one at (x, y, z).
+_CHUNK = 128
+"""Candidates whose distances are taken at once."""
 
-    A boid in the same place, as the boid itself, is no neighbour: it has no side to turn to.
+
+@_kernel
+def _gather(near, squared, position, direction, first, last, positions, directions, reach, cosine, sums):  # type: ignore[no-untyped-def]
+    """Add to ``sums`` (10,) what the boids ``first`` to ``last - 1`` are to one at ``position``.
+
+    ``positions`` are (3, N), ``directions`` (N, 3). A boid in the same place, as the boid itself, is no neighbour: it
+    has no side to turn to. Most candidates are too far away; these are sifted out without branches that a processor
+    would foretell wrongly, by way of ``near`` and ``squared``, (_CHUNK,) each.
     """
-    for other in range(first, last):
-        dx, dy, dz = positions[other, 0] - x, positions[other, 1] - y, positions[other, 2] - z
-        squared = dx * dx + dy * dy + dz * dz
-        if squared >= reach * reach or squared == 0.0:
-            continue
-        distance = math.sqrt(squared)
-        if direction[0] * dx + direction[1] * dy + direction[2] * dz < cosine * distance:
-            continue
-        away = 1.0 / reach - 1.0 / distance
-        sums[0] += away * dx
-        sums[1] += away * dy
-        sums[2] += away * dz
-        for axis in range(3):
-            sums[3 + axis] += directions[other, axis]
-            sums[6 + axis] += positions[other, axis]
-        sums[9] += 1.0
+    x, y, z = position
+    farthest = reach * reach
+    # Sums in registers, taken up where the last cells left them.
+    separation, heading, middle = (sums[0], sums[1], sums[2]), (sums[3], sums[4], sums[5]), (sums[6], sums[7], sums[8])
+    neighbours = 0
+    for start in range(first, last, _CHUNK):
+        count = min(_CHUNK, last - start)
+        for i in range(count):
+            dx, dy, dz = positions[0, start + i] - x, positions[1, start + i] - y, positions[2, start + i] - z
+            squared[i] = dx * dx + dy * dy + dz * dz
+        found = 0
+        for i in range(count):
+            near[found] = i
+            found += (not squared[i] >= farthest) & (squared[i] != 0.0)  # so that NaN goes on and shows
+        for i in range(found):
+            other = start + near[i]
+            dx, dy, dz = positions[0, other] - x, positions[1, other] - y, positions[2, other] - z
+            distance = math.sqrt(squared[near[i]])
+            if direction[0] * dx + direction[1] * dy + direction[2] * dz < cosine * distance:
+                continue
+            away = 1.0 / reach - 1.0 / distance
+            separation = separation[0] + away * dx, separation[1] + away * dy, separation[2] + away * dz
+            heading = (
+                heading[0] + directions[other, 0],
+                heading[1] + directions[other, 1],
+                heading[2] + directions[other, 2],
+            )
+            middle = middle[0] + positions[0, other], middle[1] + positions[1, other], middle[2] + positions[2, other]
+            neighbours += 1
+    for axis in range(3):
+        sums[axis], sums[3 + axis], sums[6 + axis] = separation[axis], heading[axis], middle[axis]
+    sums[9] += neighbours
 
 
 @_kernel
 def gather_all_pairs(positions, directions, reach, cosine, sums):  # type: ignore[no-untyped-def]
-    """Sums (N, 10) over all pairs of boids: the check of the grid."""
+    """Sums (N, 10) over all pairs of boids, ``positions`` (3, N) and ``directions`` (N, 3): the check of the grid."""
     sums[:] = 0.0
-    count = positions.shape[0]
+    near, squared = np.empty(_CHUNK, np.int64), np.empty(_CHUNK)
+    count = positions.shape[1]
     for i in range(count):
-        x, y, z = positions[i]
-        _gather(x, y, z, directions[i], 0, count, positions, directions, reach, cosine, sums[i])
+        at = positions[0, i], positions[1, i], positions[2, i]
+        _gather(near, squared, at, directions[i], 0, count, positions, directions, reach, cosine, sums[i])
 
 
 @_kernel
@@ -80,34 +103,39 @@ def sort_by_cell(positions, reach, bits, keys, starts, order):  # type: ignore[n
 
 @_kernel
 def gather_places(first, last, bits, keys, starts, order, positions, directions, reach, cosine, sums):  # type: ignore[no-untyped-def]
-    """Sums of the boids at the places ``first`` to ``last - 1``; positions and directions are in the cells' order.
+    """Sums of the boids at the places ``first`` to ``last - 1``; positions (3, N) and directions (N, 3) are so sorted.
 
     At least four cells an axis keep the 27 cells around a boid distinct.
     """
+    near, squared = np.empty(_CHUNK, np.int64), np.empty(_CHUNK)
     mask = (1 << bits) - 1
     for place in range(first, last):
         boid = order[place]
         key = keys[boid]
         a, b, c = key >> (2 * bits), (key >> bits) & mask, key & mask
-        x, y, z = positions[place]
-        sums[boid] = 0.0
+        at, heading, own = (
+            (positions[0, place], positions[1, place], positions[2, place]),
+            directions[place],
+            sums[boid],
+        )
+        own[:] = 0.0
         for da in range(-1, 2):
             for db in range(-1, 2):
                 row = ((((a + da) & mask) << bits) | ((b + db) & mask)) << bits
                 if 0 < c < mask:  # the three cells lie side by side
                     begin, end = starts[row + c - 1], starts[row + c + 2]
-                    _gather(x, y, z, directions[place], begin, end, positions, directions, reach, cosine, sums[boid])
+                    _gather(near, squared, at, heading, begin, end, positions, directions, reach, cosine, own)
                     continue
                 for dc in range(-1, 2):
                     cell = row | ((c + dc) & mask)
                     begin, end = starts[cell], starts[cell + 1]
-                    _gather(x, y, z, directions[place], begin, end, positions, directions, reach, cosine, sums[boid])
+                    _gather(near, squared, at, heading, begin, end, positions, directions, reach, cosine, own)
 
 
 @njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
 def gather_places_parallel(parts, bits, keys, starts, order, positions, directions, reach, cosine, sums):  # type: ignore[no-untyped-def]
     """:func:`gather_places` over as many equal parts, each on a thread."""
-    count = positions.shape[0]
+    count = positions.shape[1]
     for part in prange(parts):
         begin, end = part * count // parts, (part + 1) * count // parts
         gather_places(begin, end, bits, keys, starts, order, positions, directions, reach, cosine, sums)

@@ -20,7 +20,7 @@ PARTS = 64
 """Runs of particles that the work is cut into, whatever the threads."""
 
 _kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
-_threaded = njit(cache=True, error_model="numpy", parallel=True)
+_threaded = njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
 
 
 @_kernel
@@ -204,7 +204,7 @@ def move(factor, step, x):  # type: ignore[no-untyped-def]
         _move(k * n // PARTS, (k + 1) * n // PARTS, factor, step, x)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath=False)
 def scatter(order, values, out):  # type: ignore[no-untyped-def]
     """``out[order[k]] = values[k]``, rows of three."""
     for k in range(order.size):

@@ -204,7 +204,7 @@ def _rows(first_row, last_row, x, before, coefficients, gravity, keep, tiny, pin
                             before[axis, row, column] = x[axis, row, column]
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
 def verlet_steps(count, x, before, coefficients, gravity, keep, tiny, pin_starts, pin_columns, work):  # type: ignore[no-untyped-def]
     """Take ``count`` Verlet steps on as many parts as ``work`` (parts, WORK) has rows.
 

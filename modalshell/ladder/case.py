@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import checked_kind
 from modalshell.errors import MeshError, OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.modes.rigid import rigid_motions
@@ -76,7 +77,9 @@ class Case:
                 "hold more vertices"
             )
         if not self.load[self.shell.free].any():
-            raise OptionError("no load moves the shell, so there is nothing to compare: give gravity or forces")
+            raise OptionError(
+                f"{self.name!r}: no load moves the shell, so there is nothing to compare: give gravity or forces"
+            )
 
 
 def make_case(
@@ -92,6 +95,7 @@ def make_case(
         if isinstance(scene, Case):
             return scene
         return scene_case(scene if isinstance(scene, Scene) else load_scene(scene))
+    checked_kind("scene", scene, Shell)
     meshes = [CoarseMesh(drawn_to_supports(scene, mesh), f"{len(mesh.faces)} triangles") for mesh in coarse]
     return Case("shell", scene, total_load(scene, gravity, force), coarse=meshes)
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_count, checked_vectors, shortened, shown, vector_count
 from modalshell.errors import FileFormatError, ModalShellError, OptionError
-from modalshell.files import write_text
+from modalshell.files import read_npz, write_text
 from modalshell.ladder.candidates import MODES, Workshop, candidates
 from modalshell.ladder.case import Case, CoarseMesh, make_case
 from modalshell.ladder.path import LoadPath, follow_loads
@@ -154,8 +154,7 @@ def tradeoff(
     """
     case = make_case(scene, gravity, force, coarse)
     factors = checked_factors(loads)
-    if not modes or any(isinstance(count, bool) or int(count) != count or count < 1 for count in modes):
-        raise OptionError(f"modes must be whole numbers of at least 1 (got {list(modes)!r})")
+    modes = checked_counts(modes)
     outside = None if truth is None else outside_positions(truth, case.shell)
     warm_up()
     return _measured(case, modes, factors, outside, on_step)
@@ -195,10 +194,21 @@ def _measured(
 
 def checked_factors(loads: Sequence[float]) -> tuple[float, ...]:
     """Growing shares of the load that end at 1, or OptionError."""
-    factors = tuple(float(factor) for factor in loads)
-    if not factors or factors[0] <= 0.0 or factors[-1] != 1.0 or not (np.diff(factors) > 0.0).all():
-        raise OptionError(f"loads must be growing shares above 0 of the load, the last one 1 (got {list(loads)!r})")
-    return factors
+    factors = checked_vectors("loads", loads, (vector_count(loads),), OptionError)
+    if not factors.size or factors[0] <= 0.0 or factors[-1] != 1.0 or not (np.diff(factors) > 0.0).all():
+        raise OptionError(f"loads must be growing shares above 0 of the load, the last one 1 (got {shown(loads)})")
+    return tuple(factors.tolist())
+
+
+def checked_counts(modes: Sequence[int]) -> tuple[int, ...]:
+    """Mode counts, at least one, or OptionError."""
+    try:
+        counts = tuple(modes)
+    except TypeError:
+        counts = ()
+    if not counts:
+        raise OptionError(f"modes must be whole numbers of at least 1 (got {shown(modes)})")
+    return tuple(checked_count("each of modes", count) for count in counts)
 
 
 def outside_positions(truth: ArrayLike | str | os.PathLike[str], shell: Shell) -> Array:
@@ -216,10 +226,11 @@ def outside_positions(truth: ArrayLike | str | os.PathLike[str], shell: Shell) -
             )
         return np.asarray(mesh.vertices)
     try:
-        with np.load(file, allow_pickle=False) as stored:
-            positions = np.asarray(stored["positions"], dtype=np.float64)
+        positions = np.asarray(read_npz(file)["positions"], dtype=np.float64)
     except Exception as error:  # OS, zip and key errors all mean the same to the user
-        raise FileFormatError(f"{file}: no readable .npz file with an array 'positions': {error}") from error
+        raise FileFormatError(
+            f"{file}: no readable .npz file with an array 'positions': {shortened(str(error))}"
+        ) from error
     last = positions[-1] if positions.ndim == 3 else positions
     return checked_vectors(f"{file}: positions", last, (count, 3), FileFormatError)
 

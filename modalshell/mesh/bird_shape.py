@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from modalshell.checks import shown
 from modalshell.errors import OptionError
 from modalshell.mesh.topology import FloatArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
@@ -49,7 +50,7 @@ def paper_bird(
     rise = np.radians(check_angle(dihedral, "dihedral", 90.0))
     along, across = check_cells(cells)
     if across < 2:
-        raise OptionError(f"a bird needs at least 2 cells from keel to wing tip, got {cells!r}")
+        raise OptionError(f"a bird needs at least 2 cells from keel to wing tip, got {shown(cells)}")
     below = int(np.clip(round(across * side / (side + reach)), 1, across - 1))
     points, faces = rectangle(1.0, 1.0, (along, across), "alternating")
     # Rows to developed distances from the keel, the crease on one of them.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from modalshell.checks import shown
 from modalshell.errors import MeshError
 
 _PLY_BYTES = {
@@ -74,11 +75,11 @@ def _three_numbers(words: list[str], where: str) -> list[float]:
     try:
         values = [float(word) for word in words[:3]]
     except ValueError as error:
-        raise MeshError(f"{where} has coordinates {' '.join(words[:3])!r}; expected three numbers") from error
+        raise MeshError(f"{where} has coordinates {shown(' '.join(words[:3]))}; expected three numbers") from error
     if len(values) < 3:
         raise MeshError(f"{where} has {len(values)} coordinates; expected three numbers")
     if not all(map(math.isfinite, values)):
-        raise MeshError(f"{where} is not finite: {' '.join(words[:3])} (NaN or infinity); mend or remove it")
+        raise MeshError(f"{where} is not finite: {shown(' '.join(words[:3]))} (NaN or infinity); mend or remove it")
     return values
 
 
@@ -88,7 +89,7 @@ def _corners(words: list[str], number: int, index: int, vertex_count: int) -> li
         corners = [int(word.split("/", 1)[0]) for word in words]
     except ValueError as error:
         raise MeshError(
-            f"{where} reads {' '.join(words)!r}; expected whole vertex numbers such as 'f 1 2 3'"
+            f"{where} reads {shown(' '.join(words))}; expected whole vertex numbers such as 'f 1 2 3'"
         ) from error
     if len(corners) < 3:
         raise MeshError(f"{where} has {len(corners)} corners; expected three or more")
@@ -120,7 +121,9 @@ def check_ply(data: bytes) -> Expected:
             elif words[:1] == ["property"]:
                 size += counts[name] * _PLY_BYTES[words[1]]
         except (IndexError, KeyError, ValueError) as error:
-            raise MeshError(f"the PLY header has a line it should not have: {line!r}; write the file again") from error
+            raise MeshError(
+                f"the PLY header has a line it should not have: {shown(line)}; write the file again"
+            ) from error
     if not counts["face"]:
         raise MeshError(f"the PLY announces {counts['vertex']} vertices and no faces; a shell needs triangles")
     body = len(data) - (data.find(b"\n", end) + 1 or len(data))
@@ -145,7 +148,9 @@ def check_off(data: bytes) -> tuple[bytes, Expected]:
     try:
         vertex_count, face_count = int(head[0]), int(head[1])
     except (IndexError, ValueError) as error:
-        raise MeshError(f"the OFF header has counts {' '.join(head)!r}; expected 'vertices faces edges'") from error
+        raise MeshError(
+            f"the OFF header has counts {shown(' '.join(head))}; expected 'vertices faces edges'"
+        ) from error
     if face_count < 1:
         raise MeshError(f"the OFF announces {vertex_count} vertices and {face_count} faces; a shell needs triangles")
     if vertex_count < 1 or len(body) < vertex_count + face_count:
@@ -166,9 +171,9 @@ def _off_face(words: list[str], where: str, vertex_count: int) -> None:
         count = int(words[0])
         corners = [int(word) for word in words[1 : count + 1]]
     except ValueError as error:
-        raise MeshError(f"{where} reads {' '.join(words)!r}; expected whole numbers such as '3 0 1 2'") from error
+        raise MeshError(f"{where} reads {shown(' '.join(words))}; expected whole numbers such as '3 0 1 2'") from error
     if count < 3 or len(corners) < count:
-        raise MeshError(f"{where} reads {' '.join(words)!r}; expected a count of 3 or more and that many vertices")
+        raise MeshError(f"{where} reads {shown(' '.join(words))}; expected a count of 3 or more and that many vertices")
     for corner in corners:
         if not 0 <= corner < vertex_count:
             raise MeshError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import os
 import warnings
 from pathlib import Path
@@ -10,12 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.checks import checked_kind, shown
 from modalshell.errors import MeshError, ModalShellWarning
 from modalshell.mesh import validation
 from modalshell.mesh.file_checks import Expected, check_off, check_ply, check_stl, clean_obj
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of files that it then reads
 
 READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")
@@ -43,6 +47,8 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     suffix = _check_suffix(file, READABLE, "read")
     try:
         data = file.read_bytes()
+    except ValueError as error:
+        raise MeshError(f"{shown(str(file))}: no path of a file ({error}); check the path") from error
     except FileNotFoundError as error:
         raise MeshError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
     except OSError as error:
@@ -68,6 +74,7 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
     OBJ, OFF and PLY keep every bit of the coordinates; STL and GLB hold float32 by their definition, and STL forgets
     the numbering of the vertices.
     """
+    checked_kind("mesh", mesh, TriangleMesh)
     file = Path(path)
     suffix = _check_suffix(file, WRITABLE, "write")
     if suffix in (".obj", ".off"):
@@ -82,6 +89,8 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
         data = exported if isinstance(exported, bytes) else str(exported).encode()
     try:
         file.write_bytes(data)
+    except ValueError as error:
+        raise MeshError(f"{shown(str(file))}: no path of a file ({error}); check the path") from error
     except OSError as error:
         raise MeshError(f"{file}: cannot be written ({error.strerror}); give a path in an existing folder") from error
 

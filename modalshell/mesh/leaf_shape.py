@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from numbers import Real
 
 import numpy as np
 
+from modalshell.checks import checked_number, shown
 from modalshell.errors import OptionError
 from modalshell.mesh.lloyd import delaunay_faces, signed_areas
 from modalshell.mesh.topology import FloatArray, IntArray
@@ -49,11 +49,10 @@ def leaf(
     check_size(length, "length")
     half_fold = 0.5 * np.radians(check_angle(fold, "fold", 180.0))
     for name, value, limit in (("camber", camber, 1.0), ("curl", curl, 180.0)):
-        if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 <= value <= limit:
-            raise OptionError(f"{name} must be a number in [0, {limit:g}], got {value!r}")
+        checked_number(name, value, at_least=0.0, at_most=limit)
     along, across = check_cells(cells)
     if across % 2 or along < 4:
-        raise OptionError(f"a leaf needs at least 4 cells along and an even number across, got {cells!r}")
+        raise OptionError(f"a leaf needs at least 4 cells along and an even number across, got {shown(cells)}")
     half_width = 0.5 * check_size(width, "width")
     points, faces = mirrored(*_half_blade(length, half_width, along, across // 2, check_family(family)))
     s, t = points[:, 0], np.abs(points[:, 1])

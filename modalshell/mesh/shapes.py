@@ -93,9 +93,10 @@ def cylinder_panel(
     family : str
         Mesh family of the developed sheet, as in `flat_beam`.
     """
-    if angle == 360.0:
+    opening = check_angle(angle, "angle", 360.0)
+    if opening == 360.0:
         raise OptionError("angle must be below 360 degrees: a panel's two straight sides must not touch (got 360)")
-    arc = np.radians(check_angle(angle, "angle", 360.0))
+    arc = np.radians(opening)
     r = check_size(radius, "radius")
     points, faces = rectangle(length, r * arc, cells, family)
     phi = points[:, 1] / r - 0.5 * arc

@@ -7,15 +7,18 @@ chessboard diagonals nearly so, and one diagonal throughout twists under a symme
 from __future__ import annotations
 
 from collections.abc import Sequence
-from numbers import Integral, Real
 
 import numpy as np
+from scipy.spatial import QhullError
 
+from modalshell.checks import checked_choice, checked_count, checked_number, shown
 from modalshell.errors import OptionError
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle, signed_areas
 from modalshell.mesh.topology import FloatArray, IntArray
 
 FAMILIES = ("alternating", "equilateral", "union-jack", "lloyd", "right")
+_MOST_CELLS = 20_000_000
+"""Of a generated mesh; more do not fit the memory of a common machine."""
 
 
 def rectangle(length: float, width: float, cells: Sequence[int], family: str) -> tuple[FloatArray, IntArray]:
@@ -70,16 +73,12 @@ def sort_by_column(points: FloatArray, faces: IntArray) -> tuple[FloatArray, Int
 
 def check_size(value: float, name: str) -> float:
     """Return a positive finite length [m], or raise OptionError."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not (np.isfinite(value) and value > 0):
-        raise OptionError(f"{name} must be a positive finite number [m], got {value!r}")
-    return float(value)
+    return checked_number(name, value, above=0.0, unit="m")
 
 
 def check_angle(value: float, name: str, largest: float) -> float:
     """Return an angle [degrees] in (0, largest], or raise OptionError."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < value <= largest:
-        raise OptionError(f"{name} must be an angle in (0, {largest:g}] degrees, got {value!r}")
-    return float(value)
+    return checked_number(name, value, above=0.0, at_most=largest, unit="degrees")
 
 
 def check_cells(cells: Sequence[int]) -> tuple[int, int]:
@@ -88,16 +87,17 @@ def check_cells(cells: Sequence[int]) -> tuple[int, int]:
         pair = tuple(cells)
     except TypeError:
         pair = ()
-    if len(pair) != 2 or not all(isinstance(c, Integral) and not isinstance(c, bool) and c >= 1 for c in pair):
-        raise OptionError(f"cells must be two whole numbers >= 1, along x and across, such as (40, 8), got {cells!r}")
-    return int(pair[0]), int(pair[1])
+    if len(pair) != 2:
+        raise OptionError(f"cells must be two numbers, along x and across, such as (40, 8) (got {shown(cells)})")
+    along, across = (checked_count(f"cells[{k}]", count) for k, count in enumerate(pair))
+    if along * across > _MOST_CELLS:
+        raise OptionError(f"cells must be at most {_MOST_CELLS:,} in all (got {along} x {across})")
+    return along, across
 
 
 def check_family(family: str) -> str:
     """Return `family` if it names a mesh family, or raise OptionError."""
-    if family not in FAMILIES:
-        raise OptionError(f"unknown mesh family {family!r}; choose one of {', '.join(FAMILIES)}")
-    return family
+    return checked_choice("family", family, FAMILIES)
 
 
 def _lattice(length: float, width: float, columns: int, rows: int, *, chessboard: bool) -> tuple[FloatArray, IntArray]:
@@ -144,12 +144,16 @@ def _lloyd(length: float, width: float, columns: int, rows: int) -> tuple[FloatA
     sides = [np.column_stack((x, np.full_like(x, at))) for at in (0.0, width)]
     sides += [np.column_stack((np.full(rows - 1, at), y[1:-1])) for at in (0.0, length)]
     fixed = np.vstack(sides)
-    interior = relax_in_rectangle(lattice[inside] + noise * spacing, fixed, length, width)
-    points = np.vstack((fixed, interior))
-    faces = delaunay_faces(points, sliver=1e-9 * spacing[0] * spacing[1])
+    refusal = OptionError(
+        f"no Lloyd mesh fills the rectangle with cells=({columns}, {rows}) of {spacing[0]:g} x {spacing[1]:g} m; "
+        "choose cells nearer to square"
+    )
+    try:
+        interior = relax_in_rectangle(lattice[inside] + noise * spacing, fixed, length, width)
+        points = np.vstack((fixed, interior))
+        faces = delaunay_faces(points, sliver=1e-9 * spacing[0] * spacing[1])
+    except QhullError as error:
+        raise refusal from error
     if not np.isclose(signed_areas(points, faces).sum(), length * width, rtol=1e-9):
-        raise OptionError(
-            f"no Lloyd mesh fills the rectangle with cells=({columns}, {rows}) of {spacing[0]:g} x {spacing[1]:g} m; "
-            "choose cells nearer to square"
-        )
+        raise refusal
     return sort_by_column(points, faces)

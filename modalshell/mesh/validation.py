@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
+from modalshell.checks import as_array
 from modalshell.errors import MeshError, ModalShellWarning
 from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
 from modalshell.mesh.winding import faces_to_flip
@@ -22,7 +22,7 @@ COINCIDENT = 1e-8  # of the bounding box's diagonal
 
 def as_vertices(vertices: ArrayLike) -> FloatArray:
     """Copy `vertices` to a finite (n, 3) float64 array, or raise MeshError."""
-    array = _as_numbers(vertices, "vertices", "(n, 3) of real numbers [m]")
+    array = as_array("vertices", vertices, "an array (n, 3) of real numbers [m]", MeshError)
     if array.size == 0:
         raise MeshError(f"the mesh has no vertices (got shape {array.shape}); give an (n, 3) array with n >= 3")
     if array.ndim != 2 or array.shape[1] != 3:
@@ -39,14 +39,19 @@ def as_vertices(vertices: ArrayLike) -> FloatArray:
     if len(far):
         raise MeshError(
             f"vertex {far[0]} (counted from 0) lies at {result[far[0]].tolist()}{_more(len(far), 'vertices')}; "
-            f"coordinates beyond {LARGEST:g} overflow when squared: scale the mesh to metres"
+            f"coordinates beyond {LARGEST:g} overflow in the energies: scale the mesh to metres"
+        )
+    size = float(np.ptp(result, axis=0).max())
+    if size < 1.0 / LARGEST:
+        raise MeshError(
+            f"all vertices lie within {size:g} m (got {len(result)}), where areas underflow: scale the mesh to metres"
         )
     return result
 
 
 def as_faces(faces: ArrayLike, vertex_count: int) -> IntArray:
     """Copy `faces` to a (T, 3) int64 array with indices in [0, vertex_count), or raise MeshError."""
-    array = _as_numbers(faces, "faces", "(T, 3) of vertex indices")
+    array = as_array("faces", faces, "an array (T, 3) of vertex indices", MeshError)
     if array.size == 0:
         raise MeshError(
             f"the mesh has vertices and no faces (got shape {array.shape}); give a (T, 3) array of vertex indices"
@@ -160,16 +165,6 @@ def _degenerate(vertices: FloatArray, faces: IntArray) -> BoolArray:
     longest = np.einsum("tki,tki->tk", sides, sides).max(axis=1)
     twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     return np.asarray(twice_area <= DEGENERATE * longest, dtype=np.bool_)
-
-
-def _as_numbers(values: ArrayLike, name: str, expected: str) -> np.ndarray[Any, Any]:
-    try:
-        array = np.asarray(values)
-    except ValueError as error:
-        raise MeshError(f"{name} must be an array {expected}, got rows of unequal length") from error
-    if array.size and array.dtype.kind not in "iuf":
-        raise MeshError(f"{name} must be an array {expected}, got dtype {array.dtype}")
-    return array
 
 
 def _more(count: int, noun: str) -> str:

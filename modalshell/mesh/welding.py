@@ -7,6 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from modalshell.checks import checked_number
 from modalshell.errors import MeshError
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.validation import COINCIDENT, unused_vertices
@@ -33,8 +34,8 @@ def weld_arrays(
     """
     if tolerance is None:
         tolerance = COINCIDENT * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    elif not (np.isfinite(tolerance) and tolerance >= 0):
-        raise MeshError(f"tolerance must be a finite distance >= 0 [m], got {tolerance}")
+    else:
+        tolerance = checked_number("tolerance", tolerance, MeshError, at_least=0.0, unit="m")
     # Exact copies first: a k-d tree would list every pair among many copies of one point.
     points, inverse = np.unique(vertices, axis=0, return_inverse=True)
     pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")

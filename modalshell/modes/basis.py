@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_count, checked_vectors
+from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
 from modalshell.errors import FileFormatError
+from modalshell.files import read_npz, write_npz
 from modalshell.mesh import TriangleMesh
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
@@ -65,25 +66,24 @@ class Basis:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the basis with its shell to an ``.npz`` file (no pickle)."""
         shell, material = self.shell, self.shell.material
-        with open(path, "wb") as file:
-            np.savez_compressed(
-                file,
-                modalshell_basis=np.array(_FORMAT),
-                vertices=shell.mesh.vertices,
-                faces=shell.mesh.faces,
-                clamped=shell.clamped,
-                stretch=np.asarray(material.stretch),
-                shear=np.asarray(material.shear),
-                flexure=np.asarray(material.flexure),
-                density=np.asarray(material.density),
-                correct_clamp=np.array(material.correct_clamp),
-                eigenvalues=self.eigenvalues,
-                modes=self.modes,
-                rotations=self.rotations,
-                rigid_modes=np.array(self.rigid_modes),
-                residual=np.array(self.residual),
-                backend=np.array(self.backend),
-            )
+        write_npz(
+            path,
+            modalshell_basis=np.array(_FORMAT),
+            vertices=shell.mesh.vertices,
+            faces=shell.mesh.faces,
+            clamped=shell.clamped,
+            stretch=np.asarray(material.stretch),
+            shear=np.asarray(material.shear),
+            flexure=np.asarray(material.flexure),
+            density=np.asarray(material.density),
+            correct_clamp=np.array(material.correct_clamp),
+            eigenvalues=self.eigenvalues,
+            modes=self.modes,
+            rotations=self.rotations,
+            rigid_modes=np.array(self.rigid_modes),
+            residual=np.array(self.residual),
+            backend=np.array(self.backend),
+        )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Basis:
@@ -95,8 +95,7 @@ class Basis:
             If the file is missing, damaged, or not a saved basis.
         """
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                data = {name: stored[name] for name in stored.files}
+            data = read_npz(path)
             if int(data["modalshell_basis"]) != _FORMAT:
                 raise ValueError(f"format {data['modalshell_basis']} (this version reads {_FORMAT})")
             stiffnesses = {name: data[name] for name in ("stretch", "shear", "flexure", "density")}
@@ -110,7 +109,7 @@ class Basis:
                 raise ValueError(f"{data['rigid_modes']} rigid modes of {values.size}")
             counts = (int(data["rigid_modes"]), float(data["residual"]), str(data["backend"]))
         except Exception as error:  # zip, zlib, OS, key, mesh and value errors all mean the same to the user
-            raise FileFormatError(f"cannot read a saved basis from {Path(path)}: {error}") from error
+            raise FileFormatError(f"cannot read a saved basis from {Path(path)}: {shortened(str(error))}") from error
         return cls(shell, values, modes, rotations, *counts)
 
 
@@ -140,10 +139,12 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     SolverError
         If the stiffness is singular beyond its rigid motions, or a mode fails the residual check.
     """
+    checked_kind("shell", shell, Shell)
     count = checked_count("count", count)
     Factoriser(backend)  # refuses an unknown back end before any work
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
     modes = np.zeros((shell.rest_positions.size, count))
     modes[shell.free_unknowns] = free_modes
     rotations = np.asarray(rotation_matrix(shell.mesh) @ modes)
+    finite_answer("the modes", eigenvalues, modes, rotations)
     return Basis(shell, eigenvalues, modes, rotations, rigid_modes, residual, name)

@@ -10,6 +10,7 @@ import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
+from modalshell.checks import finite_answer
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
@@ -107,6 +108,7 @@ def mass_scaled(shell: Shell, data: Array) -> tuple[sps.csc_array, Array]:
     scaled = shell.pattern.free_matrix(data)
     root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
     scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
+    finite_answer("the stiffness over the mass", scaled.data)
     return scaled, root
 
 

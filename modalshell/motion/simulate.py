@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_number
+from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.errors import OptionError
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.supports import SupportPath
@@ -18,6 +18,7 @@ from modalshell.rungs.model import Stopwatch
 
 Array = NDArray[np.float64]
 
+_MOST_STEPS = 1_000_000_000
 _QUARTER_DECAY = 0.1
 """Share of its energy that free motion may keep over a quarter of the run, for the run to be judged."""
 _STILL_MOVING = 0.5
@@ -96,8 +97,9 @@ def simulate(
     dt = checked_step(dt)
     duration = checked_number("duration", duration, at_least=dt, unit="s")
     store_every = checked_count("store_every", store_every)
-    if np.dtype(dtype) not in (np.dtype(np.float64), np.dtype(np.float32)):
-        raise OptionError(f"dtype must be float64 or float32 (got {dtype!r})")
+    dtype = checked_precision(dtype)
+    checked_kind("model", model, Model)  # type: ignore[type-abstract]
+    total = step_count(duration, dt)
     motion = Motion(
         model,
         dt=dt,
@@ -109,7 +111,6 @@ def simulate(
         constraints=constraints,
     )
     watch = Stopwatch()
-    total = step_count(duration, dt)
     observer = Observer(motion)
     times, frames, residuals = [0.0], [motion.positions().astype(dtype)], [motion.constraint_residuals]
     observer.look()
@@ -146,8 +147,11 @@ def stored_steps(
 
 
 def step_count(duration: float, dt: float) -> int:
-    """Whole steps of ``dt`` that cover ``duration``."""
-    return int(np.ceil(duration / dt - 1e-9))
+    """Whole steps of ``dt`` that cover ``duration``; OptionError if no run would ever end."""
+    steps = np.ceil(duration / dt - 1e-9)
+    if steps > _MOST_STEPS:
+        raise OptionError(f"duration must be at most {_MOST_STEPS:,} steps of {dt:g} s (got {duration:g} s)")
+    return int(steps)
 
 
 class Observer:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_number
+from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.errors import OptionError, SupportError
 from modalshell.motion.supports import Pose, SupportPath
 from modalshell.rungs import Constraint, Damping, DiscreteShell, Model, MotionState
@@ -58,12 +58,13 @@ class Motion:
         constraints: Sequence[Constraint] | None = None,
     ) -> None:
         self.dt = checked_step(dt)
-        if np.shape(damping) != (2,):
-            raise OptionError(f"damping must be two Rayleigh factors xi, zeta (got {damping!r})")
-        self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in damping))
+        factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
+        self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
         self.load = total_load(model.shell, gravity, force)
         model.check_step(self.dt, self.damping)
         shell = model.shell
+        if supports is not None:
+            checked_kind("supports", supports, SupportPath)
         if supports is not None and not shell.clamped.any():
             raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
         self.supports = supports
@@ -75,7 +76,10 @@ class Motion:
         self.model = model
         self.state = model.start_motion(None if start is None else shell.checked_positions(start))
         if supports is not None and not model.in_shell_frame:
-            self.state.coordinates = supports.at(0.0).to_world(self.state.coordinates)
+            pose = supports.at(0.0)
+            self.state.coordinates = pose.to_world(self.state.coordinates)
+            if self.state.carried is not None:
+                self.state.carried = self.state.carried @ pose.rotation.T
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
         self.count, self.unconverged, self.finite = 0, 0, True

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_number, checked_vectors
+from modalshell.checks import checked_count, checked_number, checked_times, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.kernels import rotations
 
@@ -105,9 +105,7 @@ class SupportPath:
         *,
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        self.times = checked_vectors("times", times, np.shape(times), OptionError)
-        if self.times.ndim != 1 or self.times.size < 2 or (np.diff(self.times) <= 0).any():
-            raise OptionError(f"times must be at least two increasing numbers (got {times!r})")
+        self.times = checked_times(times)
         shape = (self.times.size, 3)
         self.pivot = checked_vectors("pivot", pivot, (3,), OptionError)
         # Clamped ends: the supports start and stop at rest.
@@ -136,13 +134,15 @@ class SupportPath:
         """
         duration = checked_number("duration", duration, above=0.0, unit="s")
         step = checked_number("step", step, above=0.0, at_most=duration, unit="s")
-        times = np.linspace(0.0, duration, max(2, round(duration / step) + 1))
+        count = checked_count("the number of samples, duration over step,", round(duration / step), at_most=10_000_000)
+        times = np.linspace(0.0, duration, count + 1)
         poses = [path(float(time)) for time in times]
         moved, turned = (np.array([pose[k] for pose in poses], dtype=np.float64) for k in (0, 1))
         return cls(times, moved, turned, pivot=pivot)
 
     def at(self, time: float) -> Pose:
         """Pose of the supports at ``time`` [s]."""
+        time = checked_number("time", time, unit="s")
         inside = float(np.clip(time, self.times[0], self.times[-1]))
         moving = self.times[0] <= time <= self.times[-1]
         none = np.zeros(3)

@@ -11,7 +11,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import shown
 from modalshell.errors import OptionError
+from modalshell.files import make_folder
 
 Style = Literal["surface", "wireframe", "outline"]
 Color = str | tuple[float, float, float]
@@ -144,7 +146,7 @@ def checked_direction(values: Any) -> tuple[float, float, float]:
     """Return a camera direction as three finite numbers that are not all zero."""
     array = np.asarray(values, dtype=np.float64)
     if array.shape != (3,) or not np.isfinite(array).all() or not array.any():
-        raise OptionError(f"camera must be three finite numbers, not all zero (got {values!r})")
+        raise OptionError(f"camera must be three finite numbers, not all zero (got {shown(values)})")
     return float(array[0]), float(array[1]), float(array[2])
 
 
@@ -152,9 +154,9 @@ def checked_size(size: tuple[int, int], even: bool = False) -> tuple[int, int]:
     """Return a picture size in pixels, (width, height), each from 64 to 8192 and even where a film needs it."""
     values = tuple(size)
     if len(values) != 2 or not all(isinstance(value, int | np.integer) and 64 <= value <= 8192 for value in values):
-        raise OptionError(f"size must be (width, height) in whole pixels from 64 to 8192 (got {size!r})")
+        raise OptionError(f"size must be (width, height) in whole pixels from 64 to 8192 (got {shown(size)})")
     if even and any(value % 2 for value in values):
-        raise OptionError(f"the size of a film must be even in both directions for H.264 (got {size!r})")
+        raise OptionError(f"the size of a film must be even in both directions for H.264 (got {shown(size)})")
     return int(values[0]), int(values[1])
 
 
@@ -163,7 +165,7 @@ def checked_path(path: str | Path, suffix: str) -> Path:
     target = Path(path)
     if target.suffix.lower() != suffix:
         raise OptionError(f"the file name must end in {suffix} (got {str(path)!r})")
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     return target
 
 
@@ -174,4 +176,6 @@ def rgb(color: Color) -> NDArray[np.float64]:
     try:
         return np.array(to_rgb(color), dtype=np.float64)
     except ValueError as error:
-        raise OptionError(f"color must be a matplotlib colour, 'tab:blue' or '#8fb3d9' say (got {color!r})") from error
+        raise OptionError(
+            f"color must be a matplotlib colour, 'tab:blue' or '#8fb3d9' say (got {shown(color)})"
+        ) from error

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import shown
 from modalshell.errors import OptionError
 from modalshell.render.camera import Camera
 from modalshell.render.scene import ShadedSurface, rgb
@@ -41,14 +42,14 @@ def scalar_colors(
     import matplotlib
 
     if colormap not in matplotlib.colormaps:
-        raise OptionError(f"colormap must be the name of a matplotlib colour map (got {colormap!r})")
+        raise OptionError(f"colormap must be the name of a matplotlib colour map (got {shown(colormap)})")
     valued = [surface for surface in surfaces if surface.scalars is not None]
     if not valued:
         return None
     values = np.concatenate([np.asarray(surface.scalars) for surface in valued])
     low, high = (float(values.min()), float(values.max())) if limits is None else limits
     if not (np.isfinite(low) and np.isfinite(high) and low <= high):
-        raise OptionError(f"scalar_range must be two finite numbers in order (got {limits!r})")
+        raise OptionError(f"scalar_range must be two finite numbers in order (got {shown(limits)})")
     return ScalarColors(colormap, low, high)
 
 

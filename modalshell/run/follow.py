@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from modalshell.checks import checked_number
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
+from modalshell.files import read_record
 from modalshell.run.frame_reader import FrameReader
 from modalshell.scene import load_scene
 
@@ -214,11 +214,8 @@ def _only_run(folder: Path) -> str | None:
 
 def _record(path: Path) -> dict[str, Any] | None:
     """The record of a finished run; None if the file is none."""
-    try:
-        record = json.loads(path.read_text(encoding="utf-8"))
-        return record if isinstance(record["identity"], dict) else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+    record = read_record(path)
+    return record if record is not None and isinstance(record.get("identity"), dict) else None
 
 
 def _same(identity: dict[str, Any], whole: dict[str, Any]) -> bool:

@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
+from modalshell.files import make_folder
 from modalshell.hold import hold
 
 MAGIC = b"modalshell frames 2\n"
 ALIGNMENT = 64
 CHECKSUM_BYTES = 4
-CONSTANTS = "constants"
+CONSTANTS, LINE_CHECKSUM = "constants", "line checksum"
 _CHECKSUM = "checksum"
 
 
@@ -50,7 +51,7 @@ class FrameFile:
         self.count = 0
         self._header = b""
         self._dtype = np.dtype([])
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         self._descriptor = hold(path)
 
     def __enter__(self) -> FrameFile:
@@ -123,7 +124,7 @@ class FrameFile:
             return "" if MAGIC.startswith(magic) else "it is no file of frames, or damaged"
         try:
             other = dict(json.loads(line)) if magic == MAGIC else None
-        except ValueError:
+        except (ValueError, TypeError, RecursionError):
             other = None
         if other is None:
             return "it is no file of frames, or damaged"
@@ -171,6 +172,11 @@ def record_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
     return np.dtype([*fields, (_CHECKSUM, "<u4")])
 
 
+def line_checksum(document: dict[str, Any]) -> int:
+    """CRC of what a header's line says."""
+    return zlib.crc32(json.dumps(document, sort_keys=True).encode())
+
+
 def is_sound(record: bytes) -> bool:
     """Whether a record is what was written, to the last bit."""
     checksum = int.from_bytes(record[-CHECKSUM_BYTES:], "little")
@@ -181,7 +187,8 @@ def _header(identity: dict[str, str], constants: dict[str, NDArray[Any]]) -> byt
     """Magic, one line of JSON, and the constants' bytes; the line's end tells a whole line from a torn one."""
     data = b"".join(array.tobytes() for array in constants.values())
     layout = [[name, array.dtype.str, array.shape] for name, array in constants.items()]
-    document = identity | {CONSTANTS: {"arrays": layout, "checksum": zlib.crc32(data)}}
+    document: dict[str, Any] = identity | {CONSTANTS: {"arrays": layout, "checksum": zlib.crc32(data)}}
+    document[LINE_CHECKSUM] = line_checksum(document)
     text = MAGIC + json.dumps(document, sort_keys=True).encode()
     text += b" " * (-(len(text) + 1) % ALIGNMENT) + b"\n"
     return text + data + b"\0" * (-len(data) % ALIGNMENT)

@@ -15,7 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.hold import is_held
-from modalshell.run.frame_file import ALIGNMENT, CHECKSUM_BYTES, CONSTANTS, MAGIC, is_sound, record_dtype
+from modalshell.run.frame_file import (
+    ALIGNMENT,
+    CHECKSUM_BYTES,
+    CONSTANTS,
+    LINE_CHECKSUM,
+    MAGIC,
+    is_sound,
+    line_checksum,
+    record_dtype,
+)
 
 _LINE_LIMIT = 1 << 20
 """Length [bytes] beyond which no header's line is looked for."""
@@ -127,6 +136,8 @@ class FrameReader:
             return None
         try:
             identity = json.loads(line[len(MAGIC) :])
+            if identity.pop(LINE_CHECKSUM) != line_checksum(identity):
+                return None
             layout = identity.pop(CONSTANTS)
             arrays = [(name, np.dtype(kind), tuple(shape)) for name, kind, shape in layout["arrays"]]
             sizes = [kind.itemsize * math.prod(shape) for _, kind, shape in arrays]
@@ -134,7 +145,7 @@ class FrameReader:
             if len(data) != sum(sizes) or zlib.crc32(data) != layout["checksum"]:
                 return None
             dtype = record_dtype(ast.literal_eval(identity["record"]))
-        except (ValueError, KeyError, TypeError, SyntaxError):
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
         constants, place = {}, 0
         for (name, kind, shape), size in zip(arrays, sizes, strict=True):

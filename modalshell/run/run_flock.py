@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.crowd import Flight
-from modalshell.files import write_npz, write_text
+from modalshell.files import digest, read_npz, read_record, write_npz, write_record
 from modalshell.motion.simulate import step_count
 from modalshell.render import ShadedSurface, draw_surface, look_at, write_streamed_film
 from modalshell.render.camera import Camera
@@ -87,8 +86,8 @@ def run_flock(
     """
     names = [f"{scene.name}.{kind}" for kind in dict.fromkeys(["npz", *scene.output.formats, "json"])]
     files = [folder / name for name in names]
-    record = {} if restart else _record(files)
-    if record.get("identity") == identity:
+    record = None if restart else _whole_record(files)
+    if record is not None and record.get("identity") == identity:
         return FlightResult(FlightReport(**record["report"]), record["frames"], files, record["frames"])
     if not restart:
         file.refuse_others(identity)
@@ -104,23 +103,27 @@ def run_flock(
 
     records, resumed = _fly(scene, flight, file, identity, restart, advance)
     files[-1].unlink(missing_ok=True)
-    report = _write(scene, flight, camera, records, folder, lambda done, _: advance(steps + done))
+    report = _draw(scene, flight, camera, records, folder, lambda done, _: advance(steps + done))
+    arrays = {name: records[name] for name in _KEPT} | {"faces": np.asarray(shell.mesh.faces)}
+    write_npz(files[0], **arrays)
     document = {"scene": scene.name, "identity": identity, "frames": len(records), "report": asdict(report)}
-    document["record"] = run_record(scene.content())
-    write_text(files[-1], json.dumps(document, indent=1) + "\n")
+    document |= {"record": run_record(scene.content()), "arrays": digest(arrays)}
+    write_record(files[-1], document)
     frames = len(records)
     del records  # mapped
     file.remove()
     return FlightResult(report, frames, files, resumed)
 
 
-def _record(files: list[Path]) -> dict[str, Any]:
-    """The record of whole results that are there already, if they are."""
+def _whole_record(files: list[Path]) -> dict[str, Any] | None:
+    """The record of results that are there already, and whole; None where they are not."""
+    found = read_record(files[-1])
+    if found is None or not all(path.exists() for path in files):
+        return None
     try:
-        found: dict[str, Any] = json.loads(files[-1].read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return found if all(path.exists() for path in files) else {}
+        return found if digest(read_npz(files[0])) == found.get("arrays") else None
+    except Exception:  # whatever zip and NumPy make of a damaged file: it is flown again
+        return None
 
 
 def _fly(
@@ -169,10 +172,10 @@ def _camera(scene: Scene) -> Camera:
         return look_at(lens.position, lens.target, math.radians(lens.view_angle), lens.size[0] / lens.size[1])
 
 
-def _write(
+def _draw(
     scene: Scene, flight: Flight, camera: Camera, records: NDArray[Any], folder: Path, on_frame: Progress
 ) -> FlightReport:
-    """Write the archive, the film and the picture; return the report."""
+    """Draw the film and the picture; return the report."""
     assert scene.flock is not None
     assert scene.motion is not None
     lens, crowd, film = scene.flock.camera, flight.crowd, FlightFilm(scene, flight)
@@ -203,5 +206,4 @@ def _write(
     if "png" in scene.output.formats:
         at = -1 if lens.still is None else int(np.abs(records["time"] - lens.still).argmin())
         draw_surface(folder / f"{scene.name}.png", surface(at), camera, size=lens.size)
-    write_npz(folder / f"{scene.name}.npz", **{name: records[name] for name in _KEPT}, faces=single)
     return report

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
-from modalshell.files import write_text
+from modalshell.files import read_record, write_record
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.simulate import Observer, step_count, stored_steps
 from modalshell.run.folder import remove_leftovers, run_identity
@@ -224,13 +223,13 @@ def _snapshot(record: Any) -> dict[str, Array]:
 
 def _whole_results(folder: Path, name: str, identity: dict[str, str]) -> tuple[Trajectory, list[str]] | None:
     """Results of this very run that are there already, and their formats; None if it has to be run."""
+    record = read_record(folder / f"{name}.json")
+    if record is None or record.get("identity") != identity:
+        return None
     try:
-        record = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-        if record["identity"] != identity:
-            return None
         run = load_trajectory(folder / f"{name}.npz", verify=True)
         return run, [kind for kind in record["formats"] if (folder / f"{name}.{kind}").exists()]
-    except (OSError, ValueError, KeyError, TypeError, FileFormatError):
+    except FileFormatError:
         return None
 
 
@@ -244,4 +243,4 @@ def _write_record(folder: Path, scene: Scene, identity: dict[str, str], run: Tra
         "seconds": run.seconds,
         "record": run_record(scene.content()),
     }
-    write_text(folder / f"{scene.name}.json", json.dumps(document, indent=1) + "\n")
+    write_record(folder / f"{scene.name}.json", document)

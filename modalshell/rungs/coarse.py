@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from modalshell.checks import checked_kind
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
 from modalshell.modes import solve_modes
@@ -60,8 +61,8 @@ class CoarseDiscreteShell(Model):
     in_shell_frame = True
 
     def __init__(self, shell: Shell, coarse: Shell) -> None:
-        self.shell = shell
-        self.coarse = DiscreteShell(coarse)
+        self.shell = checked_kind("shell", shell, Shell)
+        self.coarse = DiscreteShell(checked_kind("coarse", coarse, Shell))
         mesh, under = shell.mesh, coarse.mesh
         size = float(np.ptp(mesh.vertices, axis=0).max())
         below, vertex_shares, distance = closest_points(under, mesh.vertices)
@@ -118,6 +119,8 @@ class CoarseDiscreteShell(Model):
         coarse = self.coarse.shell
         gradients = _frames(positions, coarse.mesh.faces) @ np.linalg.inv(self._rest_frames)
         left, stretch, right = np.linalg.svd(gradients)
+        mirrored = np.linalg.det(left @ right) < 0.0  # of triangles that have collapsed: their third stretch is zero
+        left[mirrored, :, 2] *= -1.0
         turns = left @ right
         strains = np.swapaxes(right, 1, 2) @ (stretch[:, :, None] * right)
         quaternions = Rotation.from_matrix(turns).as_quat()
@@ -190,7 +193,9 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | None = N
     SupportError
         If no vertex of ``mesh`` lies where ``shell`` is held.
     """
-    given = material or shell.material
+    checked_kind("shell", shell, Shell)
+    checked_kind("mesh", mesh, TriangleMesh)
+    given = shell.material if material is None else checked_kind("material", material, Material)
     if material is None:
         if any(np.ndim(value) for value in (given.stretch, given.shear, given.flexure, given.density)):
             raise OptionError("the fine shell's material has a value an element: pass the material of the coarse mesh")
@@ -253,7 +258,8 @@ def _frames(positions: Array, faces: Index) -> Array:
     first = positions[faces[:, 1]] - positions[faces[:, 0]]
     second = positions[faces[:, 2]] - positions[faces[:, 0]]
     normal = np.cross(first, second)
-    return np.stack([first, second, normal / np.linalg.norm(normal, axis=1)[:, None]], axis=2)
+    length = np.linalg.norm(normal, axis=1)[:, None]  # zero where a triangle has collapsed
+    return np.stack([first, second, normal / np.where(length > 0.0, length, 1.0)], axis=2)
 
 
 def _corner_means(mesh: TriangleMesh, triangles: Index) -> sps.csr_array:

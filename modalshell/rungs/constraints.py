@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_vectors, shown
 from modalshell.errors import OptionError, SupportError
 from modalshell.kernels import rotations
 from modalshell.shell import Shell
@@ -36,11 +36,14 @@ class Constraint:
     kind: Literal["position", "orientation"]
 
     def __init__(self, vertices: ArrayLike, target: Target) -> None:
-        given = np.atleast_1d(np.asarray(vertices))
+        try:
+            given = np.atleast_1d(np.asarray(vertices))
+        except ValueError:  # rows of unequal length
+            given = np.empty(0)
         if given.dtype == bool:
             given = np.flatnonzero(given)
         if given.ndim != 1 or given.size == 0 or not np.issubdtype(given.dtype, np.integer):
-            raise OptionError(f"vertices of a constraint must be one index, some, or a mask (got {vertices!r})")
+            raise OptionError(f"vertices of a constraint must be one index, some, or a mask (got {shown(vertices)})")
         self.vertices: Index = np.unique(given.astype(np.int64))
         self._target = target
         self.at(0.0)
@@ -92,12 +95,15 @@ class OrientationConstraint(Constraint):
 
 def checked_constraints(constraints: Sequence[Constraint] | None, shell: Shell) -> list[Constraint]:
     """The constraints as a list, each on free vertices of ``shell``; else OptionError or SupportError."""
-    given = list(constraints or ())
+    try:
+        given = list(() if constraints is None else constraints)
+    except TypeError as error:
+        raise OptionError(f"constraints must be a list of constraints (got {shown(constraints)})") from error
     count = len(shell.rest_positions)
     seen = set()
     for constraint in given:
         if not isinstance(constraint, Constraint):
-            raise OptionError(f"constraints must be position or orientation constraints (got {constraint!r})")
+            raise OptionError(f"constraints must be position or orientation constraints (got {shown(constraint)})")
         outside = constraint.vertices[(constraint.vertices < 0) | (constraint.vertices >= count)]
         if outside.size:
             raise SupportError(f"a constraint names vertex {outside[0]}, but the mesh has vertices 0 to {count - 1}")

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_number
+from modalshell.checks import checked_choice, checked_kind, checked_number
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes import Factoriser, largest_eigenvalue
 from modalshell.rungs.boundary_motion import lead
@@ -78,9 +78,8 @@ class DiscreteShell(Model):
         step_tolerance: float = 1e-6,
         backend: str | None = None,
     ) -> None:
-        if integrator not in get_args(Integrator):
-            raise OptionError(f"integrator must be one of {', '.join(get_args(Integrator))} (got {integrator!r})")
-        self.shell = shell
+        checked_choice("integrator", integrator, get_args(Integrator))
+        self.shell = checked_kind("shell", shell, Shell)
         self.integrator: Integrator = integrator
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None
@@ -242,7 +241,9 @@ class DiscreteShell(Model):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest."""
         x = self._held(self.shell.rest_positions if positions is None else self.shell.checked_positions(positions))
-        return MotionState(x, np.zeros_like(x))
+        rates = np.zeros_like(x)
+        inner = self._inner_force(x, rates, Damping()) if self.integrator == "verlet" else None
+        return MotionState(x, rates, inner)
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m]: the coordinates themselves."""
@@ -282,7 +283,8 @@ class DiscreteShell(Model):
         """``x+ - 2 x + x- = h^2 a`` as two half kicks about a drift; the inner force is carried, one a step."""
         shell, x = self.shell, state.coordinates
         drag, kick = 0.5 * dt * damping.mass_factor, 0.5 * dt / shell.mass[:, None]
-        inner = self._inner_force(x, state.rates, damping) if state.carried is None else state.carried
+        assert state.carried is not None
+        inner = state.carried
         middle = state.rates * (1.0 - drag) + kick * (load + inner)
         middle[shell.clamped] = 0.0 if held is None else (held - x[shell.clamped]) / dt
         x = x + dt * middle

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count
+from modalshell.checks import checked_count, checked_precision, shown
 from modalshell.errors import OptionError
 from modalshell.kernels.frame import TILE, WORK, warp_frame, warp_frame_parallel
 from modalshell.modes import Basis
@@ -44,7 +44,7 @@ class WarpFrame:
     """
 
     def __init__(self, basis: Basis, *, dtype: DTypeLike = np.float64, threads: int = 1) -> None:
-        self.dtype = _checked_precision(dtype)
+        self.dtype = checked_precision(dtype)
         self.threads = checked_count("threads", threads)
         self.count = basis.count
         points = basis.shell.rest_positions
@@ -101,7 +101,7 @@ class WarpFrame:
         except (TypeError, ValueError) as fault:
             if isinstance(fault, OptionError):
                 raise
-            raise OptionError(f"q must be {self.count} real numbers (got {q!r}: {fault})") from fault
+            raise OptionError(f"q must be {self.count} real numbers (got {shown(q)}: {fault})") from fault
         if out is None:
             out = np.empty((self.vertices, 3), self.dtype)
         elif (
@@ -117,17 +117,6 @@ class WarpFrame:
         run = warp_frame if self.threads == 1 else warp_frame_parallel
         run(self._modal, self._rest, self._q, self._work, out)
         return out
-
-
-def _checked_precision(dtype: DTypeLike) -> np.dtype[Any]:
-    """``dtype`` as float64 or float32, else OptionError."""
-    try:
-        precision = np.dtype(dtype)
-    except TypeError as fault:
-        raise OptionError(f"dtype must be float64 or float32 (got {dtype!r})") from fault
-    if precision not in (np.dtype(np.float64), np.dtype(np.float32)):
-        raise OptionError(f"dtype must be float64 or float32 (got {dtype!r})")
-    return precision
 
 
 def _aligned_zeros(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -17,6 +17,8 @@ _MET = 1e-8
 _SOFTEST, _HARDER, _HARDEST = 1e-3, 0.01, 1e-14
 _PASSES = 12
 _STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
+_MOST_STAGES = 200
+"""Enough for 30 sizes of the shell; no mode reaches a target beyond them anyhow."""
 _STALLED = 0.7
 """Share of the residual that a harder constraint must beat, or the target counts as out of reach."""
 
@@ -51,7 +53,7 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
     residual, jacobian = evaluate(start)
     unit = float(np.sum((jacobian * root) ** 2)) / len(residual) or 1.0
     # Far targets are led there in stages: a single leap would land on another branch.
-    first, stages = residual, int(np.ceil(np.abs(residual).max() / _STAGE))
+    first, stages = residual, int(min(np.ceil(np.abs(residual).max() / _STAGE), _MOST_STAGES))
     for stage in range(1, stages):
 
         def on_the_way(q: Array, offset: Array = first * (1.0 - stage / stages)) -> tuple[Array, Array]:
@@ -89,7 +91,10 @@ def _minimise(
     value = merit(z, residual)
     for _ in range(_PASSES):
         scaled = jacobian * root
-        mu = np.linalg.solve(scaled @ scaled.T + epsilon * np.eye(len(residual)), residual + scaled @ z)
+        try:
+            mu = np.linalg.solve(scaled @ scaled.T + epsilon * np.eye(len(residual)), residual + scaled @ z)
+        except np.linalg.LinAlgError:  # targets that no softness tells apart, under absurd loads
+            break
         move = scaled.T @ mu - z
         length = 1.0
         while length > 1e-4:

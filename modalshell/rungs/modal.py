@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import checked_choice, checked_kind
 from modalshell.errors import OptionError
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_motions
@@ -38,6 +39,8 @@ CONSTRAINT_MET = 1e-6
 
 _FIXED_POINT = 1e-7
 _FIXED_POINT_LIMIT = 200
+_OUT_OF_REACH_LIMIT = 20
+"""Iterations after which targets that were not reached in any of them are given up."""
 
 
 class ModalModel(Model):
@@ -56,9 +59,8 @@ class ModalModel(Model):
     in_shell_frame = True
 
     def __init__(self, basis: Basis, *, integrator: Integrator = "implicit_euler") -> None:
-        if integrator not in ("implicit_euler", "implicit_midpoint"):
-            raise OptionError(f"integrator must be 'implicit_euler' or 'implicit_midpoint' (got {integrator!r})")
-        self.basis = basis
+        checked_choice("integrator", integrator, ("implicit_euler", "implicit_midpoint"))
+        self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
         self.integrator = integrator
         self._mass = np.repeat(self.shell.mass, 3)
@@ -125,18 +127,21 @@ class ModalModel(Model):
         q = np.zeros(self.basis.count) if start is None else start
         targets = [ResolvedTarget(c.kind, c.vertices, c.at(0.0)) for c in constraints]
         evaluate = self._constraints(targets, q)
-        change, iterations = np.inf, 0
+        change, iterations, nearest = np.inf, 0, np.inf
         while change > _FIXED_POINT and iterations < _FIXED_POINT_LIMIT:
+            if iterations == _OUT_OF_REACH_LIMIT and nearest > CONSTRAINT_MET:
+                break
             before = q
             iterations += 1
             q, residual = meet(evaluate, compliance * self.modal_force(q, load), compliance, q)
+            nearest = min(nearest, float(np.abs(residual).max()))
             work = float(np.sum(self.basis.eigenvalues * q**2)) or 1.0
             change = float(np.sqrt(np.sum(self.basis.eigenvalues * (q - before) ** 2) / work))
             if not load.any():  # no modal force that could still turn
                 change = 0.0
         left = self._residuals(targets, residual)
         solved, status = True, "converged"
-        if change > _FIXED_POINT:
+        if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
             solved, status = False, "no fixed point: the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
             solved, status = False, f"constraint out of reach: {left.max():.2e} from its target"

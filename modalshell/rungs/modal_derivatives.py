@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_count
+from modalshell.checks import checked_count, checked_kind
 from modalshell.modes import solve_modes
 from modalshell.modes.derivatives import modal_derivatives
 from modalshell.rungs.cubature import Cubature, checked_loads, default_loads, train
@@ -72,7 +72,7 @@ class ModalDerivatives(Model):
         training_loads: Sequence[ArrayLike] | None = None,
         backend: str | None = None,
     ) -> None:
-        self.shell = shell
+        self.shell = checked_kind("shell", shell, Shell)
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
         self.basis = modal_derivatives(solve_modes(shell, count, backend=backend), backend=backend)

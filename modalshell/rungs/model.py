@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_vectors, finite_answer
 from modalshell.errors import OptionError
 from modalshell.shell import Shell
 
@@ -53,6 +53,9 @@ class Equilibrium:
     coordinates: Array | None = None
     costs: dict[str, float] = field(default_factory=dict)
     constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        finite_answer("the equilibrium's positions", self.positions)
 
 
 class Statics(NamedTuple):
@@ -126,6 +129,8 @@ class Model(ABC):
         ------
         LoadError
             For loads or positions of the wrong shape or not finite.
+        SolverError
+            If extreme input drives the positions out of the finite numbers.
         """
 
     @abstractmethod

@@ -83,7 +83,7 @@ def minimise(
             return Minimum(point, residual, iterations, True)
         slopes = axes.T @ gradient
         while True:  # shrink the region until a step succeeds
-            if iterations == _ITERATIONS:
+            if iterations == _ITERATIONS or radius < 1e-300:  # no step, however short, leads to finite values
                 return Minimum(point, residual, iterations, False)
             iterations += 1
             along = _step(slopes, curvatures, radius)

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_count, checked_vectors
+from modalshell.checks import LARGEST, checked_count, checked_kind, checked_vectors, vector_count
 from modalshell.errors import OptionError
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
@@ -61,17 +61,18 @@ class ReducedRotationStrain(TurnedTriangles):
     name = "reduced RSW"
 
     def __init__(self, model: RotationStrain, coordinates: ArrayLike, *, rank: int = 32) -> None:
+        checked_kind("model", model, RotationStrain)
         basis, shell = model.basis, model.shell
         rank = checked_count("rank", rank)
-        samples = checked_vectors(
-            "coordinates", coordinates, (len(np.atleast_1d(coordinates)), basis.count), OptionError
-        )
+        samples = checked_vectors("coordinates", coordinates, (vector_count(coordinates), basis.count), OptionError)
         if basis.rigid_modes:
             raise OptionError(f"reduced RSW needs a shell that its supports hold (got {basis.rigid_modes} rigid modes)")
         if len(samples) < rank:
             raise OptionError(f"training needs at least rank = {rank} coordinates (got {len(samples)})")
-        if not samples.any():
-            raise OptionError("training needs coordinates that move the shell (got zeros only)")
+        if np.abs(samples).max() < 1.0 / LARGEST:
+            raise OptionError(
+                f"training needs coordinates that move the shell (got at most {np.abs(samples).max():g} in size)"
+            )
         root_mass = np.sqrt(np.repeat(shell.mass, 3))
         full = np.array([model.displacement(q).ravel() for q in samples])
         wanted, shapes = principal((full - samples @ basis.modes.T) * root_mass, rank)
@@ -119,8 +120,9 @@ class ReducedRotationStrain(TurnedTriangles):
         rank, seed : int
             Columns of U, and seed of the random numbers.
         """
-        loads = checked_vectors("gravities", gravities, (len(np.atleast_1d(gravities)), 3), OptionError)
-        rng = np.random.default_rng(seed)
+        checked_kind("model", model, RotationStrain)
+        loads = checked_vectors("gravities", gravities, (vector_count(gravities), 3), OptionError)
+        rng = np.random.default_rng(checked_count("seed", seed, at_least=0))
         answers = np.array([model.equilibrium(gravity=load).coordinates for load in loads])
         factors = rng.uniform(-_MIXED, _MIXED, (checked_count("mixtures", mixtures), *answers.shape))
         return cls(model, np.vstack([answers, (factors * answers).reshape(-1, answers.shape[1])]), rank=rank)

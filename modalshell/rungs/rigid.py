@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from modalshell.checks import checked_kind
 from modalshell.errors import OptionError
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import rigid_motions
@@ -43,7 +44,7 @@ class RigidShell(Model):
     in_shell_frame = True
 
     def __init__(self, shell: Shell) -> None:
-        self.shell = shell
+        self.shell = checked_kind("shell", shell, Shell)
         loose = rigid_motions(shell).shape[1]
         self._free = loose == 6 and not shell.clamped.any()
         if loose and not self._free:

@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import checked_kind
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
 from modalshell.modes import Basis
@@ -45,7 +46,7 @@ class RotationStrain(TurnedTriangles):
     name = "RSW"
 
     def __init__(self, basis: Basis, *, integrator: Integrator = "implicit_euler", backend: str | None = None) -> None:
-        fit = PoissonFit(basis.shell, backend)
+        fit = PoissonFit(checked_kind("basis", basis, Basis).shell, backend)
         modal = tiled(triangle_modes(basis, fit)).reshape(-1, basis.count, 6 * TILE)
         super().__init__(basis, modal, integrator)
         self.backend = fit.factor.backend

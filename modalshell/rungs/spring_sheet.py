@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_count, checked_number
+from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, shown
 from modalshell.errors import MeshError, OptionError
+from modalshell.rungs.constraints import Constraint
 from modalshell.rungs.discrete_shell import DiscreteShell, Integrator
-from modalshell.rungs.model import Damping, MotionState
+from modalshell.rungs.model import Damping, Equilibrium, MotionState, Stopwatch, total_load
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
@@ -18,6 +21,11 @@ from modalshell.springs.springs import Springs
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+_RELAXING = 2000
+"""Steps at most on the way to rest."""
+_NEAR = 1e-4
+"""Out-of-balance force over the load from which Newton's method goes on."""
 
 
 class SpringSheet(DiscreteShell):
@@ -70,15 +78,15 @@ class SpringSheet(DiscreteShell):
         step_tolerance: float = 1e-6,
         backend: str | None = None,
     ) -> None:
-        self.springs = shell_springs(shell) if springs is None else springs
+        checked_kind("shell", shell, Shell)
+        self.springs = shell_springs(shell) if springs is None else checked_kind("springs", springs, Springs)
         count = len(shell.rest_positions)
         if len(self.springs) == 0 or self.springs.pairs.max() >= count:
             worst = self.springs.pairs.max(initial=-1)
             raise MeshError(f"springs must join the vertices 0 to {count - 1} of the mesh (got {worst})")
-        if solver not in ("factor", "cg"):
-            raise OptionError(f"solver must be 'factor' or 'cg' (got {solver!r})")
+        checked_choice("solver", solver, ("factor", "cg"))
         if solver == "cg" and integrator != "linear_implicit":
-            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {integrator!r})")
+            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {shown(integrator)})")
         super().__init__(
             shell.with_elements([self.springs.element_set()]),
             integrator=integrator,
@@ -102,6 +110,54 @@ class SpringSheet(DiscreteShell):
             step_tolerance=self.step_tolerance,
             backend=self._factoriser.backend,
         )
+
+    def equilibrium(
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
+    ) -> Equilibrium:
+        """As of DS; where Newton fails the sheet is let swing out first, then Newton goes on from there.
+
+        The energies of flat sheets are quartic in bending, with minima that Newton's steps miss.
+        """
+        watch = Stopwatch()
+        found = super().equilibrium(gravity=gravity, force=force, start=start, constraints=constraints)
+        if found.converged or constraints:
+            return found
+        load = total_load(self.shell, gravity, force)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+            relaxed, steps = self._relaxed(load, start)
+        if relaxed is not None:
+            found = super().equilibrium(gravity=gravity, force=force, start=relaxed)
+        return replace(found, iterations=found.iterations + steps, seconds=watch())
+
+    def _relaxed(self, load: Array, start: ArrayLike | None) -> tuple[Array | None, int]:
+        """Positions near rest, or None, and the implicit steps there, each a tenth of the time of a fall through."""
+        shell = self.shell
+        goal = _NEAR * float(np.linalg.norm(load[shell.free]))
+        if goal == 0.0:
+            return None, 0
+        acceleration = float(np.linalg.norm(load[shell.free])) / float(np.linalg.norm(shell.mass[shell.free]))
+        time = float(np.sqrt(np.linalg.norm(np.ptp(shell.rest_positions, axis=0)) / acceleration))
+        state = self.start_motion(None if start is None else shell.checked_positions(start))
+        for count in range(1, _RELAXING + 1):
+            state, solved = DiscreteShell._linear_implicit(self, state, 0.1 * time, load, Damping(0.2 / time), None)
+            if not solved or not np.isfinite(state.coordinates).all():
+                return None, count
+            inner = self.shell.energy_gradient(state.coordinates)[1]
+            if float(np.linalg.norm((load - inner)[shell.free])) <= goal:
+                return state.coordinates, count
+        return state.coordinates, _RELAXING
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest; conjugate gradients take the last change of velocities along."""
+        state = super().start_motion(positions)
+        if self.solver == "cg":
+            state.carried = np.zeros_like(state.rates)
+        return state
 
     def _linear_implicit(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None

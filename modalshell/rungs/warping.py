@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import checked_choice
 from modalshell.errors import OptionError
 from modalshell.kernels import rotations
 from modalshell.modes import Basis
@@ -61,8 +62,7 @@ class ModalWarping(ModalModel):
         consistent_force: bool = False,
     ) -> None:
         super().__init__(basis, integrator=integrator)
-        if warp not in ("closed_form", "sum"):
-            raise OptionError(f"warp must be 'closed_form' or 'sum' (got {warp!r})")
+        checked_choice("warp", warp, ("closed_form", "sum"))
         self.warp = warp
         self.consistent_force = consistent_force
         rigid = basis.rigid_modes

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from modalshell.crowd import Crowd, Flap, Flight, Flock
+from modalshell.crowd.flock import MOST, MOST_THREADS
 from modalshell.modes import Basis
 from modalshell.scene.parts import checked_keyframes
-from modalshell.scene.tables import Count, Keyframes, NotNegative, Positive, Table, Times, Vector
+from modalshell.scene.tables import Keyframes, NotNegative, Positive, Table, Times, Vector
 
 Array = NDArray[np.float64]
 Pixels = Annotated[int, Meta(ge=64, le=8192)]
@@ -70,7 +71,7 @@ class FlockTable(Table, frozen=True):
     are those of separation, alignment and cohesion.
     """
 
-    count: Count
+    count: Annotated[int, Meta(ge=1, le=MOST)]
     radius: Positive
     camera: Lens
     seed: Annotated[int, Meta(ge=0)] = 0
@@ -84,7 +85,7 @@ class FlockTable(Table, frozen=True):
     weights: tuple[NotNegative, NotNegative, NotNegative] = (1.0, 1.0, 1.0)
     flock_position: Vector = (0.0, 0.0, 0.0)
     bounds: tuple[Vector, Vector] | None = None
-    threads: Count = 1
+    threads: Annotated[int, Meta(ge=1, le=MOST_THREADS)] = 1
     target: Target | None = None
     flap: Wings = Wings()
     detail: Detail = Detail()

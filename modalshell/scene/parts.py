@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_times, checked_vectors, shown
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.motion import SupportPath
@@ -87,13 +87,14 @@ def select(key: str, selection: int | str | list[int], mesh: TriangleMesh) -> ND
             raise OptionError(f"{key} {error}") from error
     else:
         mask = np.zeros(count, dtype=bool)
-        indices = np.atleast_1d(np.array(selection, dtype=np.int64))
-        if indices.size and indices.max() >= count:
-            raise OptionError(f"{key} names vertex {indices.max()}, but the mesh has vertices 0 to {count - 1}")
+        indices = [selection] if isinstance(selection, int) else selection
+        worst = max(indices, default=0)
+        if worst >= count:
+            raise OptionError(f"{key} names vertex {shown(worst)}, but the mesh has vertices 0 to {count - 1}")
         mask[indices] = True
     if not mask.any():
         low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
-        raise OptionError(f"{key} selects no vertex (got {selection!r}); the mesh reaches from {low} to {high}")
+        raise OptionError(f"{key} selects no vertex (got {shown(selection)}); the mesh reaches from {low} to {high}")
     return mask
 
 
@@ -159,7 +160,5 @@ def checked_keyframes(times: list[float] | None, targets: list[Vector] | None) -
     """Times (k,) and targets (k, 3) as arrays, or OptionError if the times are missing or do not increase."""
     if times is None:
         raise OptionError("targets need keyframe times beside them: give times")
-    moments = np.array(times, dtype=np.float64)
-    if (np.diff(moments) <= 0.0).any():
-        raise OptionError(f"times must increase (got {times!r})")
+    moments = checked_times(times)
     return moments, checked_vectors("targets", targets, (moments.size, 3), OptionError)

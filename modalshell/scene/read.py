@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 
+from modalshell.checks import shortened
 from modalshell.errors import ModalShellError, SceneError
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -88,7 +89,7 @@ def refuse_unknown_keys(file: Path, path: str, raw: dict[str, Any], allowed: Ite
         if key not in names:
             near = difflib.get_close_matches(key, names, 1)
             hint = f"did you mean {near[0]!r}? " if near else ""
-            place = f"{path}.{key}" if path else key
+            place = shortened(f"{path}.{key}" if path else key, 80)
             raise SceneError(f"{file}: {place}: unknown key; {hint}allowed: {', '.join(names)}")
 
 

@@ -42,7 +42,7 @@ from modalshell.shell.supports import held_vertices
 
 Array = NDArray[np.float64]
 
-_NAME = "[A-Za-z0-9][A-Za-z0-9_-]*"
+_NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
 _TABLES = ("name", *_REQUIRED, "supports", "loads", "constraints", "motion", "flock", "output")
 _GRAVITY = (0.0, 0.0, -9.81)
@@ -264,7 +264,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
     name = raw.get("name", file.stem)
     if not isinstance(name, str) or not re.fullmatch(_NAME, name):
-        allowed = "letters, digits, _ and -, a letter or digit first: it names the results' files"
+        allowed = "1 to 100 letters, digits, _ and -, a letter or digit first: it names the results' files"
         raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
     entries = raw.get("constraints", [])
     if not isinstance(entries, list):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_number
+from modalshell.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import bending_constants
@@ -53,13 +53,10 @@ class Material:
     def __post_init__(self) -> None:
         for name, unit in (("stretch", "N/m"), ("shear", "N"), ("flexure", "N m"), ("density", "kg/m^2")):
             raw = getattr(self, name)
-            try:
-                value = np.array(raw, dtype=np.float64)
-            except (TypeError, ValueError) as error:
-                raise MaterialError(f"{name} must be a number in {unit} or one per element (got {raw!r})") from error
-            if value.ndim > 1 or not np.isfinite(value).all():
-                raise MaterialError(f"{name} must be finite, one number or one per element in {unit} (got {raw!r})")
-            if name == "density" and (value <= 0).any():
+            value = as_array(name, raw, f"one number or one per element in {unit}", MaterialError).astype(np.float64)
+            if value.ndim > 1 or not (np.abs(value) <= LARGEST).all():
+                raise MaterialError(f"{name} must be finite, one number or one per element [{unit}] (got {shown(raw)})")
+            if name == "density" and (value < 1.0 / LARGEST).any():
                 raise MaterialError(f"density must be positive (got {value.min():g} kg/m^2)")
             if name in ("shear", "flexure") and (value < 0).any():
                 raise MaterialError(f"{name} must not be negative (got {value.min():g} {unit})")
@@ -114,6 +111,7 @@ class Material:
         MaterialError
             For values out of range.
         """
+        checked_kind("mesh", mesh, TriangleMesh)
         young = checked_number("young", young, MaterialError, above=0.0, unit="Pa")
         thickness = checked_number("thickness", thickness, MaterialError, above=0.0, unit="m")
         density = checked_number("density", density, MaterialError, above=0.0, unit="kg/m^3")

@@ -12,7 +12,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.errors import ModalShellWarning
+from modalshell.errors import MaterialError, ModalShellWarning
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.orientation import Orientation, in_plane_angles
 
@@ -62,7 +62,13 @@ def axial_stiffness(mesh: TriangleMesh, stretch: Array, shear: Array, axis: Arra
     tensor = np.einsum("tk,tki,tkj->ij", spring, rows, rows)
     tensor[:2, :2] += float(np.sum(stretch * mesh.face_areas))
     # The energy per area is strain . C . strain, so a stress-free side leaves E h = 2 / (C^-1)_00.
-    return float(2.0 / np.linalg.inv(tensor / mesh.area)[0, 0])
+    try:
+        return float(2.0 / np.linalg.inv(tensor / mesh.area)[0, 0])
+    except np.linalg.LinAlgError as error:
+        raise MaterialError(
+            f"no stiffness of the {len(mesh.faces)} triangles resists every strain of the sheet: they are needles that "
+            "all lie along one direction; remesh to triangles nearer to equilateral"
+        ) from error
 
 
 def adjacent_areas(mesh: TriangleMesh) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_vectors, shown
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
 
@@ -56,7 +56,7 @@ def orient(mesh: TriangleMesh, direction: ArrayLike | None = None) -> Orientatio
     if direction is not None:
         axis = checked_vectors("direction", direction, (3,), MaterialError)
         if not axis.any():
-            raise MaterialError(f"direction must not be the zero vector (got {direction!r})")
+            raise MaterialError(f"direction must not be the zero vector (got {shown(direction)})")
         axis = axis / np.abs(axis).max()
         axis /= np.linalg.norm(axis)
         inside = np.sqrt(np.maximum(1.0 - (mesh.face_normals @ axis) ** 2, 0.0))

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import LoadError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elements import ElementSet, element_sets
@@ -57,8 +57,8 @@ class Shell:
     """
 
     def __init__(self, mesh: TriangleMesh, material: Material, clamped: ArrayLike | None = None) -> None:
-        self.mesh = mesh
-        self.material = material
+        self.mesh = checked_kind("mesh", mesh, TriangleMesh)
+        self.material = checked_kind("material", material, Material)
         self.rest_positions: Array = np.asarray(mesh.vertices)
         clamped = held_vertices(clamped, len(mesh.vertices))
         self.elements: list[ElementSet] = element_sets(mesh, material, clamped)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import shown
 from modalshell.errors import SupportError
 
 
@@ -21,7 +22,7 @@ def held_vertices(clamped: ArrayLike | None, count: int) -> NDArray[np.bool_]:
     try:
         given = np.asarray(clamped)
     except ValueError as error:
-        raise SupportError(f"clamped must be bool ({count},) or vertex indices (got {clamped!r})") from error
+        raise SupportError(f"clamped must be bool ({count},) or vertex indices (got {shown(clamped)})") from error
     if given.dtype == bool:
         if given.shape != (count,):
             raise SupportError(f"clamped must be a mask ({count},) or vertex indices (got shape {given.shape})")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_number
+from modalshell.checks import checked_each, checked_kind, checked_number
 from modalshell.errors import MaterialError
 from modalshell.kernels.generated import flexure, shear
 from modalshell.mesh import TriangleMesh
@@ -44,9 +44,11 @@ def mesh_springs(mesh: TriangleMesh, structural: ArrayLike, flexion: ArrayLike, 
     MaterialError
         For stiffnesses of the wrong shape, not finite, or negative.
     """
+    checked_kind("mesh", mesh, TriangleMesh)
     edges, far = len(mesh.edges), len(mesh.hinges)
-    stiffness: Array = np.concatenate([_spread("structural", structural, edges), _spread("flexion", flexion, far)])
-    dampers = _spread("damping", damping, edges + far)
+    each = (("structural", structural, edges), ("flexion", flexion, far))
+    stiffness: Array = np.concatenate([checked_each(*given, MaterialError) for given in each])
+    dampers = checked_each("damping", damping, edges + far, MaterialError)
     pairs = np.concatenate([mesh.edges, np.sort(mesh.hinges[:, 2:], axis=1)])
     unique, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     if len(unique) < len(pairs):
@@ -78,6 +80,7 @@ def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Sprin
     MaterialError
         For a fold out of range, or a shell that has not the three energies of a discrete shell.
     """
+    checked_kind("shell", shell, Shell)
     fold = checked_number("reference_fold", reference_fold, MaterialError, above=0.0, at_most=0.5 * np.pi, unit="rad")
     weights = {element.kernel: element for element in shell.elements}
     if flexure not in weights or shear not in weights:
@@ -110,10 +113,3 @@ def _far_distances(mesh: TriangleMesh, change: float) -> Array:
     opening = np.arccos(cosine) + np.array([0.0, change, -change])[:, None]
     squared = height_2**2 + height_3**2 - 2.0 * height_2 * height_3 * np.cos(opening) + (offset_2 - offset_3) ** 2
     return np.asarray(np.sqrt(squared))
-
-
-def _spread(name: str, values: ArrayLike, count: int) -> Array:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape not in ((), (count,)):
-        raise MaterialError(f"{name} must be one number or {count} (got shape {array.shape})")
-    return np.array(np.broadcast_to(array, (count,)))

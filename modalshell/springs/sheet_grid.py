@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_number, checked_vectors
+from modalshell.checks import checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.errors import LoadError, MaterialError, MeshError, SupportError
 from modalshell.springs.springs import Springs
 
@@ -19,6 +19,9 @@ FAMILIES = {
 """Half of each family's neighbours, as (rows, columns); the other half are their opposites."""
 
 
+_AXES = ("rows", "columns")
+_MOST = 100_000_000
+"""Masses; more do not fit the memory of a common machine."""
 _WAVES = 96
 """Wave numbers along each axis among which the fastest wave is looked for."""
 
@@ -60,18 +63,22 @@ class SheetGrid:
 
     def __post_init__(self) -> None:
         """Check every value before any work is done with it."""
-        shape = tuple(self.shape)
-        if len(shape) != 2 or not all(isinstance(count, (int, np.integer)) and count >= 3 for count in shape):
-            raise MeshError(f"shape must be at least 3 rows and 3 columns (got {self.shape!r})")
-        object.__setattr__(self, "shape", (int(shape[0]), int(shape[1])))
+        if vector_count(self.shape) != 2:
+            raise MeshError(f"shape must be two numbers, rows and columns (got {shown(self.shape)})")
+        rows, columns = (checked_count(name, n, at_least=3) for name, n in zip(_AXES, self.shape, strict=True))
+        if rows * columns > _MOST:
+            raise MeshError(f"shape must be at most {_MOST:,} masses in all (got {rows} x {columns})")
+        object.__setattr__(self, "shape", (rows, columns))
         for name, unit in (("spacing", "m"), ("particle_mass", "kg")):
             checked_number(name, getattr(self, name), MaterialError, above=0.0, unit=unit)
         for name, unit in (("structural", "N/m"), ("shear", "N/m"), ("flexion", "N/m"), ("drag", "1/s")):
             checked_number(name, getattr(self, name), MaterialError, at_least=0.0, unit=unit)
         checked_number("spring_damping", self.spring_damping, MaterialError, at_least=0.0, unit="N s/m")
-        pinned = np.asarray(self.pinned)
-        if pinned.dtype != bool or pinned.shape not in (self.shape, (1, 1)):
-            raise SupportError(f"pinned must be bool of shape {self.shape} (got {pinned.dtype} of {pinned.shape})")
+        if not isinstance(self.pinned, np.ndarray) or self.pinned.dtype != bool or np.ma.is_masked(self.pinned):
+            raise SupportError(f"pinned must be an array of bool (got {shown(self.pinned)})")
+        pinned = self.pinned
+        if pinned.shape not in (self.shape, (1, 1)):
+            raise SupportError(f"pinned must have the shape {self.shape} (got {pinned.shape})")
         object.__setattr__(self, "pinned", np.array(np.broadcast_to(pinned, self.shape)))
         object.__setattr__(self, "gravity", checked_vectors("gravity", self.gravity, (3,), LoadError))
 

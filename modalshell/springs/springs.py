@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import LARGEST, as_array, checked_each
 from modalshell.errors import MaterialError, MeshError
 from modalshell.kernels.generated import shear
 from modalshell.shell.elements import ElementSet
@@ -45,7 +46,7 @@ class Springs:
 
     def __post_init__(self) -> None:
         """Check every array and store contiguous copies that nobody can write to."""
-        pairs = np.array(self.pairs, order="C")
+        pairs = np.array(as_array("pairs", self.pairs, "integers of shape (S, 2)", MeshError), order="C")
         if pairs.ndim != 2 or pairs.shape[1:] != (2,) or pairs.dtype.kind not in "iu":
             raise MeshError(f"pairs must be integers of shape (S, 2) (got {pairs.dtype} of shape {pairs.shape})")
         pairs = pairs.astype(np.int64)
@@ -60,11 +61,11 @@ class Springs:
         pairs.setflags(write=False)
         object.__setattr__(self, "pairs", pairs)
         for name, above in (("rest_lengths", True), ("stiffness", False), ("damping", False)):
-            values = np.array(np.broadcast_to(np.asarray(getattr(self, name), np.float64), len(pairs)), order="C")
-            bad = np.flatnonzero(~(np.isfinite(values) & ((values > 0.0) if above else (values >= 0.0))))
+            values = checked_each(name, getattr(self, name), len(pairs), MaterialError)
+            bad = np.flatnonzero(values < 1.0 / LARGEST if above else values < 0.0)
             if len(bad):
-                bound = "above 0" if above else "at least 0"
-                raise MaterialError(f"{name} must be finite and {bound} (got {values[bad[0]]} at spring {bad[0]})")
+                bound = f"at least {1.0 / LARGEST:g}" if above else "at least 0"
+                raise MaterialError(f"{name} must be {bound} (got {values[bad[0]]} at spring {bad[0]})")
             values.setflags(write=False)
             object.__setattr__(self, name, values)
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_number, checked_vectors
+from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision, checked_vectors
 from modalshell.errors import OptionError, SolverError
 from modalshell.kernels.generated import shear
 from modalshell.kernels.spring_grid import WORK, verlet_steps
@@ -68,10 +68,8 @@ class GridVerlet:
         velocity: ArrayLike | None = None,
         allow_unstable_step: bool = False,
     ) -> None:
-        self.grid = grid
-        self.dtype = np.dtype(dtype)
-        if self.dtype not in (np.dtype(np.float64), np.dtype(np.float32)):
-            raise OptionError(f"dtype must be float64 or float32 (got {dtype!r})")
+        self.grid = checked_kind("grid", grid, SheetGrid)
+        self.dtype = checked_precision(dtype)
         if grid.spring_damping > 0.0:
             raise OptionError(
                 f"the grid's Verlet steps know drag, but no dashpots (got spring_damping={grid.spring_damping:g} "

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import re
 from collections.abc import Generator, Sequence
 from typing import Any
 
+from modalshell.checks import shortened, shown
 from modalshell.errors import OptionError, WorkerError
 from modalshell.sweep.case import Outcome, Task, run_case
 
@@ -28,14 +30,18 @@ def connect(address: str) -> Any:
     """
     if importlib.util.find_spec("distributed") is None:
         raise OptionError("a cluster needs dask.distributed: pip install 'modalshell[cluster]'")
+    if not re.search(r"://|:\d+$", address):
+        raise OptionError(
+            f"a scheduler's address must be as tcp://10.0.0.1:8786 or 10.0.0.1:8786 (got {shown(address)})"
+        )
     from distributed import Client
 
     try:
         client = Client(address, timeout=_SECONDS, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except Exception as error:  # AssertionError too, where an address names no port
         raise WorkerError(
-            f"no scheduler of dask.distributed answers at {address}: start one with 'dask scheduler' and give its "
-            f"address, such as tcp://10.0.0.1:8786 ({error})"
+            f"no scheduler of dask.distributed answers at {shown(address)}: start one with 'dask scheduler' and give "
+            f"its address, such as tcp://10.0.0.1:8786 ({type(error).__name__}: {shortened(str(error))})"
         ) from error
     try:
         client.wait_for_workers(1, timeout=_SECONDS)

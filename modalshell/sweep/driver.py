@@ -8,7 +8,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from modalshell.checks import checked_count, checked_number
+from modalshell.checks import checked_count, checked_folder, checked_number, shown
 from modalshell.errors import OptionError
 from modalshell.sweep.case import Outcome, Task
 from modalshell.sweep.cluster import connect, run_on_cluster
@@ -111,17 +111,20 @@ def run_sweep(
     KeyboardInterrupt
         When stopped, with a message of how much is stored.
     """
-    declared = sweep if isinstance(sweep, Sweep) else load_sweep(sweep)
+    chosen = None if out is None else checked_folder("out", out)
+    declared = sweep if isinstance(sweep, Sweep) else load_sweep(checked_folder("sweep", sweep))
+    folder = chosen or Path(declared.output.folder)
     count = usable_cores() if workers is None else checked_count("workers", workers)
     if time_limit is not None:
         checked_number("time_limit", time_limit, above=0.0, unit="s")
     if cluster is not None and (time_limit is not None or workers is not None):
         raise OptionError("workers and a time limit are for this machine: leave them out with a cluster")
+    if cluster is not None and not isinstance(cluster, str):
+        raise OptionError(f"cluster must be a scheduler's address, as tcp://10.0.0.1:8786 (got {shown(cluster)})")
     value = checked_value(declared.output.value, declared.truth is not None, MEASURES, declared.file)
     if "parquet" in declared.output.formats:
         refuse_parquet_without_pyarrow()
     plan = Plan(declared)
-    folder = Path(declared.output.folder if out is None else out)
     with CaseFolder(folder / f"{declared.name}_cases") as store:
         found = {digest: outcome for digest in plan.tasks if (outcome := store.read(digest)) is not None}
         if retry:

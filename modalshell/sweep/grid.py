@@ -125,7 +125,7 @@ class Sweep:
 
 def _own_options(model: Any) -> Any:
     """``[model]`` without the options that other models have and the one named has not."""
-    if not isinstance(model, dict) or model.get("name") not in MODELS:
+    if not isinstance(model, dict) or not isinstance(model.get("name"), str) or model["name"] not in MODELS:
         return model  # refused when the scene is read
     own = MODELS[model["name"]].__struct_fields__
     others = {option for kind in MODELS.values() for option in kind.__struct_fields__}.difference(own)

@@ -10,7 +10,7 @@ from types import TracebackType
 import msgspec
 from msgspec import Struct
 
-from modalshell.files import write_bytes
+from modalshell.files import make_folder, write_bytes
 from modalshell.hold import hold
 from modalshell.sweep.case import Outcome
 
@@ -30,7 +30,7 @@ class CaseFolder:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self._descriptor = hold(folder / "lock")
         for leftover in folder.glob(".*.part.json"):
             leftover.unlink()

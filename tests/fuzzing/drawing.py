@@ -1,0 +1,51 @@
+"""Pictures and films left out: drawing takes a second, and has no input of its own that a scene could spoil."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+from modalshell import render
+from modalshell.files import write_text
+
+
+def _checked(surfaces: Any) -> None:
+    for surface in surfaces:
+        if not np.isfinite(np.asarray(surface, dtype=np.float64)).all():
+            raise AssertionError("a picture was asked of positions that are not finite")
+
+
+def _views(views: Any, path: Any, **_: Any) -> Path:
+    _checked(surface.vertices for view in views for surface in view.surfaces)
+    return write_text(path, "picture")
+
+
+def _film(path: Any, frames: Any, *_: Any, **__: Any) -> Path:
+    _checked(frames)
+    return write_text(path, "film")
+
+
+def _surface(path: Any, surface: Any, *_: Any, **__: Any) -> Path:
+    _checked([surface.vertices])
+    return write_text(path, "picture")
+
+
+def _streamed(path: Any, surface: Any, frames: Any, *_: Any, **__: Any) -> Path:
+    _checked([surface.vertices, *map(np.array, frames)])
+    return write_text(path, "film")
+
+
+@contextmanager
+def without_pictures() -> Iterator[None]:
+    """Draw nothing, but look at what should be drawn."""
+    flocks = {"draw_surface": _surface, "write_streamed_film": _streamed}
+    with (
+        mock.patch.multiple(render, draw_views=_views, write_film=_film),
+        mock.patch.multiple("modalshell.run.run_flock", **flocks),
+    ):
+        yield

@@ -1,0 +1,198 @@
+"""What every input must give: a finite answer, or a ModalShellError whose message is of use, within ten seconds."""
+
+from __future__ import annotations
+
+import dataclasses
+import faulthandler
+import math
+import re
+import signal
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis.strategies import SearchStrategy
+
+from modalshell.errors import ModalShellError
+
+LIMIT = 10.0
+"""Seconds that one input may take."""
+FEW = 300
+"""Steps, and vertices of a mesh, beyond which an accepted scene counts as long work."""
+_SHORTEST, _LONGEST = 20, 1500
+_NAMES_SOMETHING = re.compile(r"['\"\d/]|\(got |, got |\S: | -")
+"""A value, a path, an option, or the place of a fault before a colon."""
+_EXPOSES_INNARDS = re.compile(r"Traceback|<[\w. ]+ object at 0x|\n\s+File ")
+
+
+class FuzzFinding(AssertionError):
+    """An input that gave neither a valid answer nor a refusal of use."""
+
+
+class UncaughtException(FuzzFinding):
+    """An exception that is no ModalShellError."""
+
+
+class Hang(FuzzFinding):
+    """An input that took longer than the limit."""
+
+
+class SilentNonFinite(FuzzFinding):
+    """An answer with a NaN or an infinity in it, given without a word."""
+
+
+class UselessMessage(FuzzFinding):
+    """A refusal that does not say what was got."""
+
+
+class HalfRead(FuzzFinding):
+    """A damaged file that was read as something else than what was written."""
+
+
+class Escape(FuzzFinding):
+    """A file written outside the folder that the user chose."""
+
+
+class DirtyExit(FuzzFinding):
+    """A command that ended otherwise than with status 0, or with status 2 and one line."""
+
+
+class LongWork(Exception):
+    """Raised out of accepted input that asks for much work, as it may: an answer, in bits that a suite has time for."""
+
+
+class _TimeUp(BaseException):
+    """Raised by the timer; no Exception, so that ``except Exception`` does not take it for a damaged file."""
+
+
+@dataclasses.dataclass
+class Input:
+    """One input: how to show it, and what to do with it."""
+
+    text: str
+    call: Callable[[], Any]
+
+    def __repr__(self) -> str:
+        return self.text if len(self.text) < 2000 else f"{self.text[:2000]}..."
+
+
+def outcome(call: Callable[[], Any], limit: float = LIMIT) -> str:
+    """``"answer"`` or ``"refused"``; a FuzzFinding for anything else."""
+    started = time.perf_counter()
+    answer, found = None, "answer"
+    try:
+        with warnings.catch_warnings(), _time_limit(limit):
+            warnings.simplefilter("ignore")
+            try:
+                answer = call()
+            except ModalShellError as error:
+                check_message(str(error))
+                found = "refused"
+            except LongWork:
+                pass
+    except FuzzFinding:
+        raise
+    except _TimeUp:
+        raise Hang(f"no answer within {limit:g} s") from None
+    except Exception as error:
+        raise UncaughtException(f"{type(error).__name__}: {error}"[:500]) from error
+    if time.perf_counter() - started > limit:  # native code, or something that swallowed the timer's exception
+        raise Hang(f"{found} after {time.perf_counter() - started:.1f} s, above {limit:g} s")
+    place = next(not_finite(answer), None)
+    if place is not None:
+        raise SilentNonFinite(f"the answer{place} is not finite")
+    return found
+
+
+def check_message(message: str) -> None:
+    """UselessMessage for a message that is short, endless, names nothing, or shows the inside of the program."""
+    if not _SHORTEST <= len(message) <= _LONGEST:
+        raise UselessMessage(f"{len(message)} characters: {message[:200]!r}")
+    if _EXPOSES_INNARDS.search(message) or not _NAMES_SOMETHING.search(message):
+        raise UselessMessage(message)
+
+
+def not_finite(value: Any, place: str = "", seen: set[int] | None = None) -> Iterator[str]:
+    """Places in an answer, whatever it is made of, where a number is not finite."""
+    seen = set() if seen is None else seen
+    if isinstance(value, float | complex | np.inexact):
+        if not np.isfinite(value):
+            yield place or " itself"
+        return
+    if value is None or isinstance(value, str | bytes | int | np.generic | type) or id(value) in seen:
+        return
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind in "fc" and not np.isfinite(value).all():
+            yield place or " itself"
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield from not_finite(inner, f"{place}[{key!r}]", seen)
+    elif isinstance(value, list | tuple | set | frozenset):
+        for index, inner in enumerate(value):
+            yield from not_finite(inner, f"{place}[{index}]", seen)
+    elif type(value).__module__.split(".")[0] in ("modalshell", "scipy") and hasattr(value, "__dict__"):
+        for name, inner in vars(value).items():
+            if name == "residual" and getattr(value, "converged", True) is False:
+                continue  # an answer that says of itself that it is none may be infinitely far off
+            yield from not_finite(inner, f"{place}.{name}", seen)
+
+
+class _time_limit:
+    """Raises _TimeUp after ``seconds``; where native code does not come back at all, ends the process with a trace."""
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def __enter__(self) -> None:
+        self._before = signal.signal(signal.SIGALRM, self._stop)
+        # Again and again: the first may fall into a callback that swallows every exception.
+        signal.setitimer(signal.ITIMER_REAL, self._seconds, 1.0)
+        faulthandler.dump_traceback_later(math.ceil(6 * self._seconds), exit=True)
+
+    def __exit__(self, *_: object) -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        faulthandler.cancel_dump_traceback_later()
+        signal.signal(signal.SIGALRM, self._before)
+
+    @staticmethod
+    def _stop(*_: object) -> None:
+        raise _TimeUp
+
+
+def few_steps(done: int, _total: int) -> None:
+    """A callback of steps that ends long runs: 1e9 steps are allowed, and no hang."""
+    if done >= FEW:
+        raise LongWork
+
+
+def fuzz(
+    inputs: SearchStrategy[Input],
+    count: int,
+    *,
+    limit: float = LIMIT,
+    random_seed: int | None = None,
+    shrink: bool = True,
+) -> Counter[str]:
+    """Try ``count`` inputs; the first finding is shrunk and raised. Returns how many were answered and refused."""
+    counts: Counter[str] = Counter()
+
+    @settings(
+        max_examples=count,
+        derandomize=random_seed is None,
+        database=None,
+        deadline=None,
+        phases=(Phase.generate, Phase.shrink) if shrink else (Phase.generate,),
+        suppress_health_check=list(HealthCheck),
+        print_blob=False,
+    )
+    @given(inputs)
+    def attempt(case: Input) -> None:
+        counts[outcome(case.call, limit)] += 1
+
+    (attempt if random_seed is None else seed(random_seed)(attempt))()
+    return counts

@@ -1,0 +1,202 @@
+"""Bad input: every one gives a finite answer or a refusal of use, on five surfaces; and the suite sees planted bugs.
+
+``MODALSHELL_FUZZ_INPUTS=20000 python -m pytest tests/test_fuzz.py -k inputs -s`` spreads so many inputs over the
+surfaces; ``MODALSHELL_FUZZ_SEED=1`` takes others than the ones that every run takes.
+"""
+
+import contextlib
+import json
+import os
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from fuzzing import arrays, command_line, mesh_files, saved, scenes
+from fuzzing.harness import (
+    DirtyExit,
+    Escape,
+    HalfRead,
+    Hang,
+    SilentNonFinite,
+    UncaughtException,
+    UselessMessage,
+    fuzz,
+    outcome,
+)
+
+import modalshell as ms
+from modalshell import cli, files
+from modalshell.mesh import file_checks, validation
+from modalshell.mesh import files as mesh_io
+from modalshell.scene import parts
+from modalshell.study import StudyResult
+
+SURFACES = {module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line)}
+runs = sys.modules["modalshell.run.run_scene"]
+ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
+SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
+DEFAULT, LONG = 750, 4000
+
+
+def attempts(surface, count, folder, seed=None):
+    started = time.perf_counter()
+    counts = fuzz(SURFACES[surface].make(folder), count, random_seed=seed)
+    seconds = time.perf_counter() - started
+    print(f"\n{surface}: {counts['answer']} answered, {counts['refused']} refused in {seconds:.0f} s")
+    assert counts.total() >= count
+    # Inputs that are all refused at the door, or all sound, would show nothing.
+    assert counts["answer"] >= 0.03 * count
+    assert counts["refused"] >= 0.1 * count
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    attempts(surface, -(-int(ASKED or DEFAULT) // len(SURFACES)), tmp_path, None if SEED is None else int(SEED))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(ASKED is not None, reason="MODALSHELL_FUZZ_INPUTS sets the count")
+@pytest.mark.parametrize("surface", SURFACES)
+def test_many_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    attempts(surface, LONG // len(SURFACES), tmp_path, 7)
+
+
+def test_every_public_name_and_command_is_fuzzed():
+    tried = {target.name.split(".")[0].split(",")[0] for target in arrays.targets()}
+    errors = {name for name in ms.__all__ if name.endswith(("Error", "Warning"))}
+    assert set(ms.__all__) <= tried | errors | arrays.RECORDS | arrays.FILES
+    assert {"simulate", "modes", "run", "sweep", "doctor", "tradeoff"} <= set(command_line.commands())
+    assert "--clamp" in command_line.commands()["simulate"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "argv",
+    [
+        [],
+        ["simulate", b"leaf\xff.obj".decode(errors="surrogateescape")],
+        ["simulate", "panel.obj", "--clamp", "x < 0.3", "--static", "--out", b"o\xff".decode(errors="surrogateescape")],
+        ["modes", "panel.obj", "--thickness", "1e-300"],
+        ["run", "scene_0.toml", "--out", "panel.obj"],
+        ["reproduce", "--only", "../x"],
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
+    work = command_line.prepared(tmp_path)
+    environment = os.environ | {"PYTHONIOENCODING": encoding, "MODALSHELL_RENDERER": "matplotlib"}
+    command = [sys.executable, "-m", "modalshell", *argv]
+    found = subprocess.run(command, cwd=work, env=environment, capture_output=True, timeout=60, check=False)
+
+    def check():
+        command_line.check_exit(found.returncode, found.stderr.decode(encoding, "replace"))
+
+    assert outcome(check) in ("answer", "refused")
+
+
+# What the suite must see: a bug of each kind, put into the package, is reported by the surface that meets it.
+
+
+def crash(monkeypatch):
+    monkeypatch.setattr(file_checks, "_three_numbers", lambda words, _: [float(word) for word in words[:3]])
+
+
+def hang(monkeypatch):
+    def clean(data, sound=mesh_io.clean_obj):
+        while b"\\" in data:  # as if a continued line were read for ever
+            pass
+        return sound(data)
+
+    monkeypatch.setattr(mesh_io, "clean_obj", clean)
+
+
+def hang_that_swallows(monkeypatch):
+    def load(*arguments, sound=mesh_io._trimesh_load):
+        with contextlib.suppress(Exception):
+            time.sleep(0.6)
+        return sound(*arguments)
+
+    monkeypatch.setattr(mesh_io, "_trimesh_load", load)
+
+
+def not_a_number(monkeypatch):
+    def careless(name, values, shape, error=ms.LoadError):
+        array = np.array(values, dtype=np.float64)
+        if array.shape != shape:
+            raise error(f"{name} must have shape {shape} (got {array.shape})")
+        return array
+
+    monkeypatch.setattr(sys.modules["modalshell.measure"], "checked_vectors", careless)
+
+
+def short_message(monkeypatch):
+    def refuse(*_):
+        raise ms.MeshError("bad mesh")
+
+    monkeypatch.setattr(validation, "check_used", refuse)
+    monkeypatch.setattr(sys.modules["modalshell.mesh.files"].validation, "unused_vertices", refuse)
+
+
+def unchecked_files(monkeypatch):
+    def load(folder, name):
+        try:
+            document = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+            return StudyResult(name, document["findings"], files.read_npz(folder / f"{name}.npz"), document["record"])
+        except Exception as error:
+            raise ms.FileFormatError(f"no readable result of study {name!r}: {error}") from error
+
+    monkeypatch.setattr(StudyResult, "load", load)
+
+
+def beside_the_folder(monkeypatch):
+    def write(folder, scene, *rest, sound=runs._write_record):
+        files.write_text(folder.parent / f"{scene.name}.log", "done")
+        sound(folder, scene, *rest)
+
+    monkeypatch.setattr(runs, "_write_record", write)
+
+
+def traceback_at_the_command_line(monkeypatch):
+    monkeypatch.setattr(cli, "ModalShellError", ZeroDivisionError)
+
+
+def two_lines(monkeypatch):
+    def loud(path, sound=ms.load_mesh):
+        print("reading", path, file=sys.stderr)
+        return sound(path)
+
+    monkeypatch.setattr(cli.ms, "load_mesh", loud)
+
+
+def evaluated(monkeypatch):
+    def select(text, vertices):
+        return eval(text, {}, dict(zip("xyz", vertices.T, strict=True)))
+
+    monkeypatch.setattr(parts, "select_vertices", select)
+
+
+@pytest.mark.parametrize(
+    ("plant", "surface", "kinds"),
+    [
+        (crash, "mesh_files", UncaughtException),
+        (hang, "mesh_files", Hang),
+        (hang_that_swallows, "mesh_files", Hang),
+        (short_message, "mesh_files", UselessMessage),
+        (not_a_number, "arrays", SilentNonFinite),
+        (unchecked_files, "saved", HalfRead),
+        (beside_the_folder, "scenes", Escape),
+        (evaluated, "scenes", (UncaughtException, Hang)),
+        (traceback_at_the_command_line, "command_line", (UncaughtException, DirtyExit)),
+        (two_lines, "command_line", DirtyExit),
+    ],
+)
+def test_a_planted_bug_is_found(plant, surface, kinds, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    inputs = SURFACES[surface].make(tmp_path)  # what is known to be sound is made first
+    plant(monkeypatch)
+    with pytest.raises(kinds):
+        fuzz(inputs, 2000, limit=0.5 if kinds is Hang else 10.0, shrink=False)
