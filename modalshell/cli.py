@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import warnings
 from collections.abc import Callable, Iterator
@@ -337,6 +338,9 @@ def main(arguments: list[str] | None = None) -> None:
     debug = "--debug" in given
     if debug:
         given.remove("--debug")
+    for stream in (sys.stdout, sys.stderr):  # names of files need not be text that the terminal can show
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     warnings.showwarning = lambda message, *_, **__: print(f"modalshell: warning: {message}", file=sys.stderr)
     try:
         app(given, exit_on_error=False, print_error=False)

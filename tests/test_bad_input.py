@@ -134,7 +134,7 @@ def test_vectors_are_not_converted_with_loss(values):
         (lambda: ms.run_sweep(POINTS), ms.OptionError),
         (lambda: ms.run_sweep("sweep.toml", out=np.nan), ms.OptionError),
         (lambda: ms.cylinder_panel(radius=2.0**64, family="lloyd"), ms.OptionError),
-        (lambda: connect("x"), ms.OptionError),
+        (lambda: connect("x"), ms.WorkerError),
         (
             lambda: ms.ReducedRotationStrain(
                 ms.RotationStrain(ms.solve_modes(SHELL, 2)), np.full((4, 2), 1e-200), rank=2
