@@ -192,7 +192,7 @@ def test_what_is_not_allowed_is_refused_at_its_path(load, old, new, message):
         ('"x < 0.1"', "[999]", "supports.clamped: names vertex 999, but the mesh has vertices 0 to 64"),
         ('"x < 0.1"', "[1]\nrotations = [[0, 0, 0], [0, 0, 1]]", "supports.rotations: needs keyframe times"),
         ('"x < 0.1"', "[1]\ntimes = [0, 1]", "supports.times: need translations or rotations"),
-        ('"x < 0.1"', "[1]\ntimes = [1, 1]\nrotations = [[0, 0, 0], [0, 0, 1]]", "supports.times: must be at"),
+        ('"x < 0.1"', "[1]\ntimes = [1, 1]\nrotations = [[0, 0, 0], [0, 0, 1]]", "supports.times: must increase"),
         ('"x < 0.1"', "[1]\ntimes = [0, 1, 2]\nrotations = [[0, 0, 0], [0, 0, 1]]", "supports.rotations: must have"),
         ("[motion]\nduration = 1", "", None),
         ('"mwts"', '"mwts"\nmodes = 999', "model.modes: must be at most 165"),
