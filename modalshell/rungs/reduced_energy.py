@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.kernels.blocks import multiply
 from modalshell.shell import EXACT, Shell
+from modalshell.shell import elements as sums
 from modalshell.shell.elements import ElementSet
 from modalshell.shell.pattern import build_pattern
 
@@ -76,39 +77,26 @@ class ReducedEnergy:
 
     def value(self, z: Array) -> float:
         """Energy [J]; not finite at collapsed elements."""
-        x = self.positions(z)
-        return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in self.elements))
+        return sums.energy(self.elements, self.positions(z))
 
     def gradient(self, z: Array) -> tuple[float, Array]:
         """Energy [J] and its gradient ``U^T grad E`` (r,)."""
-        x = self.positions(z)
-        gradient = np.zeros_like(x)
-        total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in self.elements)
-        return float(total), np.asarray(gradient.ravel() @ self._vectors)
+        total, gradient = sums.energy_gradient(self.elements, self.positions(z))
+        return total, np.asarray(gradient.ravel() @ self._vectors)
 
     def hessian(
         self, z: Array, geometric: int = EXACT, stresses: Sequence[Array] | None = None
     ) -> tuple[float, Array, Array]:
         """Energy, gradient (r,) and Hessian ``U^T K U`` (r, r); options as for a shell's Hessian."""
-        x = self.positions(z)
-        gradient = np.zeros_like(x)
-        data = np.zeros(self._pattern.indices.size)
-        total = 0.0
-        none = np.empty(0)
-        for index, e in enumerate(self.elements):
-            stress = none if stresses is None else stresses[index]
-            place = (self._slots[index], self._pattern.strides, data, gradient)
-            total += e.kernel.add_stiffness(x, e.stencils, e.rest, e.weight, stress, geometric, *place)
-        multiply(self._pattern.indptr, self._pattern.indices, data, self._vectors, self._product)
+        x, pattern = self.positions(z), self._pattern
+        total, gradient, data = sums.energy_gradient_hessian(
+            self.elements, self._slots, pattern, x, geometric, stresses
+        )
+        multiply(pattern.indptr, pattern.indices, data, self._vectors, self._product)
         reduced = self._vectors.T @ self._product
-        return float(total), np.asarray(gradient.ravel() @ self._vectors), np.asarray(0.5 * (reduced + reduced.T))
+        return total, np.asarray(gradient.ravel() @ self._vectors), np.asarray(0.5 * (reduced + reduced.T))
 
     def predicted_stresses(self, z: Array, step: Array) -> list[Array]:
         """Stress of every element after ``step`` (r,) by the measures linearised at ``z`` (mixed Newton)."""
         x, moved = self.positions(z), (self._vectors @ step).reshape(-1, 3)
-        stresses = []
-        for e in self.elements:
-            stress = np.empty(e.rest.size)
-            e.kernel.linear_stress(x, moved, e.stencils, e.rest, e.weight, stress)
-            stresses.append(stress)
-        return stresses
+        return sums.linear_stresses(self.elements, x, moved)

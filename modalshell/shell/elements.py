@@ -1,7 +1,8 @@
-"""The three element sets of a discrete shell: stencils, rest measures and weights over the generated kernels."""
+"""Element sets over the generated kernels, the three of a discrete shell, and what sets add up to."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -12,6 +13,7 @@ from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.material import Material
+from modalshell.shell.pattern import SparsePattern
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -62,3 +64,48 @@ def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.boo
         kernel.measures(np.asarray(mesh.vertices), stencils, rest)
         sets.append(ElementSet(kernel, stencils, rest, np.ascontiguousarray(stiffness * size)))
     return sets
+
+
+def energy(elements: Sequence[ElementSet], x: Array) -> float:
+    """Energy [J] of all sets at positions ``x`` (n, 3); not finite at collapsed elements."""
+    return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in elements))
+
+
+def energy_gradient(elements: Sequence[ElementSet], x: Array) -> tuple[float, Array]:
+    """Energy [J] and gradient (n, 3) [N] in one pass."""
+    gradient = np.zeros_like(x)
+    total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in elements)
+    return float(total), gradient
+
+
+def energy_gradient_hessian(
+    elements: Sequence[ElementSet],
+    slots: Sequence[Index],
+    pattern: SparsePattern,
+    x: Array,
+    geometric: int,
+    stresses: Sequence[Array] | None = None,
+) -> tuple[float, Array, Array]:
+    """Energy, gradient (n, 3) and Hessian values on a ``pattern``, at the ``slots`` of each set, in one pass.
+
+    ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
+    """
+    gradient = np.zeros_like(x)
+    data = np.zeros(pattern.indices.size)
+    total = 0.0
+    none = np.empty(0)
+    for index, e in enumerate(elements):
+        stress = none if stresses is None else stresses[index]
+        place = (slots[index], pattern.strides, data, gradient)
+        total += e.kernel.add_stiffness(x, e.stencils, e.rest, e.weight, stress, geometric, *place)
+    return float(total), gradient, data
+
+
+def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> list[Array]:
+    """Stress of every element after ``step`` (n, 3) by the measures linearised at ``x``."""
+    stresses = []
+    for e in elements:
+        stress = np.empty(e.rest.size)
+        e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
+        stresses.append(stress)
+    return stresses

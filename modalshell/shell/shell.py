@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import LoadError
 from modalshell.mesh import TriangleMesh
+from modalshell.shell import elements as sums
 from modalshell.shell.elements import ElementSet, element_sets
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import build_pattern
@@ -142,13 +143,11 @@ class Shell:
 
     def raw_energy(self, x: Array) -> float:
         """Energy [J] without input checks; not finite at collapsed elements."""
-        return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in self.elements))
+        return sums.energy(self.elements, x)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N] in one pass."""
-        gradient = np.zeros_like(x)
-        total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in self.elements)
-        return float(total), gradient
+        return sums.energy_gradient(self.elements, x)
 
     def energy_gradient_hessian(
         self, x: Array, geometric: int, stresses: list[Array] | None = None
@@ -157,24 +156,11 @@ class Shell:
 
         ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
         """
-        gradient = np.zeros_like(x)
-        data = np.zeros(self.pattern.indices.size)
-        total = 0.0
-        none = np.empty(0)
-        for index, e in enumerate(self.elements):
-            stress = none if stresses is None else stresses[index]
-            place = (self._slots[index], self.pattern.strides, data, gradient)
-            total += e.kernel.add_stiffness(x, e.stencils, e.rest, e.weight, stress, geometric, *place)
-        return float(total), gradient, data
+        return sums.energy_gradient_hessian(self.elements, self._slots, self.pattern, x, geometric, stresses)
 
     def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stress of every element after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
-        stresses = []
-        for e in self.elements:
-            stress = np.empty(e.rest.size)
-            e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
-            stresses.append(stress)
-        return stresses
+        return sums.linear_stresses(self.elements, x, step)
 
     @property
     def has_dashpots(self) -> bool:
