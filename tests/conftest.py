@@ -17,6 +17,9 @@ with contextlib.suppress(ImportError):
 
     _ONE_THREAD = threadpool_limits(1)
 
+SLOW_STUDIES = ("large_mesh", "stability_atlas")
+"""Those that take long even if quick: a mesh of 13,000 vertices, and a row for every model and integrator."""
+
 SCENE = """
 [mesh]
 shape = "v_beam"
@@ -73,6 +76,13 @@ def opengl():
         if choose_backend() != "pyvista":
             pytest.skip("PyVista renders nothing on this machine: no OpenGL (apt-get install libegl1 libgl1-mesa-dri)")
         yield
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        parameters = item.callspec.params if hasattr(item, "callspec") else {}
+        if "quick_study" in item.fixturenames and parameters.get("name") in SLOW_STUDIES:
+            item.add_marker(pytest.mark.slow)
 
 
 def pytest_addoption(parser):
