@@ -16,6 +16,10 @@ MODEL_COLORS = {"LMA": "#c8322b", "MWTS": "#2b5fc8", "DS": "#2f9e44"}
 """The paper's red, blue and green."""
 
 
+_INSIDE = 5
+"""Curves whose legend finds room between them; more are named below the axes."""
+
+
 @dataclass(frozen=True)
 class Curve:
     """One line of a panel: values ``y`` over ``x`` with a label and a colour; a guide has no points."""
@@ -97,5 +101,8 @@ def draw_curves(
         axes.set_xlabel(panel.x_label)
         axes.set_ylabel(panel.y_label)
         axes.grid(alpha=0.3)
-        axes.legend(frameon=False, fontsize=9)
+        below = (
+            {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "ncols": 2} if len(panel.curves) > _INSIDE else {}
+        )
+        axes.legend(frameon=False, fontsize=9, **below)
     return write_atomically(path, lambda file: figure.savefig(file, format="png"))
