@@ -15,7 +15,6 @@ from modalshell.files import write_atomically
 MODEL_COLORS = {"LMA": "#c8322b", "MWTS": "#2b5fc8", "DS": "#2f9e44"}
 """The paper's red, blue and green."""
 
-
 _INSIDE = 5
 """Curves whose legend finds room between them; more are named below the axes."""
 
@@ -101,8 +100,8 @@ def draw_curves(
         axes.set_xlabel(panel.x_label)
         axes.set_ylabel(panel.y_label)
         axes.grid(alpha=0.3)
-        below = (
-            {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "ncols": 2} if len(panel.curves) > _INSIDE else {}
-        )
-        axes.legend(frameon=False, fontsize=9, **below)
+        if len(panel.curves) > _INSIDE:
+            axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
+        else:
+            axes.legend(frameon=False, fontsize=9)
     return write_atomically(path, lambda file: figure.savefig(file, format="png"))
