@@ -20,8 +20,9 @@ import numba
 import numpy as np
 
 from modalshell.errors import OptionError
+from modalshell.kernels.device import devices
 from modalshell.springs import GridVerlet, SheetGrid
-from modalshell.springs.device import DeviceVerlet, devices
+from modalshell.springs.device import DeviceVerlet
 from modalshell.study import StudyResult, load_script, run_record
 
 SIZES = (64, 128, 256, 512, 1024)
