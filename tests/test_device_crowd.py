@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.crowd.device import DeviceCrowd, DeviceFlock
-from modalshell.kernels.device import devices
+from modalshell.kernels.device import devices, warp
 
 pytest.importorskip("warp", reason="Warp is not installed: pip install 'modalshell[gpu]'")
 
@@ -137,6 +137,18 @@ def test_bad_input(basis):
         DeviceFlock([(0, 0, 0)], [(0, 0, 0)], device="cpu")
     with pytest.raises(ms.OptionError, match="out must be"):
         DeviceCrowd(basis, 2, device="cpu").positions(out=np.empty((2, 3)))
+
+
+def test_the_source_compiles_for_gpus(tmp_path):
+    """By the compiler for GPUs that Warp brings, which needs none: both kernels in both precisions."""
+    from modalshell.kernels import device_flock
+
+    architectures = warp().get_cuda_supported_archs()
+    if not architectures:
+        pytest.skip("this build of Warp has no compiler for GPUs")
+    warp().compile_aot_module(device_flock, arch=architectures[0], module_dir=tmp_path, use_ptx=True)
+    (assembly,) = tmp_path.glob("*.ptx")
+    assert assembly.read_text().count(".visible .entry") == 4
 
 
 def test_warp_is_loaded_only_when_used():
