@@ -110,17 +110,17 @@ def table(result: StudyResult) -> str:
     lines += [
         "",
         "By Warp, over one thread of the kernels above (sums: the kernels' in float64): the sums over the neighbours, "
-        "placed MWTS, and the same left on the device. Its cpu device takes one core.",
+        "placed MWTS, the same left on the device, and steps. Its cpu device takes one core.",
         "",
         "| device | precision | boids | million boids a second | sums, times faster | instances "
-        "| thousands a second, left there | placed, times faster | left there, times faster |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| thousands a second, left there | placed, times faster | left there, times faster | steps, times faster |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
         f"| Warp, {row['device']} | {row['dtype']} | {row['boids']:,} | {row['boids_per_second'] / 1e6:.3g} "
         f"| {row['ratio_sums']:.2f} | {row['instances']:,} | {row['instances_per_second'] / 1e3:,.3g} "
-        f"| {row['ratio_placed']:.2f} | {row['ratio_left']:.2f} |"
+        f"| {row['ratio_placed']:.2f} | {row['ratio_left']:.2f} | {row['ratio_step']:.2f} |"
         for row in found["devices"]
     ]
-    lines += [f"| {name} | {reason} | | | | | | | |" for name, reason in found["missing"].items()]
+    lines += [f"| {name} | {reason} | | | | | | | | |" for name, reason in found["missing"].items()]
     return "\n".join(lines)

@@ -99,17 +99,32 @@ def test_positions_are_those_of_the_kernels(basis, device, dtype):
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_a_crowd_steps_as_it_does_by_the_kernels(basis, device):
-    crowds = ms.Crowd(basis, 5, damping=(1.0, 1e-3)), DeviceCrowd(basis, 5, damping=(1.0, 1e-3), device=device)
+@pytest.mark.parametrize("dtype", PRECISIONS)
+def test_a_crowd_steps_as_it_does_by_the_kernels(basis, device, dtype):
+    """Coordinates in float64 whatever the precision, at every level, from small turns and from more than one."""
+    felt = 20.0 * np.random.default_rng(0).standard_normal((9, 3))
+    options = {"damping": (1.0, 1e-3), "dtype": dtype}
+    crowds = ms.Crowd(basis, 9, **options), DeviceCrowd(basis, 9, **options, device=device)
+    largest = np.linalg.norm(basis.rotations.reshape(-1, 3, 10), axis=1).max(axis=0)
     for crowd in crowds:
+        crowd.levels[:] = np.arange(9) % 3
+        crowd.coordinates[5, 0] = 9.0 / largest[0]
         for _ in range(10):
-            crowd.step(1.0 / 120.0, felt=(3.0, -2.0, -9.81))
-        crowd.choose_levels(np.geomspace(0.01, 1e4, 5), 1e-3)
+            crowd.step(1.0 / 120.0, felt=felt)
+    linear = ms.Crowd(basis, 9, **options)
+    linear.levels[:] = 1
+    linear.coordinates[5, 0] = 9.0 / largest[0]
+    for _ in range(10):
+        linear.step(1.0 / 120.0, felt=felt)
+    reach = np.abs(crowds[0].coordinates).max(axis=1, keepdims=True)
+    assert (np.abs(linear.coordinates - crowds[0].coordinates).max(axis=1)[2::3] > 1e-3 * reach[2::3, 0]).all()
+    assert (np.abs(crowds[1].coordinates - crowds[0].coordinates) <= 1e-11 * reach).all()
+    for crowd in crowds:
+        crowd.choose_levels(np.geomspace(0.01, 1e4, 9), 1e-3)
     assert len(set(crowds[0].levels)) > 1
-    np.testing.assert_array_equal(crowds[0].coordinates, crowds[1].coordinates)
-    out = np.empty((5, crowds[0].vertices, 3))
+    out = np.empty((9, crowds[0].vertices, 3), dtype)
     assert crowds[1].positions(out=out) is out
-    assert np.abs(out - crowds[0].positions()).max() < 1e-12
+    assert np.abs(out - crowds[0].positions()).max() < (1e-11 if dtype == np.float64 else 1e-5)
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -140,7 +155,7 @@ def test_bad_input(basis):
 
 
 def test_the_source_compiles_for_gpus(tmp_path):
-    """By the compiler for GPUs that Warp brings, which needs none: both kernels in both precisions."""
+    """By the compiler for GPUs that Warp brings, which needs none: all kernels, those of forces in float64."""
     from modalshell.kernels import device_flock
 
     architectures = warp().get_cuda_supported_archs()
@@ -148,7 +163,7 @@ def test_the_source_compiles_for_gpus(tmp_path):
         pytest.skip("this build of Warp has no compiler for GPUs")
     warp().compile_aot_module(device_flock, arch=architectures[0], module_dir=tmp_path, use_ptx=True)
     (assembly,) = tmp_path.glob("*.ptx")
-    assert assembly.read_text().count(".visible .entry") == 4
+    assert assembly.read_text().count(".visible .entry") == 6
 
 
 def test_warp_is_loaded_only_when_used():

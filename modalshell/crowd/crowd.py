@@ -119,14 +119,7 @@ class Crowd:
         """
         dt = checked_number("dt", dt, above=0.0, unit="s")
         felt = self._per_instance("felt", felt, (3,))
-        force = felt @ self._weights
-        warped = np.flatnonzero(self.levels == kernels.WARPED)
-        force[warped] = 0.0
-        given = (warped, self._force_modal, self._mass, self.coordinates, self._force_powers, felt)
-        if self.threads == 1:
-            kernels.crowd_forces(0, chunks(warped), *given, self._force_work[0], force)
-        else:
-            kernels.crowd_forces_parallel(*given, self._force_work, force)
+        force = self._modal_forces(felt)
         if forcing is not None:
             force += checked_vectors("forcing", forcing, force.shape, OptionError)
         stiffness = self.basis.eigenvalues
@@ -237,6 +230,18 @@ class Crowd:
                 self._reconstruct(self.coordinates[part], levels, None, shape)
             errors[part] = np.linalg.norm(shapes[1] - shapes[0], axis=2).max(axis=1)
         return errors
+
+    def _modal_forces(self, felt: Array) -> Array:
+        """Modal forces (B, m) at the present coordinates and levels, of accelerations (B, 3)."""
+        force = np.asarray(felt @ self._weights)
+        warped = np.flatnonzero(self.levels == kernels.WARPED)
+        force[warped] = 0.0
+        given = (warped, self._force_modal, self._mass, self.coordinates, self._force_powers, felt)
+        if self.threads == 1:
+            kernels.crowd_forces(0, chunks(warped), *given, self._force_work[0], force)
+        else:
+            kernels.crowd_forces_parallel(*given, self._force_work, force)
+        return force
 
     def _reconstruct(
         self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, out: NDArray[Any]

@@ -76,16 +76,16 @@ class DeviceFlock(Flock):
 
 
 class DeviceCrowd(Crowd):
-    """A :class:`Crowd` whose positions a device makes, one thread of it to a vertex of an instance.
+    """A :class:`Crowd` whose positions and modal forces a device makes, one thread of it to a vertex of an instance.
 
-    The modal data stay on the device; what goes there for every frame are coordinates, levels and poses. Coordinates
-    are stepped on the processor. Angles are rounded as they are: from 1,000 rad on, float64 positions differ by more
-    than 1e-13 of the displacement from a crowd's.
+    The modal data stay on the device; coordinates, levels and poses go there for every frame. Forces come back, in
+    float64, to step the coordinates on the processor. An angle counts as it is rounded, so that forces differ from a
+    crowd's by about 1e-16 for every radian of the largest angle.
 
     Parameters
     ----------
-    basis, count, damping, threads
-        As a crowd's; the threads are those of the steps.
+    basis, count, damping
+        As a crowd's.
     dtype : {float64, float32}
         Precision of the positions and of the arithmetic that makes them.
     device : str, optional
@@ -104,13 +104,15 @@ class DeviceCrowd(Crowd):
         *,
         damping: tuple[float, float] = (0.0, 0.0),
         dtype: DTypeLike = np.float64,
-        threads: int = 1,
         device: str | None = None,
     ) -> None:
         self.device = checked_device(device)
-        super().__init__(basis, count, damping=damping, dtype=dtype, threads=threads)
-        by_mode = (a.reshape(-1, 3, basis.count).transpose(2, 0, 1) for a in (basis.modes, basis.rotations))
-        self._shape = [self._vectors(a) for a in (*by_mode, basis.shell.rest_positions)]
+        super().__init__(basis, count, damping=damping, dtype=dtype)
+        shapes = [a.reshape(-1, 3, basis.count).transpose(2, 0, 1) for a in (basis.modes, basis.rotations)]
+        shapes.append(basis.shell.rest_positions)
+        self._doubles = [self._vectors(a, np.float64) for a in shapes]
+        self._shapes = self._doubles if self.dtype == np.float64 else [self._vectors(a, self.dtype) for a in shapes]
+        self._masses = self._numbers(basis.shell.mass, np.float64)
 
     def device_positions(self, rotations: ArrayLike | None = None, translations: ArrayLike | None = None) -> Any:
         """Vertex positions as :meth:`positions` gives them, left on the device.
@@ -122,28 +124,49 @@ class DeviceCrowd(Crowd):
         """
         return self._launched(self.coordinates, self.levels, self._poses(rotations, translations))
 
-    def _vectors(self, values: NDArray[Any]) -> Any:
-        """Copy of an array (..., 3) on the device as vectors, in the crowd's precision."""
-        ordered = np.ascontiguousarray(values, dtype=self.dtype)
-        return warp().array(ordered, dtype=device_types(self.dtype)[1], device=self.device)
+    def _vectors(self, values: NDArray[Any], dtype: DTypeLike) -> Any:
+        """Copy of an array (..., 3) on the device as vectors."""
+        return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=device_types(dtype)[1], device=self.device)
+
+    def _numbers(self, values: NDArray[Any], dtype: DTypeLike) -> Any:
+        """Copy of an array on the device."""
+        return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=device_types(dtype)[0], device=self.device)
 
     def _launched(self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array]) -> Any:
         from modalshell.kernels.device_flock import crowd_positions
 
-        library, (real, vector) = warp(), device_types(self.dtype)
-        turns, moves = poses
+        library, (turns, moves) = warp(), poses
         shape = len(coordinates), self.vertices
-        out = library.empty(shape, dtype=vector, device=self.device)
+        out = library.empty(shape, dtype=device_types(self.dtype)[1], device=self.device)
         inputs = [
             library.array(levels, dtype=int, device=self.device),
-            *self._shape,
-            library.array(coordinates.astype(self.dtype), dtype=real, device=self.device),
-            self._vectors(turns.reshape(-1, 3, 3)),
-            self._vectors(moves),
+            *self._shapes,
+            self._numbers(coordinates, self.dtype),
+            self._vectors(turns.reshape(-1, 3, 3), self.dtype),
+            self._vectors(moves, self.dtype),
             out,
         ]
         library.launch(crowd_positions, shape, inputs, device=self.device)
         return out
+
+    def _modal_forces(self, felt: Array) -> Array:
+        from modalshell.kernels.device_flock import modal_forces, turned_back
+
+        library, (real, vector) = warp(), device_types(np.float64)
+        modes, rotations, _ = self._doubles
+        forces = library.empty((self.count, self.vertices), dtype=vector, device=self.device)
+        inputs = [
+            library.array(self.levels, dtype=int, device=self.device),
+            rotations,
+            self._masses,
+            self._numbers(self.coordinates, np.float64),
+            self._vectors(felt, np.float64),
+            forces,
+        ]
+        library.launch(turned_back, forces.shape, inputs, device=self.device)
+        out = library.empty(self.coordinates.shape, dtype=real, device=self.device)
+        library.launch(modal_forces, out.shape, [modes, forces, out], device=self.device)
+        return np.array(out.numpy())
 
     def _reconstruct(
         self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, out: NDArray[Any]

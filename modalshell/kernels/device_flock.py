@@ -1,4 +1,4 @@
-"""One source for the processor and for GPUs: the sums over boids' neighbours and the places of a crowd, in Warp.
+"""One source for the processor and for GPUs: the sums over boids' neighbours and a crowd's positions and modal forces.
 
 The same rules as :mod:`modalshell.kernels.flock` and :mod:`modalshell.kernels.crowd`, one thread to a boid and one to a
 vertex of an instance. Imported only where a device is asked for: Warp is an optional dependency. No ``from __future__
@@ -73,24 +73,30 @@ def gather_places(
 
 
 @wp.func
-def averaged(w: Any, v: Any) -> Any:
-    """``Rt(w) v``: with c2 and c3 by their series below a radian, and in closed form above."""
-    squared = wp.dot(w, w)
-    one = type(squared)(1.0)
-    half = type(squared)(0.5)
+def coefficients(squared: Any) -> Any:
+    """c2 and c3 of a rotation vector of length squared: by their series below a radian, in closed form above."""
     second = type(squared)(_POWERS[0])
     third = type(squared)(_POWERS[_TERMS])
-    if squared < one:
+    if squared < type(squared)(1.0):
         for k in range(1, _TERMS):
             second = second * squared + type(squared)(_POWERS[k])
             third = third * squared + type(squared)(_POWERS[_TERMS + k])
     else:
+        half = type(squared)(0.5)
         angle = wp.sqrt(squared)
         sine = wp.sin(half * angle)
         second = sine * sine / (half * squared)
         third = (angle - wp.sin(angle)) / (squared * angle)
-    across = wp.cross(w, v)
-    return v + second * across + third * wp.cross(w, across)
+    return second, third
+
+
+@wp.func
+def modal_sum(q: wp.array2d[Any], b: int, shape: wp.array2d[Any], i: int) -> Any:
+    """``sum_k q_k shape_k`` of instance b at vertex i, for ``shape`` vectors (m, n)."""
+    total = q[b, 0] * shape[0, i]
+    for k in range(1, q.shape[1]):
+        total += q[b, k] * shape[k, i]
+    return total
 
 
 @wp.kernel(enable_backward=False)
@@ -112,14 +118,12 @@ def crowd_positions(
     level = levels[b]
     place = rest[i]
     if level != _RIGID:
-        u = q[b, 0] * modes[0, i]
-        for k in range(1, q.shape[1]):
-            u += q[b, k] * modes[k, i]
+        u = modal_sum(q, b, modes, i)
         if level != _LINEAR:
-            w = q[b, 0] * rotations[0, i]
-            for k in range(1, q.shape[1]):
-                w += q[b, k] * rotations[k, i]
-            u = averaged(w, u)
+            w = modal_sum(q, b, rotations, i)
+            second, third = coefficients(wp.dot(w, w))
+            across = wp.cross(w, u)
+            u = u + second * across + third * wp.cross(w, across)
         place = place + u
     turned = moves[b]
     for axis in range(3):
@@ -127,11 +131,43 @@ def crowd_positions(
     out[b, i] = turned
 
 
+@wp.kernel(enable_backward=False)
+def turned_back(
+    levels: wp.array[int],
+    rotations: wp.array2d[Any],
+    mass: wp.array[Any],
+    q: wp.array2d[Any],
+    felt: wp.array[Any],
+    out: wp.array2d[Any],
+) -> None:
+    """``mass_i R(w)^T felt_b``, vectors (B, n), of all instances b: with no turn where the level is below MWTS."""
+    b, i = wp.tid()
+    force = mass[i] * felt[b]
+    if levels[b] > _LINEAR:
+        w = modal_sum(q, b, rotations, i)
+        squared = wp.dot(w, w)
+        second, third = coefficients(squared)
+        across = wp.cross(w, force)
+        first = type(squared)(1.0) - squared * third
+        force = force - first * across + second * wp.cross(w, across)
+    out[b, i] = force
+
+
+@wp.kernel(enable_backward=False)
+def modal_forces(modes: wp.array2d[Any], forces: wp.array2d[Any], out: wp.array2d[Any]) -> None:
+    """``Phi^T f_b`` (B, m) of forces (B, n): always summed in the same order."""
+    b, k = wp.tid()
+    total = wp.dot(modes[k, 0], forces[b, 0])
+    for i in range(1, forces.shape[1]):
+        total += wp.dot(modes[k, i], forces[b, i])
+    out[b, k] = total
+
+
 # Both precisions at once: Warp would compile the whole file anew for each that it comes across.
 for _real in (wp.float64, wp.float32):
     _vector = wp.types.vector(3, _real)
     _list, _table = wp.array(dtype=_vector), wp.array(dtype=_vector, ndim=2)
-    _numbers = wp.array(dtype=_real, ndim=2)
+    _row, _numbers = wp.array(dtype=_real), wp.array(dtype=_real, ndim=2)
     wp.overload(
         gather_places,
         {
@@ -154,3 +190,7 @@ for _real in (wp.float64, wp.float32):
             "out": _table,
         },
     )
+    if _real == wp.float64:  # coordinates are stepped in no other
+        _back = {"rotations": _table, "mass": _row, "q": _numbers, "felt": _list, "out": _table}
+        wp.overload(turned_back, _back)
+        wp.overload(modal_forces, {"modes": _table, "forces": _table, "out": _numbers})

@@ -124,7 +124,7 @@ def flock(
 
 
 def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> list[dict[str, Any]]:
-    """Times a second, the best of ``repeats`` turns, of a flock's sums and of a crowd's placed MWTS on every device.
+    """What every device does of a flock's sums, a crowd's placed MWTS and its steps; the best of ``repeats`` turns.
 
     Against one thread of the kernels: by the processor's clock on the processor, by the wall's on a GPU. Positions are
     timed with the way back to the host's memory, and left on the device.
@@ -152,6 +152,8 @@ def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> l
                 "placed_kernels": lambda crowd=single, out=out: crowd.positions(np.eye(3), moves, out),
                 "placed": lambda crowd=crowd, out=out: crowd.positions(np.eye(3), moves, out),
                 "left": left,
+                "step_kernels": lambda crowd=single: still(crowd, coordinates),
+                "step": lambda crowd=crowd: still(crowd, coordinates),
             }
             times = interleaved(calls, repeats, statistic=min, clock=clock)
             rows.append(
@@ -166,6 +168,7 @@ def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> l
                     "ratio_sums": times["sums_kernels"] / times["sums"],
                     "ratio_placed": times["placed_kernels"] / times["placed"],
                     "ratio_left": times["placed_kernels"] / times["left"],
+                    "ratio_step": times["step_kernels"] / times["step"],
                 }
             )
     return rows
