@@ -45,8 +45,7 @@ def reconstruction(
     """
     basis = basis or bird_basis()
     random = np.random.default_rng(0)
-    q = random.standard_normal((instances, basis.count))
-    q *= 1.5 / np.linalg.norm((q @ basis.rotations.T).reshape(-1, 3), axis=1).max()
+    q = bent(instances, basis, random)
     turns = np.broadcast_to(np.eye(3), (instances, 3, 3)).copy()
     moves = random.standard_normal((instances, 3))
     rows = []
@@ -85,10 +84,17 @@ def reconstruction(
     return rows
 
 
+def bent(instances: int, basis: Basis, random: np.random.Generator) -> Any:
+    """Coordinates (B, m) by which no vertex turns more than 1.5 rad."""
+    q = random.standard_normal((instances, basis.count))
+    return q * (1.5 / np.linalg.norm((q @ basis.rotations.T).reshape(-1, 3), axis=1).max())
+
+
 def still(crowd: ms.Crowd, q: Any) -> None:
-    """One step of all instances from the same state."""
-    crowd.coordinates, crowd.rates = q, np.zeros_like(q)
+    """One step of all instances from the same state, to which they are put back."""
+    crowd.rates = np.zeros_like(q)
     crowd.step(1.0 / 60.0, felt=(0.0, 0.0, -9.81))
+    crowd.coordinates = q
 
 
 def ball(count: int, per_volume: float = 20.0) -> float:
@@ -129,8 +135,8 @@ def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> l
     Against one thread of the kernels: by the processor's clock on the processor, by the wall's on a GPU. Positions are
     timed with the way back to the host's memory, and left on the device.
     """
-    coordinates = 1e-3 * np.random.default_rng(0).standard_normal((instances, basis.count))
-    moves = np.random.default_rng(1).standard_normal((instances, 3))
+    random = np.random.default_rng(0)
+    coordinates, moves = bent(instances, basis, random), random.standard_normal((instances, 3))
     kernels = ms.Flock.random(boids, radius=ball(boids))
     rows = []
     for device in devices():
