@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.kernels.device import missing_devices
 from modalshell.study import StudyResult, load_script, run_record
 
 BOIDS = (100, 300, 1000, 3000, 10000, 30000, 100000)
@@ -17,6 +18,8 @@ CELLS = ((6, 5), (11, 10), (16, 14), (32, 28), (64, 56))
 """Meshes of the bird, from 72 to 7,385 vertices."""
 TOTAL = 2_000_000
 """Vertices of a crowd whose mesh changes."""
+DEVICE_BOIDS, DEVICE_INSTANCES = (300, 10000, 100000), (8, 512, 4096)
+"""Flocks and crowds on devices, timed side by side."""
 
 
 def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
@@ -41,7 +44,14 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         jobs.append(
             ("vertices", lambda count=count, basis=basis: measured.reconstruction(count, basis, repeats=repeats))
         )
-    rows: dict[str, list[dict[str, Any]]] = {"flock": [], "instances": [], "vertices": []}
+    missing = missing_devices()
+    if "Warp" not in missing:
+        sizes = (DEVICE_BOIDS[:1], DEVICE_INSTANCES[:1]) if quick else (DEVICE_BOIDS, DEVICE_INSTANCES)
+        jobs += [
+            ("devices", lambda near=near, placed=placed: measured.on_devices(near, placed, bird, repeats=repeats))
+            for near, placed in zip(*sizes, strict=True)
+        ]
+    rows: dict[str, list[dict[str, Any]]] = {"flock": [], "instances": [], "vertices": [], "devices": []}
     for done, (name, job) in enumerate(jobs, start=1):
         rows[name] += job()
         if on_step is not None:
@@ -50,6 +60,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     thousand = next(row for row in grid if row["boids"] == 1000)
     findings = {
         **rows,
+        "missing": missing,
         "boid_growth": grid[-1]["microseconds_boid"] / thousand["microseconds_boid"],
         "neighbour_growth": grid[-1]["neighbours"] / thousand["neighbours"],
         "pairs_exponent": _exponent([row for row in rows["flock"] if row["search"] == "all_pairs"]),
@@ -96,4 +107,20 @@ def table(result: StudyResult) -> str:
         lines.append(
             f"| {row['instances']:,} | {row['vertices']:,} | {row['dtype']} | {rates} | {row['ratio_products']:.2f} |"
         )
+    lines += [
+        "",
+        "By Warp, over one thread of the kernels above (sums: the kernels' in float64): the sums over the neighbours, "
+        "placed MWTS, the same left on the device, and steps. Its cpu device takes one core.",
+        "",
+        "| device | precision | boids | million boids a second | sums, times faster | instances "
+        "| thousands a second, left there | placed, times faster | left there, times faster | steps, times faster |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| Warp, {row['device']} | {row['dtype']} | {row['boids']:,} | {row['boids_per_second'] / 1e6:.3g} "
+        f"| {row['ratio_sums']:.2f} | {row['instances']:,} | {row['instances_per_second'] / 1e3:,.3g} "
+        f"| {row['ratio_placed']:.2f} | {row['ratio_left']:.2f} | {row['ratio_step']:.2f} |"
+        for row in found["devices"]
+    ]
+    lines += [f"| {name} | {reason} | | | | | | | | |" for name, reason in found["missing"].items()]
     return "\n".join(lines)

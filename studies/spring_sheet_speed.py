@@ -19,9 +19,9 @@ from typing import Any
 import numba
 import numpy as np
 
-from modalshell.errors import OptionError
+from modalshell.kernels.device import devices, missing_devices
 from modalshell.springs import GridVerlet, SheetGrid
-from modalshell.springs.device import DeviceVerlet, devices
+from modalshell.springs.device import DeviceVerlet
 from modalshell.study import StudyResult, load_script, run_record
 
 SIZES = (64, 128, 256, 512, 1024)
@@ -76,15 +76,6 @@ def copy_bandwidth() -> float:
         np.copyto(target, source)
         seconds.append(time.perf_counter() - start)
     return 2.0 * COPIED / min(seconds)
-
-
-def missing_devices() -> dict[str, str]:
-    """Why there are no rows of a kind of device."""
-    try:
-        here = devices()
-    except OptionError as error:
-        return {"Warp": str(error)}
-    return {} if any(device.startswith("cuda") for device in here) else {"Warp, GPU": "no GPU here"}
 
 
 def crumpled_sheet(size: int) -> tuple[SheetGrid, np.ndarray]:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from modalshell.errors import LoadError, OptionError, SolverError
+from modalshell.kernels.device import checked_device, devices, warp
 from modalshell.springs import GridVerlet, SheetGrid
-from modalshell.springs.device import DeviceVerlet, checked_device, devices, warp
+from modalshell.springs.device import DeviceVerlet
 
 pytest.importorskip("warp", reason="Warp is not installed: pip install 'modalshell[gpu]'")
 
@@ -137,8 +138,8 @@ def test_bad_input():
 
 
 def test_warp_is_silent_and_loaded_only_when_used():
-    script = "import sys, modalshell, modalshell.springs; assert 'warp' not in sys.modules\n"
-    script += "from modalshell.springs.device import devices; print(devices())"
+    script = "import sys, modalshell, modalshell.springs.device; assert 'warp' not in sys.modules\n"
+    script += "from modalshell.kernels.device import devices; print(devices())"
     run = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert run.stdout == f"{devices()}\n"
 

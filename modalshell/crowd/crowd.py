@@ -119,14 +119,7 @@ class Crowd:
         """
         dt = checked_number("dt", dt, above=0.0, unit="s")
         felt = self._per_instance("felt", felt, (3,))
-        force = felt @ self._weights
-        warped = np.flatnonzero(self.levels == kernels.WARPED)
-        force[warped] = 0.0
-        given = (warped, self._force_modal, self._mass, self.coordinates, self._force_powers, felt)
-        if self.threads == 1:
-            kernels.crowd_forces(0, chunks(warped), *given, self._force_work[0], force)
-        else:
-            kernels.crowd_forces_parallel(*given, self._force_work, force)
+        force = self._modal_forces(felt)
         if forcing is not None:
             force += checked_vectors("forcing", forcing, force.shape, OptionError)
         stiffness = self.basis.eigenvalues
@@ -158,9 +151,9 @@ class Crowd:
             raise OptionError(
                 f"out must be a writable C-ordered {self.dtype} array of shape {shape} (got {out.dtype} {out.shape})"
             )
-        poses = np.zeros((0, 12), self.dtype)
+        poses = None
         if rotations is not None or translations is not None:
-            poses = np.concatenate(self._poses(rotations, translations), axis=1, dtype=self.dtype)
+            poses = self._poses(rotations, translations)
         self._reconstruct(self.coordinates, self.levels, poses, out)
         return out
 
@@ -229,21 +222,36 @@ class Crowd:
         It is what a switch between that level and MWTS would show.
         """
         errors = np.zeros(self.count)
-        nowhere = np.zeros((0, 12), self.dtype)
         less = np.flatnonzero(self.levels != kernels.WARPED)
         for part in np.array_split(less, -(-less.size // _BATCH)) if less.size else ():
             shapes = np.empty((2, part.size, self.vertices, 3), self.dtype)
             warped = np.full(part.size, kernels.WARPED, np.int8)
             for shape, levels in zip(shapes, (self.levels[part], warped), strict=True):
-                self._reconstruct(self.coordinates[part], levels, nowhere, shape)
+                self._reconstruct(self.coordinates[part], levels, None, shape)
             errors[part] = np.linalg.norm(shapes[1] - shapes[0], axis=2).max(axis=1)
         return errors
 
-    def _reconstruct(self, coordinates: Array, levels: NDArray[np.int8], poses: NDArray[Any], out: Any) -> None:
+    def _modal_forces(self, felt: Array) -> Array:
+        """Modal forces (B, m) at the present coordinates and levels, of accelerations (B, 3)."""
+        force = np.asarray(felt @ self._weights)
+        warped = np.flatnonzero(self.levels == kernels.WARPED)
+        force[warped] = 0.0
+        given = (warped, self._force_modal, self._mass, self.coordinates, self._force_powers, felt)
+        if self.threads == 1:
+            kernels.crowd_forces(0, chunks(warped), *given, self._force_work[0], force)
+        else:
+            kernels.crowd_forces_parallel(*given, self._force_work, force)
+        return force
+
+    def _reconstruct(
+        self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, out: NDArray[Any]
+    ) -> None:
+        """Write the positions of some instances into ``out``, where they are or at the poses of :meth:`_poses`."""
+        placed = np.zeros((0, 12), self.dtype) if poses is None else np.concatenate(poses, axis=1, dtype=self.dtype)
         q = np.ascontiguousarray(coordinates, dtype=self.dtype)
         for level in range(len(LEVELS)):
             order = np.flatnonzero(levels == level)
-            given = (level, order, self._modal, self._rest, q, self._powers, poses)
+            given = (level, order, self._modal, self._rest, q, self._powers, placed)
             if self.threads == 1:
                 kernels.crowd_positions(0, chunks(order), *given, self._work[0], out)
             else:

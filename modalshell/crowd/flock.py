@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_choice, checked_count, checked_number, checked_vectors, shown, vector_count
-from modalshell.crowd.neighbours import Search, gather
+from modalshell.crowd.neighbours import Neighbourhood, Search, gather
 from modalshell.errors import OptionError
 
 Array = NDArray[np.float64]
@@ -159,7 +159,7 @@ class Flock:
         self.accelerations = np.zeros_like(self.velocities)
 
     @classmethod
-    def random(cls, count: int, *, radius: float, seed: int = 0, **parameters: Any) -> Flock:
+    def random(cls, count: int, *, radius: float, seed: int = 0, **parameters: Any) -> Self:
         """Flock of ``count`` boids spread evenly over a ball about the flock position, heading anywhere.
 
         ``radius`` is the ball's [m]; ``parameters`` are the flock's.
@@ -184,9 +184,9 @@ class Flock:
         begin, end = self._knots[first], self._knots[(first + 1) % _NOISE_PERIOD]
         return np.asarray(self.speed * (1.0 + self.speed_variation * (begin + fade * (end - begin))))
 
-    def rules(self) -> Rules:
-        """What each rule asks of every boid now."""
-        near = gather(
+    def neighbourhood(self) -> Neighbourhood:
+        """Sums over every boid's neighbours now."""
+        return gather(
             self.positions,
             self.directions,
             self.neighbour_distance,
@@ -194,6 +194,10 @@ class Flock:
             search=self.search,
             threads=self.threads,
         )
+
+    def rules(self) -> Rules:
+        """What each rule asks of every boid now."""
+        near = self.neighbourhood()
         alignment = near.directions / np.maximum(near.counts, 1.0)[:, None]
         middle = (near.positions + self.flock_position) / (near.counts + 1.0)[:, None]
         target = bounds = np.zeros_like(self.positions)

@@ -65,21 +65,46 @@ def gather(
     Neighbourhood
         The same for any number of threads, bit by bit.
     """
-    # cos(pi) is exactly -1, but rounding may push the cosine of the boid right behind below it.
-    cosine = math.cos(0.5 * field_of_view) if field_of_view < 2.0 * math.pi else -2.0
     count = len(positions)
-    sums = np.empty((count, kernels.SUMS))
+    cosine, sums = view_cosine(field_of_view), np.empty((count, kernels.SUMS))
     if search == "all_pairs":
         kernels.gather_all_pairs(np.ascontiguousarray(positions.T), directions, distance, cosine, sums)
     else:
-        # A power of two an axis, at least four, with one to eight cells a boid.
-        bits = max(2, math.ceil(math.log2(max(count, 2)) / 3.0))
-        keys, order = np.empty((2, count), np.int64)
-        starts = np.empty((1 << 3 * bits) + 1, np.int64)
-        kernels.sort_by_cell(positions, distance, bits, keys, starts, order)
+        cells = sorted_cells(positions, distance)
+        order = cells.order
         sorted_data = np.ascontiguousarray(positions[order].T), directions[order], distance, cosine, sums
         if threads == 1:
-            kernels.gather_places(0, count, bits, keys, starts, order, *sorted_data)
+            kernels.gather_places(0, count, *cells, *sorted_data)
         else:
-            kernels.gather_places_parallel(threads, bits, keys, starts, order, *sorted_data)
+            kernels.gather_places_parallel(threads, *cells, *sorted_data)
+    return split_sums(sums)
+
+
+class Cells(NamedTuple):
+    """Boids sorted by the cells of a grid, as :func:`modalshell.kernels.flock.sort_by_cell` tells."""
+
+    bits: int
+    keys: NDArray[np.int64]
+    starts: NDArray[np.int64]
+    order: NDArray[np.int64]
+
+
+def sorted_cells(positions: Array, distance: float) -> Cells:
+    """Cells of side ``distance`` [m]: a power of two along each axis, at least four, with one to eight a boid."""
+    count = len(positions)
+    bits = max(2, math.ceil(math.log2(max(count, 2)) / 3.0))
+    keys, order = np.empty((2, count), np.int64)
+    starts = np.empty((1 << 3 * bits) + 1, np.int64)
+    kernels.sort_by_cell(positions, distance, bits, keys, starts, order)
+    return Cells(bits, keys, starts, order)
+
+
+def view_cosine(field_of_view: float) -> float:
+    """Least cosine to the direction of flight of what a boid sees with that full angle [rad]."""
+    # cos(pi) is exactly -1, but rounding may push the cosine of the boid right behind below it.
+    return math.cos(0.5 * field_of_view) if field_of_view < 2.0 * math.pi else -2.0
+
+
+def split_sums(sums: Array) -> Neighbourhood:
+    """The parts of the kernels' sums (N, 10)."""
     return Neighbourhood(sums[:, :3], sums[:, 3:6], sums[:, 6:9], sums[:, 9])

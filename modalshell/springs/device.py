@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -10,36 +9,9 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.checks import checked_count, checked_number
 from modalshell.errors import OptionError, SolverError
+from modalshell.kernels.device import checked_device, device_types, warp
 from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.springs.verlet import _COINCIDENT, GridVerlet
-
-
-def warp() -> ModuleType:
-    """The Warp library, started without its banner; OptionError where it is not installed."""
-    try:
-        import warp as library
-    except ImportError as error:
-        raise OptionError(f"devices need Warp: pip install 'modalshell[gpu]' ({error})") from error
-    library.config.log_level = max(library.config.log_level, library.LOG_WARNING)
-    library.init()
-    return library  # type: ignore[no-any-return]
-
-
-def devices() -> list[str]:
-    """Names that :class:`DeviceVerlet` takes: "cpu", and "cuda:0" and so on for every GPU that is here."""
-    return [device.alias for device in warp().get_devices()]
-
-
-def checked_device(name: str | None) -> str:
-    """Return ``name``, or for None the first GPU and else "cpu"; OptionError for what is not here."""
-    known = devices()
-    if name is None:
-        return next((device for device in known if device.startswith("cuda")), "cpu")
-    if name not in known:
-        gpus = any(device.startswith("cuda") for device in known)
-        fault = "there is no such device" if gpus or not str(name).startswith("cuda") else "no GPU is here"
-        raise OptionError(f"{fault}: device must be one of {', '.join(known)} (got {name!r})")
-    return name
 
 
 class DeviceVerlet(GridVerlet):
@@ -87,17 +59,12 @@ class DeviceVerlet(GridVerlet):
         super().__init__(grid, dtype, start, 1, velocity=velocity, allow_unstable_step=allow_unstable_step)
         self._pinned = self._warp.array(grid.pinned, dtype=self._warp.bool, device=self.device)
 
-    def _types(self) -> tuple[Any, Any]:
-        """Warp's number and vector of the chosen precision."""
-        real = self._warp.float64 if self.dtype == np.float64 else self._warp.float32
-        return real, self._warp.types.vector(3, real)
-
     def _copied(self, name: str) -> NDArray[Any]:
         return np.ascontiguousarray(np.moveaxis(self._states[name].numpy(), -1, 0))
 
     def _send(self, name: str, places: NDArray[Any]) -> None:
         rows = np.ascontiguousarray(np.moveaxis(places, 0, -1))
-        self._states[name] = self._warp.array(rows, dtype=self._types()[1], device=self.device)
+        self._states[name] = self._warp.array(rows, dtype=device_types(self.dtype)[1], device=self.device)
 
     @property
     def _now(self) -> NDArray[Any]:
@@ -140,7 +107,7 @@ class DeviceVerlet(GridVerlet):
         """The recorded launch of a step from one state over the other."""
         from modalshell.kernels.device_verlet import verlet_step
 
-        grid, (real, vector) = self.grid, self._types()
+        grid, (real, vector) = self.grid, device_types(self.dtype)
         half_drag = 0.5 * dt * grid.drag
         factor = dt**2 / (1.0 + half_drag)
         springs = [stiffness * factor / grid.particle_mass for stiffness in (grid.structural, grid.shear, grid.flexion)]

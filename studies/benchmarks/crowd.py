@@ -16,7 +16,9 @@ from threadpoolctl import threadpool_limits
 
 import modalshell as ms
 from modalshell.crowd import LEVELS
+from modalshell.crowd.device import DeviceCrowd, DeviceFlock
 from modalshell.crowd.neighbours import gather
+from modalshell.kernels.device import devices, warp
 from modalshell.modes import Basis
 from modalshell.study import load_script
 
@@ -43,8 +45,7 @@ def reconstruction(
     """
     basis = basis or bird_basis()
     random = np.random.default_rng(0)
-    q = random.standard_normal((instances, basis.count))
-    q *= 1.5 / np.linalg.norm((q @ basis.rotations.T).reshape(-1, 3), axis=1).max()
+    q = bent(instances, basis, random)
     turns = np.broadcast_to(np.eye(3), (instances, 3, 3)).copy()
     moves = random.standard_normal((instances, 3))
     rows = []
@@ -83,10 +84,22 @@ def reconstruction(
     return rows
 
 
+def bent(instances: int, basis: Basis, random: np.random.Generator) -> Any:
+    """Coordinates (B, m) by which no vertex turns more than 1.5 rad."""
+    q = random.standard_normal((instances, basis.count))
+    return q * (1.5 / np.linalg.norm((q @ basis.rotations.T).reshape(-1, 3), axis=1).max())
+
+
 def still(crowd: ms.Crowd, q: Any) -> None:
-    """One step of all instances from the same state."""
-    crowd.coordinates, crowd.rates = q, np.zeros_like(q)
+    """One step of all instances from the same state, to which they are put back."""
+    crowd.rates = np.zeros_like(q)
     crowd.step(1.0 / 60.0, felt=(0.0, 0.0, -9.81))
+    crowd.coordinates = q
+
+
+def ball(count: int, per_volume: float = 20.0) -> float:
+    """Radius of a ball with ``per_volume`` of ``count`` boids in a unit of volume."""
+    return float((count / per_volume * 3.0 / (4.0 * np.pi)) ** (1.0 / 3.0))
 
 
 def flock(
@@ -95,8 +108,7 @@ def flock(
     """Steps a second, the best of ``steps``, from ``per_volume`` boids in a cube of the neighbour distance."""
     rows = []
     for count in sizes:
-        radius = (count / per_volume * 3.0 / (4.0 * np.pi)) ** (1.0 / 3.0)
-        boids = ms.Flock.random(count, radius=radius, search=search)
+        boids = ms.Flock.random(count, radius=ball(count, per_volume), search=search)
         boids.step(1e-6)
         seconds = []
         for _ in range(steps):
@@ -114,4 +126,55 @@ def flock(
                 "microseconds_boid": 1e6 * best / count,
             }
         )
+    return rows
+
+
+def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> list[dict[str, Any]]:
+    """What every device does of a flock's sums, a crowd's placed MWTS and its steps; the best of ``repeats`` turns.
+
+    Against one thread of the kernels: by the processor's clock on the processor, by the wall's on a GPU. Positions are
+    timed with the way back to the host's memory, and left on the device.
+    """
+    random = np.random.default_rng(0)
+    coordinates, moves = bent(instances, basis, random), random.standard_normal((instances, 3))
+    kernels = ms.Flock.random(boids, radius=ball(boids))
+    rows = []
+    for device in devices():
+        clock = time.process_time if device == "cpu" else time.perf_counter
+        for precision in ("float64", "float32"):
+            single = ms.Crowd(basis, instances, dtype=precision)
+            crowd = DeviceCrowd(basis, instances, dtype=precision, device=device)
+            single.coordinates = crowd.coordinates = coordinates
+            near = DeviceFlock.random(boids, radius=ball(boids), dtype=precision, device=device)
+            out = np.empty((instances, crowd.vertices, 3), precision)
+
+            def left(crowd: DeviceCrowd = crowd) -> None:
+                crowd.device_positions(np.eye(3), moves)
+                warp().synchronize_device(crowd.device)
+
+            calls = {
+                "sums_kernels": kernels.neighbourhood,
+                "sums": near.neighbourhood,
+                "placed_kernels": lambda crowd=single, out=out: crowd.positions(np.eye(3), moves, out),
+                "placed": lambda crowd=crowd, out=out: crowd.positions(np.eye(3), moves, out),
+                "left": left,
+                "step_kernels": lambda crowd=single: still(crowd, coordinates),
+                "step": lambda crowd=crowd: still(crowd, coordinates),
+            }
+            times = interleaved(calls, repeats, statistic=min, clock=clock)
+            rows.append(
+                {
+                    "device": device,
+                    "dtype": precision,
+                    "boids": boids,
+                    "instances": instances,
+                    "vertices": crowd.vertices,
+                    "boids_per_second": boids / times["sums"],
+                    "instances_per_second": instances / times["left"],
+                    "ratio_sums": times["sums_kernels"] / times["sums"],
+                    "ratio_placed": times["placed_kernels"] / times["placed"],
+                    "ratio_left": times["placed_kernels"] / times["left"],
+                    "ratio_step": times["step_kernels"] / times["step"],
+                }
+            )
     return rows

@@ -1,0 +1,176 @@
+"""Flocks and crowds on a GPU, or by the same source on the processor (Warp)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from modalshell.checks import checked_precision
+from modalshell.crowd.crowd import Crowd
+from modalshell.crowd.flock import Flock
+from modalshell.crowd.neighbours import Neighbourhood, sorted_cells, split_sums, view_cosine
+from modalshell.errors import OptionError
+from modalshell.kernels.device import checked_device, device_types, warp
+from modalshell.kernels.flock import SUMS
+from modalshell.modes import Basis
+
+Array = NDArray[np.float64]
+
+
+class DeviceFlock(Flock):
+    """A :class:`Flock` whose boids sum over their neighbours on a device, one thread of it to a boid.
+
+    The processor sorts the boids into cells, in float64, and makes rules and steps of the sums. So the boids go to the
+    device at every step, and the sums come back.
+
+    Parameters
+    ----------
+    positions, directions : array_like, shape (N, 3)
+        As a flock's.
+    dtype : {float64, float32}
+        Precision of the device's arithmetic. In float32 positions are rounded before they are compared: boids in one
+        place to rounding are no neighbours.
+    device : str, optional
+        "cpu" or "cuda:0" and so on; without it the first GPU, and where there is none "cpu".
+    **parameters
+        As a flock's, without ``search`` and ``threads``.
+
+    Raises
+    ------
+    OptionError
+        Where Warp is not installed or the device is not here; for ``search`` and ``threads``, and as a flock does.
+    """
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        directions: ArrayLike,
+        dtype: DTypeLike = np.float64,
+        device: str | None = None,
+        **parameters: Any,
+    ) -> None:
+        for name in ("search", "threads"):
+            if name in parameters:
+                raise OptionError(f"a flock on a device takes no {name} (got {parameters[name]!r}): leave it out")
+        self.dtype, self.device = checked_precision(dtype), checked_device(device)
+        super().__init__(positions, directions, **parameters)
+
+    def neighbourhood(self) -> Neighbourhood:
+        """Sums over every boid's neighbours now; the same as a flock's but for rounding."""
+        from modalshell.kernels.device_flock import gather_places
+
+        library, (real, vector) = warp(), device_types(self.dtype)
+        cells = sorted_cells(self.positions, self.neighbour_distance)
+        integers = [library.array(a, dtype=int, device=self.device) for a in cells[1:]]
+        boids = [
+            library.array(a[cells.order].astype(self.dtype), dtype=vector, device=self.device)
+            for a in (self.positions, self.directions)
+        ]
+        numbers = real(self.neighbour_distance), real(view_cosine(self.field_of_view))
+        sums = library.empty((len(self.positions), SUMS), dtype=real, device=self.device)
+        inputs = [cells.bits, *integers, *boids, *numbers, sums]
+        library.launch(gather_places, len(self.positions), inputs, device=self.device)
+        return split_sums(sums.numpy().astype(np.float64))
+
+
+class DeviceCrowd(Crowd):
+    """A :class:`Crowd` whose positions and modal forces a device makes, one thread of it to a vertex of an instance.
+
+    The modal data stay on the device; coordinates, levels and poses go there for every frame. Forces come back, in
+    float64, to step the coordinates on the processor. An angle counts as it is rounded, so that forces differ from a
+    crowd's by about 1e-16 for every radian of the largest angle.
+
+    Parameters
+    ----------
+    basis, count, damping
+        As a crowd's.
+    dtype : {float64, float32}
+        Precision of the positions and of the arithmetic that makes them.
+    device : str, optional
+        "cpu" or "cuda:0" and so on; without it the first GPU, and where there is none "cpu".
+
+    Raises
+    ------
+    OptionError
+        Where Warp is not installed or the device is not here, and as a crowd does.
+    """
+
+    def __init__(
+        self,
+        basis: Basis,
+        count: int,
+        *,
+        damping: tuple[float, float] = (0.0, 0.0),
+        dtype: DTypeLike = np.float64,
+        device: str | None = None,
+    ) -> None:
+        self.device = checked_device(device)
+        super().__init__(basis, count, damping=damping, dtype=dtype)
+        shapes = [a.reshape(-1, 3, basis.count).transpose(2, 0, 1) for a in (basis.modes, basis.rotations)]
+        shapes.append(basis.shell.rest_positions)
+        self._doubles = [self._vectors(a, np.float64) for a in shapes]
+        self._shapes = self._doubles if self.dtype == np.float64 else [self._vectors(a, self.dtype) for a in shapes]
+        self._masses = self._numbers(basis.shell.mass, np.float64)
+
+    def device_positions(self, rotations: ArrayLike | None = None, translations: ArrayLike | None = None) -> Any:
+        """Vertex positions as :meth:`positions` gives them, left on the device.
+
+        Returns
+        -------
+        warp.array, shape (B, n)
+            Vectors of three [m], of the crowd's precision. Work on the device may not have ended when this returns.
+        """
+        return self._launched(self.coordinates, self.levels, self._poses(rotations, translations))
+
+    def _vectors(self, values: NDArray[Any], dtype: DTypeLike) -> Any:
+        """Copy of an array (..., 3) on the device as vectors."""
+        return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=device_types(dtype)[1], device=self.device)
+
+    def _numbers(self, values: NDArray[Any], dtype: DTypeLike) -> Any:
+        """Copy of an array on the device."""
+        return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=device_types(dtype)[0], device=self.device)
+
+    def _launched(self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array]) -> Any:
+        from modalshell.kernels.device_flock import crowd_positions
+
+        library, (turns, moves) = warp(), poses
+        shape = len(coordinates), self.vertices
+        out = library.empty(shape, dtype=device_types(self.dtype)[1], device=self.device)
+        inputs = [
+            library.array(levels, dtype=int, device=self.device),
+            *self._shapes,
+            self._numbers(coordinates, self.dtype),
+            self._vectors(turns.reshape(-1, 3, 3), self.dtype),
+            self._vectors(moves, self.dtype),
+            out,
+        ]
+        library.launch(crowd_positions, shape, inputs, device=self.device)
+        return out
+
+    def _modal_forces(self, felt: Array) -> Array:
+        from modalshell.kernels.device_flock import modal_forces, turned_back
+
+        library, (real, vector) = warp(), device_types(np.float64)
+        modes, rotations, _ = self._doubles
+        forces = library.empty((self.count, self.vertices), dtype=vector, device=self.device)
+        inputs = [
+            library.array(self.levels, dtype=int, device=self.device),
+            rotations,
+            self._masses,
+            self._numbers(self.coordinates, np.float64),
+            self._vectors(felt, np.float64),
+            forces,
+        ]
+        library.launch(turned_back, forces.shape, inputs, device=self.device)
+        out = library.empty(self.coordinates.shape, dtype=real, device=self.device)
+        library.launch(modal_forces, out.shape, [modes, forces, out], device=self.device)
+        return np.array(out.numpy())
+
+    def _reconstruct(
+        self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, out: NDArray[Any]
+    ) -> None:
+        count = len(coordinates)
+        still = np.tile(np.eye(3).ravel(), (count, 1)), np.zeros((count, 3))
+        out[:] = self._launched(coordinates, levels, still if poses is None else poses).numpy()

@@ -1,0 +1,55 @@
+"""Warp, which runs one source on processors and GPUs, loaded where it is asked for; and what devices are here."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from modalshell.errors import OptionError
+
+
+def warp() -> ModuleType:
+    """The Warp library, started without its banner; OptionError where it is not installed."""
+    try:
+        import warp as library
+    except ImportError as error:
+        raise OptionError(f"devices need Warp: pip install 'modalshell[gpu]' ({error})") from error
+    library.config.log_level = max(library.config.log_level, library.LOG_WARNING)
+    library.init()
+    return library  # type: ignore[no-any-return]
+
+
+def devices() -> list[str]:
+    """Names of devices: "cpu", and "cuda:0" and so on for every GPU that is here."""
+    return [device.alias for device in warp().get_devices()]
+
+
+def missing_devices() -> dict[str, str]:
+    """Why nothing can be run by Warp, or by it on a GPU; empty where both can."""
+    try:
+        here = devices()
+    except OptionError as error:
+        return {"Warp": str(error)}
+    return {} if any(device.startswith("cuda") for device in here) else {"Warp, GPU": "no GPU here"}
+
+
+def checked_device(name: str | None) -> str:
+    """Return ``name``, or for None the first GPU and else "cpu"; OptionError for what is not here."""
+    known = devices()
+    if name is None:
+        return next((device for device in known if device.startswith("cuda")), "cpu")
+    if name not in known:
+        gpus = any(device.startswith("cuda") for device in known)
+        fault = "there is no such device" if gpus or not str(name).startswith("cuda") else "no GPU is here"
+        raise OptionError(f"{fault}: device must be one of {', '.join(known)} (got {name!r})")
+    return name
+
+
+def device_types(dtype: DTypeLike) -> tuple[Any, Any]:
+    """Warp's number and vector of three of a precision, float64 or float32."""
+    library = warp()
+    real = library.float64 if np.dtype(dtype) == np.float64 else library.float32
+    return real, library.types.vector(3, real)
