@@ -17,8 +17,8 @@ with contextlib.suppress(ImportError):
 
     _ONE_THREAD = threadpool_limits(1)
 
-SLOW_STUDIES = ("large_mesh", "stability_atlas")
-"""Those that take long even if quick: a mesh of 13,000 vertices, and a row for every model and integrator."""
+SLOW_STUDIES = ("held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "tradeoff")
+"""Those that take long even if quick."""
 
 SCENE = """
 [mesh]
