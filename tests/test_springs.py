@@ -374,30 +374,15 @@ def test_dashpots_damp_strain_rates_only():
     assert np.vdot(force, v) < 0.0
 
 
-def test_scenes_name_the_springs(tmp_path):
-    text = """
-    [mesh]
-    shape = "sheet"
-    cells = [6, 6]
-    [material]
-    stretch = 20.0
-    shear = 20.0
-    flexure = 0.05
-    density = 0.2
-    [supports]
-    clamped = "x < 0.2"
-    [loads]
-    gravity = [0.0, 0.0, -1.0]
-    [model]
-    name = "springs"
-    integrator = "linear_implicit"
-    solver = "cg"
-    reference_fold = 0.4
-    [motion]
-    duration = 0.2
-    """
-    (tmp_path / "sheet.toml").write_text(text)
-    built = ms.load_scene(tmp_path / "sheet.toml").build()
+def test_scenes_name_the_springs(scene_file):
+    path = scene_file(
+        ('shape = "v_beam"\ncells = [12, 4]', 'shape = "sheet"\ncells = [6, 6]'),
+        ("x < 0.1", "x < 0.2"),
+        ("-9.81", "-1"),
+        ('name = "mwts"', 'name = "springs"\nintegrator = "linear_implicit"\nsolver = "cg"\nreference_fold = 0.4'),
+        ("duration = 1", "duration = 0.2"),
+    )
+    built = ms.load_scene(path).build()
     assert isinstance(built.model, ms.SpringSheet)
     assert (built.model.integrator, built.model.solver) == ("linear_implicit", "cg")
     expected = shell_springs(built.shell, 0.4)

@@ -5,6 +5,7 @@ import signal
 import time
 
 import pytest
+from sweep_scenes import BEAM
 
 import modalshell as ms
 from modalshell.sweep.case import run_case
@@ -12,27 +13,14 @@ from modalshell.sweep.case import run_case
 distributed = pytest.importorskip("distributed", reason="needs dask.distributed (extra 'cluster')")
 dask = pytest.importorskip("dask")
 
-SWEEP = """
-[scene.mesh]
-shape = "v_beam"
-cells = [12, 4]
-[scene.material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[scene.supports]
-clamped = "x < 0.1"
-[scene.model]
-name = "mwts"
-[scene.motion]
-duration = 3.0
-dt = 0.01
-damping = [0.1, 0.0]
+SWEEP = (
+    BEAM.format(duration=3.0)
+    + """
 [axes]
 "model.name" = ["lma", "mwts"]
 "loads.gravity" = [[0, 0, -1], [0, 0, -2], [0, 0, -3], [0, 0, -4], [0, 0, -5], [0, 0, -6], [0, 0, -7], [0, 0, -8]]
 """
+)
 
 
 @pytest.fixture(scope="module")

@@ -9,29 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sweep_scenes import BEAM
 
 import modalshell as ms
 from modalshell.sweep.case import run_case
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="workers are found through /proc")
 
-SWEEP = """
-[scene.mesh]
-shape = "v_beam"
-cells = [12, 4]
-[scene.material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[scene.supports]
-clamped = "x < 0.1"
-[scene.model]
-name = "mwts"
-[scene.motion]
-duration = {duration}
-dt = 0.01
-damping = [0.1, 0.0]
+AXES = """
 [axes]
 "model.name" = ["lma", "mwts"]
 "model.modes" = {modes}
@@ -44,7 +29,7 @@ name = "rsw"
 def write(folder, modes, gravities, duration):
     file = folder / "beams.toml"
     values = ", ".join(f"[0, 0, {-0.5 * (k + 1)}]" for k in range(gravities))
-    file.write_text(SWEEP.format(modes=list(modes), gravities=values, duration=duration))
+    file.write_text(BEAM.format(duration=duration) + AXES.format(modes=list(modes), gravities=values))
     return file
 
 

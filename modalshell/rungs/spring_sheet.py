@@ -14,6 +14,7 @@ from modalshell.errors import MeshError, OptionError
 from modalshell.rungs.constraints import Constraint
 from modalshell.rungs.discrete_shell import DiscreteShell, Integrator
 from modalshell.rungs.model import Damping, Equilibrium, MotionState, Stopwatch, total_load
+from modalshell.rungs.newton import Potential, is_minimum, mixed_newton
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
@@ -123,32 +124,32 @@ class SpringSheet(DiscreteShell):
 
         The energies of flat sheets are quartic in bending, with minima that Newton's steps miss.
         """
-        watch = Stopwatch()
+        watch, before = Stopwatch(), dict(self.costs)
         found = super().equilibrium(gravity=gravity, force=force, start=start, constraints=constraints)
-        if found.converged or constraints:
+        problem = self._statics(total_load(self.shell, gravity, force))
+        if found.converged or constraints or problem.scale == 0.0:
             return found
-        load = total_load(self.shell, gravity, force)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-            relaxed, steps = self._relaxed(load, start)
+            relaxed, steps = self._relaxed(problem, start)
+        spent = found.iterations + steps
         if relaxed is not None:
-            found = super().equilibrium(gravity=gravity, force=force, start=relaxed)
-        return replace(found, iterations=found.iterations + steps, seconds=watch())
+            result = mixed_newton(problem, relaxed, problem.scale)
+            if is_minimum(problem, result):
+                return self._answer(result, watch, spent, before)
+        return replace(found, iterations=spent, seconds=watch(), costs=self.costs.since(before))
 
-    def _relaxed(self, load: Array, start: ArrayLike | None) -> tuple[Array | None, int]:
+    def _relaxed(self, problem: Potential, start: ArrayLike | None) -> tuple[Array | None, int]:
         """Positions near rest, or None, and the implicit steps there, each a tenth of the time of a fall through."""
         shell = self.shell
-        goal = _NEAR * float(np.linalg.norm(load[shell.free]))
-        if goal == 0.0:
-            return None, 0
-        acceleration = float(np.linalg.norm(load[shell.free])) / float(np.linalg.norm(shell.mass[shell.free]))
+        acceleration = problem.scale / float(np.linalg.norm(shell.mass[shell.free]))
         time = float(np.sqrt(np.linalg.norm(np.ptp(shell.rest_positions, axis=0)) / acceleration))
+        dt, damping = 0.1 * time, Damping(0.2 / time)
         state = self.start_motion(None if start is None else shell.checked_positions(start))
         for count in range(1, _RELAXING + 1):
-            state, solved = DiscreteShell._linear_implicit(self, state, 0.1 * time, load, Damping(0.2 / time), None)
+            state, solved = DiscreteShell._linear_implicit(self, state, dt, problem.load, damping, None)
             if not solved or not np.isfinite(state.coordinates).all():
                 return None, count
-            inner = self.shell.energy_gradient(state.coordinates)[1]
-            if float(np.linalg.norm((load - inner)[shell.free])) <= goal:
+            if float(np.linalg.norm(problem.residual(state.coordinates))) <= _NEAR * problem.scale:
                 return state.coordinates, count
         return state.coordinates, _RELAXING
 

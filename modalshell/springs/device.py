@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_number
-from modalshell.errors import OptionError, SolverError
 from modalshell.kernels.device import checked_device, device_types, warp
 from modalshell.springs.sheet_grid import SheetGrid
-from modalshell.springs.verlet import _COINCIDENT, GridVerlet
+from modalshell.springs.verlet import GridVerlet
 
 
 class DeviceVerlet(GridVerlet):
@@ -84,34 +82,23 @@ class DeviceVerlet(GridVerlet):
 
     def step(self, count: int, dt: float) -> None:
         """Take ``count`` steps of ``dt`` [s], as :meth:`GridVerlet.step` does."""
-        count, dt = checked_count("count", count), checked_number("dt", dt, above=0.0, unit="s")
-        if dt != self._dt:
-            if not self.allow_unstable_step and dt > self.grid.stable_step():
-                longest = f"{self.grid.stable_step():.3g} s"
-                raise OptionError(f"Verlet needs a step of at most {longest} on this sheet (got {dt:.3g} s)")
-            self._set_step(dt)
+        count, dt = self._prepare(count, dt)
         launches = [self._launch("now", "before", dt), self._launch("before", "now", dt)]
         for turn in range(count):
             launches[turn % 2].launch()
         if count % 2:
             self._states = {"now": self._states["before"], "before": self._states["now"]}
-        self.count += count
         # The sum is taken on the device, and waits for the steps.
-        if not np.isfinite(self._warp.utils.array_sum(self._states["now"].flatten())).all():
-            raise SolverError(
-                f"the sheet left the finite numbers within {self.count} steps of {dt:.3g} s; about its rest shape "
-                f"steps are stable up to {self.grid.stable_step():.3g} s"
-            )
+        total = self._warp.utils.array_sum(self._states["now"].flatten())
+        self._finish(count, dt, bool(np.isfinite(total).all()))
 
     def _launch(self, now: str, before: str, dt: float) -> Any:
         """The recorded launch of a step from one state over the other."""
         from modalshell.kernels.device_verlet import verlet_step
 
         grid, (real, vector) = self.grid, device_types(self.dtype)
-        half_drag = 0.5 * dt * grid.drag
-        factor = dt**2 / (1.0 + half_drag)
+        factor, keep, tiny = self._step_numbers(dt)
         springs = [stiffness * factor / grid.particle_mass for stiffness in (grid.structural, grid.shear, grid.flexion)]
-        tiny, keep = (_COINCIDENT * grid.spacing) ** 2, (1.0 - half_drag) / (1.0 + half_drag)
         numbers = [real(number) for number in (grid.spacing, *springs, tiny, keep)]
         inputs = [self._states[now], self._states[before], self._pinned, *numbers, vector(*(factor * grid.gravity))]
         return self._warp.launch(verlet_step, grid.shape, inputs, device=self.device, record_cmd=True)

@@ -10,11 +10,11 @@ import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from modalshell.checks import LARGEST, checked_count, checked_kind, checked_number, checked_vectors, vector_count
-from modalshell.errors import MaterialError, MeshError
+from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors
+from modalshell.errors import MeshError
 from modalshell.kernels import spring_blocks as kernels
 from modalshell.shell.supports import held_vertices
-from modalshell.springs.springs import Springs
+from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import ThreadChoice
 
 Array = NDArray[np.float64]
@@ -73,10 +73,8 @@ class ImplicitSprings:
         self, springs: Springs, mass: ArrayLike, held: ArrayLike | None = None, *, threads: int | None = None
     ) -> None:
         checked_kind("springs", springs, Springs)
-        n = self.count = vector_count(mass)
-        masses = checked_vectors("mass", mass, (n,), MaterialError)
-        if not (masses >= 1.0 / LARGEST).all():
-            raise MaterialError(f"mass must be at least {1.0 / LARGEST:g} kg a particle (got {masses.min():g} kg)")
+        masses = checked_masses(mass)
+        n = self.count = len(masses)
         if springs.pairs.max(initial=-1) >= n:
             raise MeshError(f"springs must join the particles 0 to {n - 1} (got {springs.pairs.max()})")
         self.held = held_vertices(held, n)

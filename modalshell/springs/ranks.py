@@ -31,14 +31,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_count, checked_number, checked_vectors
-from modalshell.errors import MaterialError, OptionError
+from modalshell.errors import OptionError
 from modalshell.files import write_npz
 from modalshell.kernels import rank_blocks, spring_blocks
 from modalshell.shell.supports import held_vertices
 from modalshell.springs.implicit import TASKS, ImplicitStep
 from modalshell.springs.partition import rank_block
 from modalshell.springs.sheet_grid import SheetGrid
-from modalshell.springs.springs import Springs
+from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import limited_to
 
 Array = NDArray[np.float64]
@@ -104,9 +104,7 @@ class RankedSprings:
         communicator: Any = None,
     ) -> None:
         self._petsc = PETSc = petsc()
-        masses = np.array(mass, dtype=np.float64)
-        if masses.ndim != 1 or not np.isfinite(masses).all() or not (masses > 0).all():
-            raise MaterialError(f"mass must be positive numbers, one a particle (got shape {masses.shape})")
+        masses = checked_masses(mass)
         n = self.count = len(masses)
         places = checked_vectors("positions", positions, (n, 3))
         free = np.where(held_vertices(held, n), 0.0, 1.0)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import LARGEST, as_array, checked_each
+from modalshell.checks import LARGEST, as_array, checked_each, checked_vectors, vector_count
 from modalshell.errors import MaterialError, MeshError
 from modalshell.kernels.generated import shear
 from modalshell.shell.elements import ElementSet
@@ -77,3 +77,11 @@ class Springs:
         """The springs as elements of a shell: weight ``stiffness / 2``, dashpots of ``damping / 2``."""
         viscosity = 0.5 * self.damping if self.damping.any() else None
         return ElementSet(shear, np.array(self.pairs), np.array(self.rest_lengths), 0.5 * self.stiffness, viscosity)
+
+
+def checked_masses(mass: ArrayLike) -> NDArray[np.float64]:
+    """Return the masses (n,) [kg] of n particles; MaterialError if they are not positive numbers."""
+    masses = checked_vectors("mass", mass, (vector_count(mass),), MaterialError)
+    if not (masses >= 1.0 / LARGEST).all():
+        raise MaterialError(f"mass must be at least {1.0 / LARGEST:g} kg a particle (got {masses.min():g} kg)")
+    return masses

@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision, checked_vectors
 from modalshell.errors import OptionError, SolverError
-from modalshell.kernels.generated import shear
 from modalshell.kernels.spring_grid import WORK, verlet_steps
+from modalshell.shell.elements import energy_gradient
 from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.springs.threads import ThreadChoice
 
@@ -108,9 +108,7 @@ class GridVerlet:
 
     def _acceleration(self) -> Array:
         """Of springs and gravity (rows * columns, 3) [m/s^2]."""
-        gradient = np.zeros((self.grid.count, 3))
-        e = self._springs
-        shear.add_gradient(self.positions.astype(np.float64), e.stencils, e.rest, e.weight, gradient)
+        _, gradient = energy_gradient([self._springs], self.positions.astype(np.float64))
         return np.asarray(self.grid.gravity - gradient / self.grid.particle_mass)
 
     def _set_step(self, dt: float) -> None:
@@ -119,6 +117,33 @@ class GridVerlet:
         pull = np.where(self.grid.pinned.ravel()[:, None], 0.0, self._acceleration() - self.grid.drag * rates)
         self._before = self._now - self._on_grid(dt * rates - 0.5 * dt**2 * pull)
         self._dt = dt
+
+    def _prepare(self, count: int, dt: float) -> tuple[int, float]:
+        """Check the steps asked for, and get the state ready for those of another length than before."""
+        count, dt = checked_count("count", count), checked_number("dt", dt, above=0.0, unit="s")
+        if dt != self._dt:
+            longest = self.grid.stable_step()
+            if not self.allow_unstable_step and dt > longest:
+                raise OptionError(
+                    f"Verlet needs a step of at most {longest:.3g} s on this sheet (got {dt:.3g} s): "
+                    "shorten the step, step ImplicitSprings, or pass allow_unstable_step=True"
+                )
+            self._set_step(dt)
+        return count, dt
+
+    def _step_numbers(self, dt: float) -> tuple[float, float, float]:
+        """What a force over the mass moves in a step, the part of the velocity that drag leaves, and a tiny square."""
+        half_drag = 0.5 * dt * self.grid.drag
+        return dt**2 / (1.0 + half_drag), (1.0 - half_drag) / (1.0 + half_drag), (_COINCIDENT * self.grid.spacing) ** 2
+
+    def _finish(self, count: int, dt: float, finite: bool) -> None:
+        """Count the steps taken, or refuse them."""
+        self.count += count
+        if not finite:
+            raise SolverError(
+                f"the sheet left the finite numbers within {self.count} steps of {dt:.3g} s; about its rest shape "
+                f"steps are stable up to {self.grid.stable_step():.3g} s, less where springs are stretched far"
+            )
 
     def step(self, count: int, dt: float) -> None:
         """Take ``count`` steps of ``dt`` [s]; another ``dt`` than before goes on from the same velocities.
@@ -130,22 +155,13 @@ class GridVerlet:
         SolverError
             If the masses have left the finite numbers.
         """
-        count, dt = checked_count("count", count), checked_number("dt", dt, above=0.0, unit="s")
-        grid = self.grid
-        if dt != self._dt:
-            if not self.allow_unstable_step and dt > grid.stable_step():
-                raise OptionError(
-                    f"Verlet needs a step of at most {grid.stable_step():.3g} s on this sheet (got {dt:.3g} s): "
-                    "shorten the step, step ImplicitSprings, or pass allow_unstable_step=True"
-                )
-            self._set_step(dt)
-        half_drag = 0.5 * dt * grid.drag
-        factor = dt**2 / (1.0 + half_drag)
+        count, dt = self._prepare(count, dt)
+        grid, (factor, keep, tiny) = self.grid, self._step_numbers(dt)
         lengths = grid.spacing * np.array([1.0, np.sqrt(2.0), 2.0])
         stiffness = np.array([grid.structural, grid.shear, grid.flexion]) * factor / grid.particle_mass
         pairs = np.column_stack([stiffness, stiffness * lengths])
         coefficients = tuple(pairs.ravel().astype(self.dtype))
-        keep, tiny = np.array([(1.0 - half_drag) / (1.0 + half_drag), (_COINCIDENT * grid.spacing) ** 2], self.dtype)
+        keep, tiny = np.array([keep, tiny], self.dtype)
         left = count
         while left:
             now = min(left, self.threads.steps_left)
@@ -164,11 +180,6 @@ class GridVerlet:
             if now % 2:
                 self._now, self._before = self._before, self._now
             left -= now
-        self.count += count
         with np.errstate(over="ignore", invalid="ignore"):
-            finite = np.isfinite(self._now.sum())
-        if not finite:
-            raise SolverError(
-                f"the sheet left the finite numbers within {self.count} steps of {dt:.3g} s; about its rest shape "
-                f"steps are stable up to {grid.stable_step():.3g} s, less where springs are stretched far"
-            )
+            finite = bool(np.isfinite(self._now.sum()))
+        self._finish(count, dt, finite)

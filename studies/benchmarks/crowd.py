@@ -17,7 +17,6 @@ from threadpoolctl import threadpool_limits
 import modalshell as ms
 from modalshell.crowd import LEVELS
 from modalshell.crowd.device import DeviceCrowd, DeviceFlock
-from modalshell.crowd.neighbours import gather
 from modalshell.kernels.device import devices, warp
 from modalshell.modes import Basis
 from modalshell.study import load_script
@@ -116,12 +115,11 @@ def flock(
             boids.step(1e-6)  # so short that the density stays
             seconds.append(time.process_time() - start)
         best = min(seconds)
-        near = gather(boids.positions, boids.directions, boids.neighbour_distance, boids.field_of_view)
         rows.append(
             {
                 "boids": count,
                 "search": search,
-                "neighbours": float(near.counts.mean()),
+                "neighbours": float(boids.neighbourhood().counts.mean()),
                 "steps_per_second": 1.0 / best,
                 "microseconds_boid": 1e6 * best / count,
             }
