@@ -1,6 +1,8 @@
 """Thin shells from modal warping to discrete shells, and what each bit of accuracy costs."""
 
 from modalshell import measure
+from modalshell.compare import Advice, Tradeoff, advise, tradeoff
+from modalshell.constraints import OrientationConstraint, PositionConstraint
 from modalshell.crowd import Crowd, Flock
 from modalshell.errors import (
     FileFormatError,
@@ -16,7 +18,6 @@ from modalshell.errors import (
     WorkerError,
 )
 from modalshell.export import load_trajectory, save_trajectory
-from modalshell.ladder import Advice, Tradeoff, advise, tradeoff
 from modalshell.mesh import (
     TriangleMesh,
     cylinder_panel,
@@ -28,23 +29,21 @@ from modalshell.mesh import (
     sheet,
     v_beam,
 )
-from modalshell.modes import Basis, solve_modes
-from modalshell.motion import SupportPath, Trajectory, simulate
-from modalshell.run import SceneResult, run_scene
-from modalshell.rungs import (
+from modalshell.models import (
     CoarseDiscreteShell,
     DiscreteShell,
     LinearModal,
     ModalDerivatives,
     ModalWarping,
-    OrientationConstraint,
-    PositionConstraint,
     ReducedRotationStrain,
     RigidShell,
     RotationStrain,
     SpringSheet,
     coarse_shell,
 )
+from modalshell.modes import Basis, solve_modes
+from modalshell.motion import SupportPath, Trajectory, simulate
+from modalshell.run import SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Material, Shell
 from modalshell.sweep import SweepResult, run_sweep

@@ -18,15 +18,15 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 
 import modalshell as ms
+from modalshell.atomic_io import make_folder
 from modalshell.checks import shortened
+from modalshell.compare import MODES
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
-from modalshell.files import make_folder
-from modalshell.ladder import MODES
+from modalshell.models.modal import ModalModel
 from modalshell.reproduce import chosen_studies
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
-from modalshell.rungs.modal import ModalModel
 from modalshell.scene import MODELS
 from modalshell.selection import select_vertices
 from modalshell.study import load_script

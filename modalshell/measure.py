@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import Shell
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 def displacement_error(

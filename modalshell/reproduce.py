@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from modalshell.atomic_io import write_text
 from modalshell.errors import OptionError
-from modalshell.files import write_text
 from modalshell.study import load_script
 
 FIGURES: dict[str, tuple[str, ...]] = {

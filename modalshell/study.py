@@ -1,15 +1,13 @@
-"""Studies: results with a record of the run that made them, saved as JSON and NPZ; and where the studies are."""
+"""Study results, saved as JSON and NPZ with a record of the run that made them."""
 
 from __future__ import annotations
 
-import datetime
 import functools
 import hashlib
 import importlib
 import importlib.util
 import json
 import os
-import platform
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,24 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.atomic_io import digest, read_npz, write_npz, write_text
 from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
-from modalshell.files import digest, read_npz, write_npz, write_text
+from modalshell.provenance import repository_file
 
 _DIGEST = "sha256"
-_PACKAGES = ("modalshell", "numpy", "scipy", "numba")
-
-
-def run_record(parameters: dict[str, Any], seed: int = 0) -> dict[str, Any]:
-    """What must be known to make a result again: versions, seed, parameters, machine."""
-    return {
-        "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "versions": {name: importlib.import_module(name).__version__ for name in _PACKAGES}
-        | {"python": platform.python_version()},
-        "seed": seed,
-        "parameters": parameters,
-        "machine": {"system": platform.system(), "processor": platform.machine(), "cores": os.cpu_count()},
-    }
 
 
 @dataclass(frozen=True)
@@ -52,7 +38,7 @@ class StudyResult:
     arrays : dict of ndarray
         Positions, faces and other arrays that figures draw.
     record : dict
-        See :func:`run_record`.
+        See :func:`modalshell.provenance.run_record`.
     """
 
     name: str
@@ -102,15 +88,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"no JSON form for {type(value).__name__}")
-
-
-def repository_file(name: str) -> Path:
-    """Path of a file such as ``meshes/creature.ply``, in a checkout or in an installed copy; else FileFormatError."""
-    package = Path(__file__).resolve().parent
-    for root in (package.parent, package / "bundled"):
-        if (root / name).is_file():
-            return root / name
-    raise FileFormatError(f"{name} is neither beside the package nor inside it; reinstall modalshell")
 
 
 def load_script(folder: str, name: str) -> ModuleType:

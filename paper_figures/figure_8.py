@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from modalshell.render import ShadedSurface, View, draw_views, write_scene_film
 from modalshell.render.glyphs import Shape, joined, rod, sphere
 from modalshell.study import StudyResult
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 SKIN, SHIRT, TROUSERS, SHOES, EYES = "#e8b98f", "#3f78c4", "#8a7762", "#3b3b44", "#2a2a2a"
 COLORS = {"hat": "#c8382e", "torso": SHIRT, "leg_left": TROUSERS, "leg_right": TROUSERS}

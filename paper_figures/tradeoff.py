@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalshell.ladder.draw import draw_fronts, draw_shapes
+from modalshell.compare.draw import draw_fronts, draw_shapes
 from modalshell.study import StudyResult, load_script
 
 SHOWN = ("v_beam", "v_beam_stiff", "leaf_wind", "twisted_strip")

@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.rungs.model import Damping
+from modalshell.models.base import Damping
+from modalshell.provenance import run_record
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
-from modalshell.study import StudyResult, run_record
+from modalshell.study import StudyResult
 
 SIDES = (50, 100, 150, 300, 350, 400)
 """Particles along a side: the published sizes."""

@@ -17,7 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 import modalshell as ms
-from modalshell.study import StudyResult, load_script, run_record
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult, load_script
 
 clothes = load_script("studies/character", "clothes")
 skeleton = load_script("studies/character", "skeleton")

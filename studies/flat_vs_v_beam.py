@@ -13,7 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 import modalshell as ms
-from modalshell.study import StudyResult, run_record
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult
 
 FOLDS = {"flat": 180.0, "v": 120.0}
 FACTORS = (1.0, 10.0, 100.0)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from modalshell.kernels.device import missing_devices
-from modalshell.study import StudyResult, load_script, run_record
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult, load_script
 
 BOIDS = (100, 300, 1000, 3000, 10000, 30000, 100000)
 PAIRS = (100, 300, 1000, 3000, 10000)

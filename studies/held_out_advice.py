@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.ladder.candidates import Workshop, candidates
-from modalshell.ladder.case import Case, CoarseMesh, drawn_to_supports
-from modalshell.ladder.runs import Row
+from modalshell.compare.candidates import Workshop, candidates
+from modalshell.compare.case import Case, CoarseMesh, drawn_to_supports
+from modalshell.compare.runs import Row
 from modalshell.mesh import TriangleMesh
-from modalshell.study import StudyResult, run_record
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult
 
 SEED = 7
 SCENES = 20
@@ -79,7 +80,7 @@ def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float]:
         for cells in ((along // 2, 4), (along // 3, 2))
     ]
     details = f"{kind}, {len(x)} vertices, membrane {membrane:.0f}, linear answer {size:.2f} L"
-    case = Case(name, shell, load, damping=ms.rungs.Damping(0.5, 0.001), coarse=coarse, note=details)
+    case = Case(name, shell, load, damping=ms.models.Damping(0.5, 0.001), coarse=coarse, note=details)
     return case, float(rng.choice(ERRORS))
 
 

@@ -21,9 +21,10 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.errors import SolverError
+from modalshell.models import MotionState
 from modalshell.motion import Motion
-from modalshell.rungs import MotionState
-from modalshell.study import StudyResult, run_record
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult
 
 LENGTH, WIDTH = 1.0, 0.2
 FLEXURE, DENSITY, MODES = 0.05, 0.2, 8

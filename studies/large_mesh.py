@@ -17,7 +17,8 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.modes.modal_rotation import rotation_matrix
-from modalshell.study import StudyResult, repository_file, run_record
+from modalshell.provenance import repository_file, run_record
+from modalshell.study import StudyResult
 
 MODES = 4
 MATERIAL = {"young": 2e5, "poisson": 0.3, "thickness": 0.01, "density": 300.0}

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.study import StudyResult, run_record
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult
 
 PARAMETERS = {
     "length": 1.0,

@@ -6,7 +6,7 @@ shear stiffness along edges, and across hinges the stiffness that holds the hing
 its fold angle (three are tried); the shell's area energy they do not have. A flat hinge resists its spring at fourth
 order only, so no stiffness fits more than one curvature; a hinge folded at rest at second order, as in the shell.
 
-The load is given as ``Gamma = 8 x (linear drop of the free end) / (free length)``; see ``v_beam_accuracy``. Costs are
+The load is given as ``Gamma = 8 x (linear drop of the free end) / (free length)``; see ``v_beam_accuracy``. Timings are
 those of a static answer, and of a step of 1/30 s: implicit Euler of the shell, and one linearised step of the springs,
 both by factorisation.
 
@@ -23,9 +23,10 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.measure import displacement_error
-from modalshell.rungs.model import Damping
+from modalshell.models.base import Damping
+from modalshell.provenance import run_record
 from modalshell.springs import shell_springs
-from modalshell.study import StudyResult, load_script, run_record
+from modalshell.study import StudyResult, load_script
 
 FOLDS = (0.05, 0.2, 0.8)
 """Reference changes of the fold angle [rad]."""

@@ -20,9 +20,10 @@ import numba
 import numpy as np
 
 from modalshell.kernels.device import devices, missing_devices
+from modalshell.provenance import run_record
 from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.device import DeviceVerlet
-from modalshell.study import StudyResult, load_script, run_record
+from modalshell.study import StudyResult, load_script
 
 SIZES = (64, 128, 256, 512, 1024)
 PRECISIONS = ("float64", "float32")

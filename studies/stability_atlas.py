@@ -33,12 +33,13 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
+from modalshell.models import Damping, Model
+from modalshell.models.modal import ModalModel
 from modalshell.modes import largest_eigenvalue
 from modalshell.motion import Motion, Trajectory, stability
 from modalshell.motion.simulate import Observer
-from modalshell.rungs import Damping, Model
-from modalshell.rungs.modal import ModalModel
-from modalshell.study import StudyResult, call_script, load_script, run_record
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult, call_script, load_script
 
 limits, models = (load_script("studies", f"stability_{name}") for name in ("limits", "models"))
 

@@ -21,9 +21,9 @@ import numpy as np
 from scipy.linalg import eigh
 
 import modalshell as ms
+from modalshell.models import Damping, MotionState
+from modalshell.models.modal import ModalModel
 from modalshell.motion import stability
-from modalshell.rungs import Damping, MotionState
-from modalshell.rungs.modal import ModalModel
 from modalshell.springs import GridVerlet, SheetGrid
 
 PRECISION = 2e-3

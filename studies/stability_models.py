@@ -11,7 +11,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
-from modalshell.rungs import Damping, Model
+from modalshell.models import Damping, Model
 
 LENGTH, CELLS, FLEXURE, DENSITY, MODES = 1.0, (12, 2), 0.05, 0.2, 4
 RIGIDITY = 5.0 * FLEXURE

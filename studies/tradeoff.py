@@ -15,13 +15,14 @@ import msgspec
 import numpy as np
 
 import modalshell as ms
-from modalshell.ladder.candidates import Candidate, Workshop, candidates
-from modalshell.ladder.case import Case, scene_case
-from modalshell.ladder.draw import best_sizes
-from modalshell.ladder.report import markdown_table, percent
+from modalshell.compare.candidates import Candidate, Workshop, candidates
+from modalshell.compare.case import Case, scene_case
+from modalshell.compare.draw import best_sizes
+from modalshell.compare.report import markdown_table, percent
 from modalshell.motion import Motion
-from modalshell.rungs.model import Stopwatch
-from modalshell.study import StudyResult, repository_file, run_record
+from modalshell.provenance import repository_file, run_record
+from modalshell.study import StudyResult
+from modalshell.timings import Stopwatch
 
 SCENES = {
     "flat_beam": "flat beam, slightly bent",

@@ -19,9 +19,10 @@ import numpy as np
 import scipy.sparse.linalg as spla
 
 import modalshell as ms
-from modalshell.ladder.path import find_jump
+from modalshell.compare.path import find_jump
 from modalshell.modes import lowest_tangent_eigenvalue
-from modalshell.study import StudyResult, run_record
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult
 
 SHAPE = {"length": 1.0, "width": 0.2, "fold": 150.0}
 REGIMES = {

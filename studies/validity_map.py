@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.ladder.path import find_jump
-from modalshell.study import StudyResult, load_script, run_record
+from modalshell.compare.path import find_jump
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult, load_script
 
 LENGTH, WIDTH = 1.0, 0.2
 FLEXURE, DENSITY, MODES = 0.05, 0.2, 8

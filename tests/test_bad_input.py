@@ -10,17 +10,18 @@ import pytest
 import trimesh
 
 import modalshell as ms
-from modalshell import files
+from modalshell import atomic_io
 from modalshell.checks import checked_count, checked_number, checked_vectors, shown
 from modalshell.cli import main
 from modalshell.crowd import Flight
+from modalshell.provenance import run_record
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import FrameFile
-from modalshell.rungs.reduced import minimise
 from modalshell.scene.parts import checked_keyframes, select
 from modalshell.selection import select_vertices
 from modalshell.springs import GridVerlet, ImplicitSprings, SheetGrid, Springs, mesh_springs
-from modalshell.study import StudyResult, run_record
+from modalshell.statics.trust_region import minimise
+from modalshell.study import StudyResult
 from modalshell.sweep.cluster import connect
 
 MESH = ms.v_beam(cells=(4, 2))
@@ -239,13 +240,13 @@ def test_results_of_earlier_versions_are_read(study):
 
 def test_arrays_of_two_files_are_seen(tmp_path):
     for name, count in (("one", 3), ("two", 4)):
-        files.write_npz(tmp_path / f"{name}.npz", a=np.arange(count), b=np.ones(count))
+        atomic_io.write_npz(tmp_path / f"{name}.npz", a=np.arange(count), b=np.ones(count))
     with zipfile.ZipFile(tmp_path / "mixed.npz", "w") as mixed:
         for name, source in (("a.npy", "one"), ("b.npy", "two"), ("sha256.npy", "one")):
             with zipfile.ZipFile(tmp_path / f"{source}.npz") as archive:
                 mixed.writestr(name, archive.read(name))
     with pytest.raises(ValueError, match="digest differs"):
-        files.read_npz(tmp_path / "mixed.npz")
+        atomic_io.read_npz(tmp_path / "mixed.npz")
 
 
 @pytest.mark.parametrize(
@@ -258,7 +259,7 @@ def test_headers_that_promise_otherwise_are_refused_before_memory_is_taken(tmp_p
     with zipfile.ZipFile(tmp_path / "bomb.npz", "w") as archive:
         archive.writestr("a.npy", data)
     with pytest.raises(ValueError, match=message):
-        files.read_npz(tmp_path / "bomb.npz")
+        atomic_io.read_npz(tmp_path / "bomb.npz")
     with pytest.raises(ms.FileFormatError):
         ms.Basis.load(tmp_path / "bomb.npz")
 
@@ -285,7 +286,7 @@ def test_a_frame_file_that_is_none_is_refused(tmp_path, junk):
 def test_what_cannot_be_written_is_refused(tmp_path, path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(ms.FileFormatError, match="give another"):
-        files.write_text(tmp_path / path, "text")
+        atomic_io.write_text(tmp_path / path, "text")
 
 
 SCENE = """

@@ -27,7 +27,7 @@ from fuzzing.harness import (
 )
 
 import modalshell as ms
-from modalshell import cli, files
+from modalshell import atomic_io, cli
 from modalshell.mesh import file_checks, validation
 from modalshell.mesh import files as mesh_io
 from modalshell.scene import parts
@@ -145,7 +145,9 @@ def unchecked_files(monkeypatch):
     def load(folder, name):
         try:
             document = json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
-            return StudyResult(name, document["findings"], files.read_npz(folder / f"{name}.npz"), document["record"])
+            return StudyResult(
+                name, document["findings"], atomic_io.read_npz(folder / f"{name}.npz"), document["record"]
+            )
         except Exception as error:
             raise ms.FileFormatError(f"no readable result of study {name!r}: {error}") from error
 
@@ -154,7 +156,7 @@ def unchecked_files(monkeypatch):
 
 def beside_the_folder(monkeypatch):
     def write(folder, scene, *rest, sound=runs._write_record):
-        files.write_text(folder.parent / f"{scene.name}.log", "done")
+        atomic_io.write_text(folder.parent / f"{scene.name}.log", "done")
         sound(folder, scene, *rest)
 
     monkeypatch.setattr(runs, "_write_record", write)

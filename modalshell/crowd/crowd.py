@@ -12,11 +12,10 @@ from modalshell.crowd.flock import MOST, MOST_THREADS
 from modalshell.errors import OptionError
 from modalshell.kernels import crowd as kernels
 from modalshell.kernels.frame import TILE
+from modalshell.models import RotationStrain
 from modalshell.modes import Basis
-from modalshell.rungs import RotationStrain
-from modalshell.rungs.frame import WarpFrame
-
-Array = NDArray[np.float64]
+from modalshell.reduction.warp_frame import WarpFrame
+from modalshell.typing import Array
 
 LEVELS = ("rigid", "LMA", "MWTS")
 """Levels of detail, by the number that stands for each in :attr:`Crowd.levels`."""

@@ -15,8 +15,7 @@ from modalshell.errors import OptionError
 from modalshell.kernels.device import checked_device, device_types, warp
 from modalshell.kernels.flock import SUMS
 from modalshell.modes import Basis
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 class DeviceFlock(Flock):

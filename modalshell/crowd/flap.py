@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.modes import Basis
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 class Flap:

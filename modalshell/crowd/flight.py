@@ -12,8 +12,7 @@ from modalshell.crowd.crowd import Crowd
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
 from modalshell.errors import OptionError
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _FLOCK = ("positions", "directions", "velocities", "accelerations")
 _CROWD = ("coordinates", "rates", "levels")

@@ -6,13 +6,12 @@ import math
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_choice, checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.crowd.neighbours import Neighbourhood, Search, gather
 from modalshell.errors import OptionError
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 MOST, MOST_THREADS = 10_000_000, 4096
 """Of boids and instances, more of which do not fit the memory of a common machine, and of threads."""

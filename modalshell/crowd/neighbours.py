@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.kernels import flock as kernels
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 Search = Literal["grid", "all_pairs"]
 

@@ -11,9 +11,9 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.atomic_io import read_header, read_member, write_atomically
 from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
-from modalshell.files import read_header, read_member, write_atomically
 from modalshell.motion import Trajectory
 
 _FORMAT = 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -12,11 +11,10 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.atomic_io import replacing, write_text
 from modalshell.errors import FileFormatError
-from modalshell.files import replacing, write_text
 from modalshell.motion import Trajectory
-
-Progress = Callable[[int, int], None]
+from modalshell.typing import Progress
 
 
 def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:

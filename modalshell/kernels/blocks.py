@@ -4,11 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})

@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from modalshell.atomic_io import read_npz, write_npz
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
 from modalshell.errors import FileFormatError
-from modalshell.files import read_npz, write_npz
 from modalshell.mesh import TriangleMesh
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.shell import Material, Shell
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _FORMAT = 1
 

@@ -8,15 +8,13 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
-from numpy.typing import NDArray
 
 from modalshell.checks import finite_answer
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _DENSE_BELOW = 150
 _REPEATED = 1e-9

@@ -22,8 +22,7 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from modalshell.errors import OptionError, SolverError
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 Use = Literal["solve", "refactor"]
 """Whether one factor serves many solves, or one pattern many factors."""

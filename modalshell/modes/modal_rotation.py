@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.mesh import TriangleMesh
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 def cross_matrices(vectors: Array) -> Array:

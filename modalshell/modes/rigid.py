@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
-from numpy.typing import NDArray
 
 from modalshell.modes.factorisation import Factor, Factoriser
 from modalshell.shell import Shell
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 def six_motions(points: Array) -> Array:

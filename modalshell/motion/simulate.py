@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike
 
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
+from modalshell.constraints import Constraint
 from modalshell.errors import OptionError
+from modalshell.models import Model
+from modalshell.models.modal import CONSTRAINT_MET
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.supports import SupportPath
 from modalshell.motion.trajectory import Trajectory
-from modalshell.rungs import Constraint, Model
-from modalshell.rungs.modal import CONSTRAINT_MET
-from modalshell.rungs.model import Stopwatch
-
-Array = NDArray[np.float64]
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array
 
 _MOST_STEPS = 1_000_000_000
 _QUARTER_DECAY = 0.1

@@ -11,12 +11,11 @@ implicit Euler, from a predicted middle by the midpoint rule: both can miss an e
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from modalshell.rungs import Damping
-from modalshell.rungs.modal import ModalModel
-
-Array = NDArray[np.float64]
+from modalshell.models import Damping
+from modalshell.models.modal import ModalModel
+from modalshell.typing import Array
 
 _DIFFERENCE = 1e-5
 """Turn [rad] over which the modal force is differenced."""

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_kind, checked_number, checked_vectors
+from modalshell.constraints import Constraint
+from modalshell.constraints.constraints import HeldPatch, checked_constraints, held_patches
 from modalshell.errors import OptionError, SupportError
+from modalshell.models import Damping, DiscreteShell, Model, MotionState
+from modalshell.models.base import ResolvedTarget, total_load
 from modalshell.motion.supports import Pose, SupportPath
-from modalshell.rungs import Constraint, Damping, DiscreteShell, Model, MotionState
-from modalshell.rungs.constraints import HeldPatch, checked_constraints, held_patches
-from modalshell.rungs.model import ResolvedTarget, total_load
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 STEPS = (1e-15, 1e15)
 """Shortest and longest step [s] that is taken: squares of steps enter sums with one."""

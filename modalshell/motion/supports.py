@@ -6,15 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_count, checked_number, checked_times, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.kernels import rotations
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from modalshell.rungs import Equilibrium
+from modalshell.models import Equilibrium
 from modalshell.shell import Shell
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from modalshell.atomic_io import write_atomically
 from modalshell.errors import OptionError
-from modalshell.files import write_atomically
 
 MODEL_COLORS = {"LMA": "#c8322b", "MWTS": "#2b5fc8", "DS": "#2f9e44"}
 """The paper's red, blue and green."""

@@ -11,9 +11,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.atomic_io import make_folder
 from modalshell.checks import shown
 from modalshell.errors import OptionError
-from modalshell.files import make_folder
 
 Style = Literal["surface", "wireframe", "outline"]
 Color = str | tuple[float, float, float]

@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.crowd import LEVELS, Flight
-from modalshell.rungs import RotationStrain
-from modalshell.rungs.model import Stopwatch
+from modalshell.models import RotationStrain
 from modalshell.scene import Scene
-
-Array = NDArray[np.float64]
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_name
 
 from modalshell.modes import available_backends
+from modalshell.provenance import run_record
 from modalshell.scene import Scene
 from modalshell.shell import Shell
-from modalshell.study import run_record
 
 
 def run_identity(scene: Scene, shell: Shell) -> dict[str, str]:

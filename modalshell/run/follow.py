@@ -9,16 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from modalshell.atomic_io import read_record
 from modalshell.checks import checked_number
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
-from modalshell.files import read_record
 from modalshell.run.frame_reader import FrameReader
 from modalshell.scene import load_scene
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _FRAMES = ".frames"
 _PAUSE = 0.05

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.atomic_io import make_folder
 from modalshell.errors import OptionError
-from modalshell.files import make_folder
-from modalshell.hold import hold
+from modalshell.lock import hold
 
 MAGIC = b"modalshell frames 2\n"
 ALIGNMENT = 64

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.hold import is_held
+from modalshell.lock import is_held
 from modalshell.run.frame_file import (
     ALIGNMENT,
     CHECKSUM_BYTES,

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
 from modalshell.export import save_trajectory
 from modalshell.motion import Trajectory
+from modalshell.typing import Progress
 
 _FILM_RATE = 60.0
-
-Progress = Callable[[int, int], None]
 
 
 def write_results(

@@ -12,21 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.atomic_io import digest, read_npz, read_record, write_npz, write_record
 from modalshell.crowd import Flight
-from modalshell.files import digest, read_npz, read_record, write_npz, write_record
 from modalshell.motion.simulate import step_count
+from modalshell.provenance import run_record
 from modalshell.render import ShadedSurface, draw_surface, look_at, write_streamed_film
 from modalshell.render.camera import Camera
 from modalshell.render.scene import checked_size, rgb
 from modalshell.run.flight_film import FlightFilm, FlightReport
 from modalshell.run.frame_file import FrameFile
-from modalshell.rungs.model import Stopwatch
 from modalshell.scene import Scene
 from modalshell.scene.read import located
 from modalshell.shell import Shell
-from modalshell.study import run_record
-
-Progress = Callable[[int, int], None]
+from modalshell.timings import Stopwatch
+from modalshell.typing import Progress
 
 _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "levels")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,22 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.atomic_io import read_record, write_record
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
-from modalshell.files import read_record, write_record
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.simulate import Observer, step_count, stored_steps
+from modalshell.provenance import run_record
 from modalshell.run.folder import remove_leftovers, run_identity
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.results import write_results
 from modalshell.run.run_flock import FlightResult, run_flock
-from modalshell.rungs.model import Stopwatch
 from modalshell.scene import BuiltScene, Scene, load_scene
 from modalshell.scene.tables import Motion as MotionTable
-from modalshell.study import run_record
-
-Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array, Progress
 
 _FAULT_BYTES = 256
 _SNAPSHOT = "snapshot_"

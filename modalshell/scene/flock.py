@@ -7,7 +7,6 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from modalshell.crowd import Crowd, Flap, Flight, Flock
@@ -15,8 +14,8 @@ from modalshell.crowd.flock import MOST, MOST_THREADS
 from modalshell.modes import Basis
 from modalshell.scene.parts import checked_keyframes
 from modalshell.scene.tables import Keyframes, NotNegative, Positive, Table, Times, Vector
+from modalshell.typing import Array
 
-Array = NDArray[np.float64]
 Pixels = Annotated[int, Meta(ge=64, le=8192)]
 
 

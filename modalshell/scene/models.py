@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from modalshell.modes import Basis, solve_modes
-from modalshell.rungs import (
+from modalshell.models import (
     DiscreteShell,
     LinearModal,
     ModalDerivatives,
@@ -18,8 +17,9 @@ from modalshell.rungs import (
     RotationStrain,
     SpringSheet,
 )
-from modalshell.rungs.discrete_shell import Integrator as FullIntegrator
-from modalshell.rungs.modal import Integrator
+from modalshell.models.discrete_shell import Integrator as FullIntegrator
+from modalshell.models.modal import Integrator
+from modalshell.modes import Basis, solve_modes
 from modalshell.scene.tables import Count, Table
 from modalshell.shell import Shell
 from modalshell.springs import REFERENCE_FOLD, shell_springs

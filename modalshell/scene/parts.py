@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from modalshell.checks import checked_times, checked_vectors, shown
+from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.motion import SupportPath
-from modalshell.rungs import Constraint, OrientationConstraint, PositionConstraint
+from modalshell.provenance import repository_file
 from modalshell.scene.tables import Constrained, Force, MeshFile, PhysicalSheet, Stiffnesses, Supports, Table, Vector
 from modalshell.selection import select_vertices
 from modalshell.shell import Material
-from modalshell.study import repository_file
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 class Shape(Table, frozen=True, tag_field="shape"):

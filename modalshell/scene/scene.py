@@ -12,17 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from modalshell.constraints import Constraint
+from modalshell.constraints.constraints import checked_constraints
 from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
+from modalshell.models import DiscreteShell, Equilibrium, Model
+from modalshell.models.base import total_load
+from modalshell.models.modal import ModalModel
 from modalshell.modes import solve_modes
 from modalshell.motion import Motion, SupportPath
-from modalshell.rungs import Constraint, DiscreteShell, Equilibrium, Model
-from modalshell.rungs.constraints import checked_constraints
-from modalshell.rungs.modal import ModalModel
-from modalshell.rungs.model import total_load
 from modalshell.scene import tables
 from modalshell.scene.flock import FlockTable
 from modalshell.scene.models import MODELS, ModelTable, Warping
@@ -39,8 +39,7 @@ from modalshell.scene.parts import (
 from modalshell.scene.read import checked_table, chosen, located, read_toml, refuse_unknown_keys
 from modalshell.shell import Shell
 from modalshell.shell.supports import held_vertices
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")

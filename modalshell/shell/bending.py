@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.orientation import in_plane_angles, orient
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _RINGS = 9
 _PATCHES = 24

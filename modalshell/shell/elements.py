@@ -14,9 +14,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import SparsePattern
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from modalshell.typing import Array, Index
 
 
 @dataclass(frozen=True)

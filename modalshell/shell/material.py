@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.errors import MaterialError
@@ -13,8 +13,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import bending_constants
 from modalshell.shell.membrane import lowest_stable_stretch, membrane_stiffness
 from modalshell.shell.orientation import orient
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,11 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.errors import MaterialError, ModalShellWarning
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.orientation import Orientation, in_plane_angles
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _STABLE_SHARE = 0.8
 """Share of the lowest stable area stiffness that is used: at the bound itself a triangle has a strain for free."""

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_vectors, shown
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _ELONGATED = 3.0
 _FLAT = 1e-6

@@ -9,8 +9,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from modalshell.typing import Array, Index
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from modalshell.shell.elements import ElementSet, element_sets
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import build_pattern
 from modalshell.shell.supports import held_vertices
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
 """How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""

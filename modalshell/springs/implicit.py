@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors
@@ -16,9 +16,7 @@ from modalshell.kernels import spring_blocks as kernels
 from modalshell.shell.supports import held_vertices
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import ThreadChoice
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from modalshell.typing import Array
 
 TASKS = ("force", "matrix update", "acceleration", "velocity", "position")
 """The parts of a step whose times are told; the acceleration is the solution of the linear equations."""

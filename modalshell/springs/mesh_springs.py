@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_each, checked_kind, checked_number
 from modalshell.errors import MaterialError
@@ -11,9 +11,7 @@ from modalshell.kernels.generated import flexure, shear
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import Shell
 from modalshell.springs.springs import Springs
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from modalshell.typing import Array, Index
 
 REFERENCE_FOLD = 0.2
 """Change of a fold angle [rad] at which a spring across a hinge shall hold as much energy as the hinge."""

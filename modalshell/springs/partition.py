@@ -11,9 +11,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.errors import MeshError, OptionError
 from modalshell.springs.springs import Springs
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from modalshell.typing import Index
 
 
 class RankBlock(NamedTuple):

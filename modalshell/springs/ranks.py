@@ -28,11 +28,11 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from modalshell.atomic_io import write_npz
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import OptionError
-from modalshell.files import write_npz
 from modalshell.kernels import rank_blocks, spring_blocks
 from modalshell.shell.supports import held_vertices
 from modalshell.springs.implicit import TASKS, ImplicitStep
@@ -40,8 +40,7 @@ from modalshell.springs.partition import rank_block
 from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import limited_to
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 
 def petsc() -> ModuleType:

@@ -13,8 +13,7 @@ from modalshell.kernels.spring_grid import WORK, verlet_steps
 from modalshell.shell.elements import energy_gradient
 from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.springs.threads import ThreadChoice
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _EACH = 8000
 """Masses for which a thread pays."""

@@ -14,18 +14,16 @@ import numba
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from modalshell.errors import ModalShellError, ModalShellWarning, WorkerError
 from modalshell.measure import area_change
 from modalshell.mesh import TriangleMesh
 from modalshell.motion import Trajectory
 from modalshell.motion.simulate import Observer, step_count, stored_steps
-from modalshell.rungs.model import Stopwatch
+from modalshell.provenance import run_record
 from modalshell.scene import BuiltScene, Scene, parse_scene
-from modalshell.study import run_record
-
-Array = NDArray[np.float64]
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array
 
 _ONE_AT_A_TIME = threading.Lock()
 """Threads of a cluster's worker take turns: results may not depend on who else computes in the process."""

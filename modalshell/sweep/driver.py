@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +26,7 @@ from modalshell.sweep.summary import (
     write_csv,
     write_parquet,
 )
-
-Progress = Callable[[int, int], None]
+from modalshell.typing import Progress
 
 _AGAIN = ("failed", "crashed", "timed out")
 """Outcomes that another time or machine may change; done again only where that is asked for."""

@@ -15,15 +15,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
 from modalshell.render.curves import MODEL_COLORS, Curve, Panel, draw_curves
 from modalshell.render.maps import MapPanel, draw_maps
 from modalshell.sweep.grid import Axis
 from modalshell.sweep.summary import Row
+from modalshell.typing import Array
 
-Array = NDArray[np.float64]
 Chosen = dict[int, int]
 """Index of a value by the place of its axis."""
 

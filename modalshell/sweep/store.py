@@ -10,8 +10,8 @@ from types import TracebackType
 import msgspec
 from msgspec import Struct
 
-from modalshell.files import make_folder, write_bytes
-from modalshell.hold import hold
+from modalshell.atomic_io import make_folder, write_bytes
+from modalshell.lock import hold
 from modalshell.sweep.case import Outcome
 
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import msgspec
 
+from modalshell.atomic_io import replacing, write_text
 from modalshell.errors import ModalShellError, OptionError
-from modalshell.files import replacing, write_text
 from modalshell.measure import displacement_error
 from modalshell.sweep.case import Measures, Outcome
 from modalshell.sweep.plan import Plan

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from modalshell.models.modal import ModalModel
 from modalshell.motion import Motion
-from modalshell.rungs.modal import ModalModel
-
-Array = NDArray[np.float64]
+from modalshell.typing import Array
 
 _ROUNDS = 10
 _HALVINGS = 3

@@ -11,16 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import LoadError, ModalShellError, OptionError
+from modalshell.models import LinearModal, ModalWarping, Model, RotationStrain
+from modalshell.models.base import total_load
+from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
-from modalshell.rungs import LinearModal, ModalWarping, Model, RotationStrain
-from modalshell.rungs.modal import ModalModel
-from modalshell.rungs.model import Stopwatch, total_load
 from modalshell.scene import MODELS, Scene
 from modalshell.scene.tables import Motion as MotionTable
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array
 from modalshell.viewer.hand_over import hand_over
-
-Array = NDArray[np.float64]
 
 FRAME_SECONDS = 1.0 / 30.0
 """Time from one picture to the next [s]."""

@@ -17,9 +17,8 @@ from modalshell.render.camera import frame_points
 from modalshell.render.painter import LIGHTS, LINE_WIDTH
 from modalshell.render.scene import DEFAULT_CAMERA, ShadedSurface
 from modalshell.render.surfaces import EdgeTable, line_color, vertex_normals
+from modalshell.typing import Array
 from modalshell.viewer.session import gravity_limit
-
-Array = NDArray[np.float64]
 
 _AMBIENT, _DIFFUSE = 0.38, 1.0
 _ARROW_COLOR = "#c0504d"

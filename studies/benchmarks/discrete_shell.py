@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.models import Damping
 from modalshell.modes import available_backends
-from modalshell.rungs import Damping
 from modalshell.shell import EXACT, PROJECTED
 from modalshell.study import load_script
 

@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 import modalshell as ms
 from modalshell.kernels.generated import flexure
 from modalshell.modes import Basis
-from modalshell.rungs.frame import WarpFrame
+from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.study import load_script
 
 interleaved = load_script("studies/benchmarks", "timing").interleaved

@@ -16,7 +16,8 @@ import scipy.sparse.linalg as spla
 import modalshell as ms
 from modalshell.modes import available_backends
 from modalshell.modes.eigenpairs import eigenpairs
-from modalshell.study import load_script, repository_file
+from modalshell.provenance import repository_file
+from modalshell.study import load_script
 
 PLAIN = "eigsh(K, M=M, sigma=0)"
 

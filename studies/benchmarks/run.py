@@ -7,9 +7,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from modalshell.files import write_text
+from modalshell.atomic_io import write_text
+from modalshell.provenance import run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import load_script, run_record
+from modalshell.study import load_script
 
 COLORS = {4: "#2b5fc8", 8: "#2f9e44", 32: "#c8802b", 128: "#c8322b"}
 

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 import modalshell as ms
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from modalshell.typing import Array, Index
 
 # Rings from the top: height z, half widths along x and y, shift along y [m].
 HAT = (

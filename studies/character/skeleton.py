@@ -8,13 +8,11 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from modalshell.study import repository_file
-
-Array = NDArray[np.float64]
+from modalshell.provenance import repository_file
+from modalshell.typing import Array
 
 STRAIGHT = 0.9985
 """Share of a leg's length to which it stretches at most: its knee never locks."""

@@ -23,7 +23,7 @@ from fuzzing.expressions import expressions
 from fuzzing.harness import FEW, DirtyExit, Escape, Input, LongWork, UncaughtException
 from fuzzing.scenes import BASE, BASES, SWEEPS, as_toml, files_of, in_this_process
 from modalshell import cli
-from modalshell.files import write_text
+from modalshell.atomic_io import write_text
 
 BAD_MESHES = Path(__file__).resolve().parents[1] / "data" / "bad"
 QUICK = ("simulate", "modes", "run", "view", "sweep", "reproduce", "bench", "tradeoff", "advise", "doctor")
@@ -139,7 +139,7 @@ def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
         for name, stand_in in patched.items():
             if hasattr(cli, name):
                 stack.enter_context(mock.patch.object(cli, name, stand_in))
-        stack.enter_context(mock.patch.multiple("modalshell.ladder.tradeoff", _measured=_too_long))
+        stack.enter_context(mock.patch.multiple("modalshell.compare.tradeoff", _measured=_too_long))
         stack.enter_context(without_pictures())
         stack.enter_context(_without_windows())
         stack.enter_context(contextlib.redirect_stdout(out))

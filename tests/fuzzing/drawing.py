@@ -11,7 +11,7 @@ from unittest import mock
 import numpy as np
 
 from modalshell import render
-from modalshell.files import write_text
+from modalshell.atomic_io import write_text
 
 
 def _checked(surfaces: Any) -> None:

@@ -20,11 +20,12 @@ from hypothesis import strategies as st
 import modalshell as ms
 from fuzzing.harness import HalfRead, Input
 from fuzzing.mutations import TOKENS, array_like, byte_damage, damaged, flips
+from modalshell.atomic_io import read_npz
 from modalshell.checks import shown
-from modalshell.files import read_npz
-from modalshell.ladder.tradeoff import outside_positions
+from modalshell.compare.tradeoff import outside_positions
+from modalshell.provenance import run_record
 from modalshell.run import RunFollower
-from modalshell.study import StudyResult, run_record
+from modalshell.study import StudyResult
 from modalshell.sweep import load_sweep
 from modalshell.sweep.case import run_case
 from modalshell.sweep.plan import Plan

@@ -1,0 +1,10 @@
+"""What accuracy costs: every rung on one scene, measured, and advice which one to take."""
+
+from modalshell.compare.advise import Advice, advise
+from modalshell.compare.candidates import MODES
+from modalshell.compare.case import Case
+from modalshell.compare.path import LoadPath, Snap
+from modalshell.compare.runs import Row
+from modalshell.compare.tradeoff import Tradeoff, tradeoff
+
+__all__ = ["MODES", "Advice", "Case", "LoadPath", "Row", "Snap", "Tradeoff", "advise", "tradeoff"]

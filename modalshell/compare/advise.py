@@ -1,0 +1,196 @@
+"""Advice: the cheapest rung that is as accurate and as fast as asked, from measured runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.atomic_io import write_text
+from modalshell.checks import checked_number
+from modalshell.compare.candidates import MODES
+from modalshell.compare.case import Case
+from modalshell.compare.path import Snap
+from modalshell.compare.runs import Row
+from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
+from modalshell.mesh import TriangleMesh
+from modalshell.scene import Scene
+from modalshell.shell import Shell
+from modalshell.typing import Progress
+
+
+@dataclass(frozen=True)
+class Advice:
+    """Which rung to take.
+
+    Attributes
+    ----------
+    chosen : Row or None
+        The rung with the cheapest frame that meets both demands; None if none does.
+    error, frames_per_second : float
+        What was asked.
+    refused : dict
+        Rungs that were measured but may not be chosen, and why.
+    measured : Tradeoff
+        All that was measured.
+    explanation : str
+        What was found, in words.
+    """
+
+    chosen: Row | None
+    error: float
+    frames_per_second: float
+    refused: dict[str, str]
+    measured: Tradeoff = field(repr=False)
+    explanation: str
+
+    @property
+    def rows(self) -> list[Row]:
+        """Everything that was measured, cheapest frame first."""
+        return self.measured.rows
+
+    @property
+    def snap(self) -> Snap | None:
+        """Where DS leaves its branch within the load range, if it does."""
+        return self.measured.path.snap
+
+    @property
+    def margin(self) -> tuple[float, float] | None:
+        """Asked error over the chosen rung's worst one, and its frames per second over those asked."""
+        if self.chosen is None or self.chosen.worst_error is None:
+            return None
+        error = self.chosen.worst_error
+        return (self.error / error if error else float("inf"), self.chosen.frames_per_second / self.frames_per_second)
+
+    def save(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write what was measured, and ``NAME_advice.md``, into ``folder``; return the paths."""
+        name = self.measured.case.name
+        page = f"# {name}\n\n{self.explanation}\n\n{self.measured.table()}\n"
+        return [*self.measured.save(folder), write_text(Path(folder) / f"{name}_advice.md", page)]
+
+
+def advise(
+    scene: Scene | Shell | Case | str | os.PathLike[str],
+    *,
+    error: float = 0.02,
+    fps: float = 60.0,
+    gravity: ArrayLike | None = None,
+    force: ArrayLike | None = None,
+    coarse: Sequence[TriangleMesh] = (),
+    modes: Sequence[int] = MODES,
+    loads: Sequence[float] = LOADS,
+    on_step: Progress | None = None,
+) -> Advice:
+    """Find the cheapest rung and mode count that is as accurate and as fast as asked on a scene.
+
+    Every rung that the scene allows is run: static answers over the load range against DS, and frames of motion. Where
+    DS snaps, rungs whose elastic energy is quadratic in modes are refused whatever they measure.
+
+    Parameters
+    ----------
+    error : float
+        Largest displacement error against DS over the load range, relative to how far DS moves.
+    fps : float
+        Frames a second, on this machine.
+    scene, gravity, force, coarse, modes, loads, on_step
+        See :func:`modalshell.compare.tradeoff.tradeoff`.
+    """
+    wanted = checked_number("error", error, above=0.0)
+    rate = checked_number("fps", fps, above=0.0, unit="1/s")
+    measured = tradeoff(scene, gravity=gravity, force=force, coarse=coarse, modes=modes, loads=loads, on_step=on_step)
+    return choose(measured, wanted, rate)
+
+
+def choose(measured: Tradeoff, error: float, fps: float) -> Advice:
+    """The advice that follows from what was measured."""
+    refused = refusals(measured)
+    allowed = [row for row in measured.rows if row.label not in refused and row.worst_error is not None]
+    fitting = [row for row in allowed if _error(row) <= error and row.frames_per_second >= fps]
+    chosen = fitting[0] if fitting else None
+    text = _chosen_text(chosen, error, fps) if chosen else _none_text(allowed, error, fps)
+    cheaper = measured.rows[: measured.rows.index(chosen)] if chosen else measured.rows
+    text += _faults(cheaper, refused, error)
+    return Advice(chosen, error, fps, refused, measured, "\n".join([*text, "", *_measured_text(measured)]))
+
+
+def refusals(measured: Tradeoff) -> dict[str, str]:
+    """Rungs that may not be chosen, and why."""
+    refused: dict[str, str] = {}
+    for row in measured.rows:
+        if row.missed:
+            wrong = [status for status in row.statuses if status != "converged"]
+            refused[row.label] = wrong[0] if wrong else f"its motion {row.motion}"
+        elif row.quadratic and measured.path.snap is not None:
+            refused[row.label] = "the shell snaps, which an elastic energy quadratic in rest modes cannot"
+    return refused
+
+
+def _error(row: Row) -> float:
+    return float("inf") if row.worst_error is None else row.worst_error
+
+
+def _chosen_text(row: Row, error: float, fps: float) -> list[str]:
+    worst = _error(row)
+    accuracy = "is the truth here" if row.rung == "DS" else f"is at most {100 * worst:.2g} % off DS"
+    margin = "" if worst == 0.0 else f" (asked {100 * error:.3g} %: {error / worst:.2g} times better)"
+    rate = row.frames_per_second
+    return [
+        f"Take {row.label}: it {accuracy}{margin} and makes {rate:.3g} frames a second (asked {fps:g}: "
+        f"{rate / fps:.2g} times faster), after {row.preprocessing:.2g} s of preprocessing."
+    ]
+
+
+def _none_text(allowed: list[Row], error: float, fps: float) -> list[str]:
+    text = [f"No rung meets both an error of {100 * error:.3g} % and {fps:g} frames a second on this machine."]
+    accurate = [row for row in allowed if _error(row) <= error]
+    if accurate:
+        text.append(f"As accurate, the fastest is {accurate[0].label}: {accurate[0].frames_per_second:.3g} a second.")
+    fast = sorted((row for row in allowed if row.frames_per_second >= fps), key=_error)
+    if fast:
+        text.append(f"As fast, the most accurate is {fast[0].label}: {100 * _error(fast[0]):.3g} % off DS.")
+    return text
+
+
+def _faults(rows: list[Row], refused: dict[str, str], error: float) -> list[str]:
+    """Why ``rows`` were not taken, those with one reason on one line."""
+    text = []
+    reasons: dict[str, list[str]] = {}
+    for row in rows:
+        if row.label in refused:
+            reasons.setdefault(refused[row.label], []).append(row.label)
+    text += [f"- Refused, since {reason}: {'; '.join(labels)}." for reason, labels in reasons.items()]
+    allowed = [row for row in rows if row.label not in refused]
+    if off := [f"{row.label} ({100 * _error(row):.3g} %)" for row in allowed if _error(row) > error]:
+        text.append(f"- Not accurate enough: {'; '.join(off)}.")
+    if slow := [f"{row.label} ({row.frames_per_second:.3g} a second)" for row in allowed if _error(row) <= error]:
+        text.append(f"- Accurate, but too slow: {'; '.join(slow)}.")
+    return text
+
+
+def _spread(measured: Tradeoff) -> float:
+    """Largest distance between answers of two rungs under the whole load, in lengths."""
+    answers = [row.positions for row in measured.rows if row.statuses[-1] == "converged" and row.rung != "rigid"]
+    size = float(np.ptp(measured.case.shell.rest_positions, axis=0).max())
+    pairs = combinations(answers, 2)
+    return max((float(np.linalg.norm(a - b, axis=1).max()) / size for a, b in pairs), default=0.0)
+
+
+def _measured_text(measured: Tradeoff) -> list[str]:
+    path, case = measured.path, measured.case
+    shares = ", ".join(f"{path.factors[k]:g}" for k in path.known)
+    text = [
+        f"Measured: static answers of {len(measured.rows)} rungs at {shares} of the load against DS on the same mesh "
+        f"({len(case.shell.rest_positions)} vertices), and the median of frames of {1000 * case.dt:.3g} ms in motion."
+    ]
+    if unknown := [f"{path.factors[k]:g}" for k in range(len(path.factors)) if k not in path.known]:
+        text.append(f"DS found no equilibrium at {', '.join(unknown)} of the load, which are left out of the errors.")
+        if len(path.factors) - 1 not in path.known:
+            text.append(f"Under the whole load the rungs' own answers differ by up to {_spread(measured):.2g} lengths.")
+    if path.snap is not None:
+        text.append(f"The shell {path.snap}.")
+    return text

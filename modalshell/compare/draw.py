@@ -1,0 +1,76 @@
+"""Pictures of tradeoffs: Pareto fronts, and the shapes that the rungs find beside that of DS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.render.pareto import GROUP_COLORS, Mark, ParetoPanel, draw_pareto
+from modalshell.typing import Array
+
+Shapes = tuple[dict[str, Any], Mapping[str, Array], NDArray[np.int64]]
+"""Findings of a tradeoff, positions under the whole load by label, and faces."""
+
+_FLOOR = 1e-6
+"""Smallest error that is drawn."""
+
+
+def draw_fronts(found: Sequence[dict[str, Any]], path: str | Path, titles: Sequence[str] | None = None) -> Path:
+    """Draw one Pareto panel for the findings of each tradeoff."""
+    names = titles or [one["case"] for one in found]
+    panels = [pareto_panel(one, title) for one, title in zip(found, names, strict=True)]
+    return draw_pareto(panels, path, columns=min(len(panels), 3))
+
+
+def pareto_panel(found: dict[str, Any], title: str) -> ParetoPanel:
+    """Error over milliseconds a frame; against an outside solution DS is a point like the others."""
+    key = "worst_error" if all(row["outside_error"] is None for row in found["rows"]) else "outside_error"
+    marks, truth = [], None
+    for row in found["rows"]:
+        if row["rung"] == "DS" and key == "worst_error":
+            truth = (row["frame_ms"], "DS")
+        elif row[key] is not None:
+            error = 100.0 * max(row[key], _FLOOR)
+            marks.append(Mark(row["frame_ms"], error, row["rung"], row["size"] or row["rung"], row["front"]))
+    label = "worst displacement error [%]" if key == "worst_error" else "error against the outside solution [%]"
+    return ParetoPanel(marks, title, y_label=label, truth=truth)
+
+
+def draw_shapes(
+    shapes: Sequence[Shapes],
+    path: str | Path,
+    *,
+    columns: int | None = None,
+    camera: tuple[float, float, float] = (0.9, -1.0, 0.45),
+) -> Path:
+    """Draw the shape of each rung's best size over the outline of DS, one row of views a tradeoff."""
+    views = []
+    for found, positions, faces in shapes:
+        for row in best_sizes(found):
+            color = GROUP_COLORS.get(row["rung"], "0.6")
+            surfaces = [ShadedSurface(positions[row["label"]], faces, color=color)]
+            if row["rung"] != "DS":
+                surfaces.append(ShadedSurface(positions["DS"], faces, color="#1b6e2c", style="outline"))
+            error = "the truth" if row["rung"] == "DS" else f"{100.0 * row['final_error']:.2g} % off"
+            text = f"{error}, {row['frame_ms']:.2g} ms"
+            views.append(View(surfaces, title=row["label"], subtitle=text, camera=camera))
+    across = columns or -(-len(views) // max(len(shapes), 1))
+    rows = -(-len(views) // across)
+    size = (320 * across, 300 * rows)
+    return draw_views(views, path, columns=across, size=size, link_cameras=len(shapes) == 1, legend=False)
+
+
+def best_sizes(found: dict[str, Any]) -> list[dict[str, Any]]:
+    """Of each rung with an answer the row of the smallest error, in the order of their cost; DS last."""
+    best: dict[str, dict[str, Any]] = {}
+    for row in found["rows"]:
+        if row["final_error"] is not None and row["rung"] not in ("rigid", "MWTS, consistent", "reduced RSW"):
+            kept = best.get(row["rung"])
+            if kept is None or row["worst_error"] < kept["worst_error"]:
+                best[row["rung"]] = row
+    return sorted(best.values(), key=lambda row: (row["rung"] == "DS", row["frame_ms"]))

@@ -1,0 +1,243 @@
+"""Error against cost: every rung that a case allows, measured, with the rungs that no other one beats."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.atomic_io import read_npz, write_text
+from modalshell.checks import checked_count, checked_vectors, shortened, shown, vector_count
+from modalshell.compare.candidates import MODES, Workshop, candidates
+from modalshell.compare.case import Case, CoarseMesh, make_case
+from modalshell.compare.path import LoadPath, follow_loads
+from modalshell.compare.report import markdown_table
+from modalshell.compare.runs import Row, measure_row
+from modalshell.errors import FileFormatError, ModalShellError, OptionError
+from modalshell.mesh import TriangleMesh, flat_beam, load_mesh
+from modalshell.provenance import run_record
+from modalshell.scene import Scene
+from modalshell.shell import Material, Shell
+from modalshell.study import StudyResult
+from modalshell.typing import Array, Progress
+
+LOADS = (0.25, 0.5, 0.75, 1.0)
+"""Shares of the load at which rungs are compared."""
+_GAIN = 0.02
+"""Share by which a dearer rung must lower the error to count as better: mode counts often change nothing."""
+
+_FINDINGS = (
+    *("rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
+    *("statuses", "frequency", "motion", "worst_error", "final_error", "outside_error"),
+)
+"""What of a row goes to the findings."""
+
+
+@dataclass(frozen=True)
+class Tradeoff:
+    """What every rung gets right on one case, and what it costs.
+
+    Attributes
+    ----------
+    case : Case
+        What was run.
+    path : LoadPath
+        DS over the load range, and whether it snaps.
+    rows : list of Row
+        Cheapest frame first.
+    left_out : dict
+        Rungs that were not run, and why.
+    tip : int
+        The vertex that DS moves most.
+    outside : ndarray, shape (n, 3), or None
+        The outside solution, if one was given [m].
+    """
+
+    case: Case
+    path: LoadPath
+    rows: list[Row]
+    left_out: dict[str, str]
+    tip: int
+    outside: Array | None = field(default=None, repr=False)
+
+    def error_of(self, row: Row) -> float | None:
+        """The error that rungs are judged by: the worst over the load range, or against the outside solution."""
+        return row.worst_error if self.outside is None else row.outside_error
+
+    def front(self) -> list[Row]:
+        """The rows that no cheaper one matches in error, cheapest first; tiny gains do not count."""
+        best, found = np.inf, []
+        for row in self.rows:
+            error = self.error_of(row)
+            if error is not None and error < (1.0 - _GAIN) * best:
+                best = error
+                found.append(row)
+        return found
+
+    def findings(self) -> dict[str, Any]:
+        """Everything but arrays, ready for JSON."""
+        front = self.front()
+        return {
+            "case": self.case.name,
+            "note": self.case.note,
+            "vertices": len(self.case.shell.rest_positions),
+            "load_factors": self.path.factors,
+            "ds_statuses": [answer.status for answer in self.path.answers],
+            "ds_tangents": self.path.tangents,
+            "snap": None if self.path.snap is None else str(self.path.snap),
+            "rows": [{name: getattr(row, name) for name in _FINDINGS} | {"front": row in front} for row in self.rows],
+            "left_out": self.left_out,
+        }
+
+    def table(self) -> str:
+        """The rows as a Markdown table, cheapest frame first; those of the Pareto front in bold."""
+        return markdown_table(self.findings())
+
+    def save(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write ``NAME_tradeoff`` as JSON, NPZ, Markdown and pictures into ``folder``; return the paths."""
+        from modalshell.compare.draw import draw_fronts, draw_shapes
+
+        stem = f"{self.case.name}_tradeoff"
+        arrays = {f"row_{k}": row.positions for k, row in enumerate(self.rows)}
+        arrays |= {"faces": np.asarray(self.case.shell.mesh.faces), "rest": self.case.shell.rest_positions}
+        written = StudyResult(stem, self.findings(), arrays, run_record({"case": self.case.name})).save(folder)
+        written.append(write_text(Path(folder) / f"{stem}.md", f"# {self.case.name}\n\n{self.table()}\n"))
+        written.append(draw_fronts([self.findings()], Path(folder) / f"{stem}.png"))
+        shapes = {row.label: row.positions for row in self.rows}
+        faces = self.case.shell.mesh.faces
+        written.append(draw_shapes([(self.findings(), shapes, faces)], Path(folder) / f"{stem}_shapes.png"))
+        return written
+
+
+def tradeoff(
+    scene: Scene | Shell | Case | str | os.PathLike[str],
+    *,
+    gravity: ArrayLike | None = None,
+    force: ArrayLike | None = None,
+    coarse: Sequence[TriangleMesh] = (),
+    modes: Sequence[int] = MODES,
+    loads: Sequence[float] = LOADS,
+    truth: ArrayLike | str | os.PathLike[str] | None = None,
+    on_step: Progress | None = None,
+) -> Tradeoff:
+    """Run every rung that a scene allows, at several mode counts, against DS over the load range.
+
+    Parameters
+    ----------
+    scene : Scene, path or Shell
+        A scene or its file; of a scene in motion the load, or the largest inertial load of its moving supports, is
+        taken. Or a shell, with ``gravity`` (3,) [m/s^2] or ``force`` (n, 3) [N], and ``coarse`` meshes of its surface.
+    modes : sequence of int
+        Mode counts.
+    loads : sequence of float
+        Growing shares of the load at which answers are compared, the last one 1.
+    truth : array_like, shape (n, 3), or path, optional
+        An outside solution under the whole load [m]: positions, an ``.npz`` file with ``positions``, or a mesh file
+        with the same vertices in the same order. Rungs, DS among them, are then judged by it.
+    on_step : callable, optional
+        Called with what is done and the total.
+
+    Raises
+    ------
+    OptionError
+        If the supports leave rigid motions free, nothing loads the shell, the scene has constraints, or a parameter is
+        out of range.
+    SolverError
+        If DS finds no equilibrium at any load.
+    """
+    case = make_case(scene, gravity, force, coarse)
+    factors = checked_factors(loads)
+    modes = checked_counts(modes)
+    outside = None if truth is None else outside_positions(truth, case.shell)
+    warm_up()
+    return _measured(case, modes, factors, outside, on_step)
+
+
+def _measured(
+    case: Case, modes: Sequence[int], factors: Sequence[float], outside: Array | None, on_step: Progress | None
+) -> Tradeoff:
+    chosen, left_out = candidates(case, modes)
+    total, done = len(factors) + len(chosen), 0
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        if on_step is not None:
+            on_step(done, total)
+
+    path = follow_loads(case.shell, case.load, factors, advance)
+    if not path.known:
+        raise OptionError(
+            f"{case.name}: DS finds no equilibrium at any of the loads ({path.answers[0].status}), so there is no "
+            "truth to compare with: lessen the load"
+        )
+    last = path.answers[path.known[-1]].positions
+    tip = int(np.argmax(np.linalg.norm(last - case.shell.rest_positions, axis=1)))
+    rows = []
+    workshop = Workshop(case)
+    for candidate in chosen:
+        try:
+            rows.append(measure_row(candidate, workshop, path, tip, outside))
+        except ModalShellError as error:
+            left_out[candidate.label] = str(error)
+        advance()
+    rows.sort(key=lambda row: row.frame_ms)
+    return Tradeoff(case, path, rows, left_out, tip, outside)
+
+
+def checked_factors(loads: Sequence[float]) -> tuple[float, ...]:
+    """Growing shares of the load that end at 1, or OptionError."""
+    factors = checked_vectors("loads", loads, (vector_count(loads),), OptionError)
+    if not factors.size or factors[0] <= 0.0 or factors[-1] != 1.0 or not (np.diff(factors) > 0.0).all():
+        raise OptionError(f"loads must be growing shares above 0 of the load, the last one 1 (got {shown(loads)})")
+    return tuple(factors.tolist())
+
+
+def checked_counts(modes: Sequence[int]) -> tuple[int, ...]:
+    """Mode counts, at least one, or OptionError."""
+    try:
+        counts = tuple(modes)
+    except TypeError:
+        counts = ()
+    if not counts:
+        raise OptionError(f"modes must be whole numbers of at least 1 (got {shown(modes)})")
+    return tuple(checked_count("each of modes", count) for count in counts)
+
+
+def outside_positions(truth: ArrayLike | str | os.PathLike[str], shell: Shell) -> Array:
+    """Positions (n, 3) [m] of an outside solution, from an array or a file."""
+    count = len(shell.rest_positions)
+    if not isinstance(truth, str | os.PathLike):
+        return checked_vectors("truth", truth, (count, 3), OptionError)
+    file = Path(truth)
+    if file.suffix != ".npz":
+        mesh = load_mesh(file)
+        if not np.array_equal(mesh.faces, shell.mesh.faces):
+            raise FileFormatError(
+                f"{file}: holds another mesh ({len(mesh.vertices)} vertices, the scene's has {count}, or other "
+                "triangles): save the solution on the scene's own mesh, its vertices in the same order"
+            )
+        return np.asarray(mesh.vertices)
+    try:
+        positions = np.asarray(read_npz(file)["positions"], dtype=np.float64)
+    except Exception as error:  # OS, zip and key errors all mean the same to the user
+        raise FileFormatError(
+            f"{file}: no readable .npz file with an array 'positions': {shortened(str(error))}"
+        ) from error
+    last = positions[-1] if positions.ndim == 3 else positions
+    return checked_vectors(f"{file}: positions", last, (count, 3), FileFormatError)
+
+
+@cache
+def warm_up() -> None:
+    """Load every compiled kernel on a shell of few triangles, so that no measured time holds that."""
+    mesh = flat_beam(cells=(6, 2))
+    shell = Shell(mesh, Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
+    coarse = [CoarseMesh(flat_beam(cells=(6, 2)), "6x2")]
+    _measured(Case("warm-up", shell, shell.gravity_force((0.0, 0.0, -1.0)), coarse=coarse), (2,), (1.0,), None, None)

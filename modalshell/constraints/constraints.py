@@ -1,0 +1,176 @@
+"""Manipulation constraints: where a vertex or a patch of vertices shall be, and how it shall be turned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from modalshell.checks import checked_vectors, shown
+from modalshell.errors import OptionError, SupportError
+from modalshell.kernels import rotations
+from modalshell.shell import Shell
+from modalshell.typing import Array, Index
+
+Target = ArrayLike | Callable[[float], ArrayLike]
+"""Three numbers, or a function of the time [s] that gives them."""
+
+
+class Constraint:
+    """A constraint on the mean of a patch; make a :class:`PositionConstraint` or an :class:`OrientationConstraint`.
+
+    Attributes
+    ----------
+    vertices : ndarray of int
+        The patch.
+    kind : {"position", "orientation"}
+        What is constrained.
+    """
+
+    kind: Literal["position", "orientation"]
+
+    def __init__(self, vertices: ArrayLike, target: Target) -> None:
+        try:
+            given = np.atleast_1d(np.asarray(vertices))
+        except ValueError:  # rows of unequal length
+            given = np.empty(0)
+        if given.dtype == bool:
+            given = np.flatnonzero(given)
+        if given.ndim != 1 or given.size == 0 or not np.issubdtype(given.dtype, np.integer):
+            raise OptionError(f"vertices of a constraint must be one index, some, or a mask (got {shown(vertices)})")
+        self.vertices: Index = np.unique(given.astype(np.int64))
+        self._target = target
+        self.at(0.0)
+
+    def at(self, time: float) -> Array:
+        """Target (3,) at ``time`` [s]."""
+        value = self._target(time) if callable(self._target) else self._target
+        return checked_vectors(f"the target of the {self.kind} constraint", value, (3,), OptionError)
+
+
+class PositionConstraint(Constraint):
+    """Holds the mean position of a vertex or a patch at a point of the world.
+
+    Parameters
+    ----------
+    vertices : int, array_like of int or of bool
+        The vertex or patch; none of them held by a support.
+    target : array_like, shape (3,), or callable
+        The point [m], or a function of time [s] that gives it.
+
+    Raises
+    ------
+    OptionError
+        If the patch is empty or the target is no finite vector.
+    """
+
+    kind = "position"
+
+
+class OrientationConstraint(Constraint):
+    """Holds the mean rotation of a vertex or a patch at a rotation from its rest orientation.
+
+    Parameters
+    ----------
+    vertices : int, array_like of int or of bool
+        The vertex or patch; none of them held by a support.
+    target : array_like, shape (3,), or callable
+        Rotation vector [rad] in the world, or a function of time [s] that gives it. Modal models take, of all rotation
+        vectors that mean the same, the one nearest their present state.
+
+    Raises
+    ------
+    OptionError
+        If the patch is empty or the target is no finite vector.
+    """
+
+    kind = "orientation"
+
+
+def checked_constraints(constraints: Sequence[Constraint] | None, shell: Shell) -> list[Constraint]:
+    """The constraints as a list, each on free vertices of ``shell``; else OptionError or SupportError."""
+    try:
+        given = list(() if constraints is None else constraints)
+    except TypeError as error:
+        raise OptionError(f"constraints must be a list of constraints (got {shown(constraints)})") from error
+    count = len(shell.rest_positions)
+    seen = set()
+    for constraint in given:
+        if not isinstance(constraint, Constraint):
+            raise OptionError(f"constraints must be position or orientation constraints (got {shown(constraint)})")
+        outside = constraint.vertices[(constraint.vertices < 0) | (constraint.vertices >= count)]
+        if outside.size:
+            raise SupportError(f"a constraint names vertex {outside[0]}, but the mesh has vertices 0 to {count - 1}")
+        held = constraint.vertices[shell.clamped[constraint.vertices]]
+        if held.size:
+            raise SupportError(f"a constraint names vertex {held[0]}, which a support holds already")
+        key = (constraint.kind, constraint.vertices.tobytes())
+        if key in seen:
+            raise OptionError(f"two {constraint.kind} constraints name the same patch of vertices; keep one")
+        seen.add(key)
+    return given
+
+
+def nearest_branch(rotation_vector: Array, present: Array) -> Array:
+    """Of all rotation vectors of one rotation, the one nearest to ``present``; all (3,) [rad]."""
+    length = float(np.linalg.norm(rotation_vector))
+    first, second, _ = rotations.coefficients(*rotation_vector)
+    angle = math.atan2(first * length, 1.0 - second * length**2)  # in (-pi, pi], of the same rotation
+    if abs(angle) < 1e-12:  # whole turns about any axis: take the present one
+        size = float(np.linalg.norm(present))
+        turns = round(size / (2.0 * math.pi))
+        if turns:
+            return present / size * turns * 2.0 * math.pi
+    if length == 0.0:
+        return np.zeros(3)
+    axis = rotation_vector / length
+    if abs(angle) >= 1e-12:
+        angle += 2.0 * math.pi * round((float(axis @ present) - angle) / (2.0 * math.pi))
+    return np.asarray(axis * angle)
+
+
+class HeldPatch:
+    """A patch that a full model moves as one rigid piece, exactly.
+
+    A vertex or patch with a position constraint alone moves without turning; with an orientation constraint on the
+    same patch it turns about its mean position. A single vertex that is to be turned takes its neighbours with it.
+    """
+
+    def __init__(self, shell: Shell, position: Constraint, orientation: Constraint | None) -> None:
+        self.position, self.orientation = position, orientation
+        self.vertices = position.vertices
+        center = shell.rest_positions[self.vertices].mean(axis=0)
+        if orientation is not None and self.vertices.size == 1:
+            touching = (shell.mesh.faces == self.vertices[0]).any(axis=1)
+            self.vertices = np.setdiff1d(shell.mesh.faces[touching], np.flatnonzero(shell.clamped))
+        self._center = center
+        self._arms = shell.rest_positions[self.vertices] - center
+
+    def at(self, time: float, share: float = 1.0) -> Array:
+        """Positions (k, 3) [m] of the patch's vertices at ``time`` [s], or ``share`` of the way there from rest."""
+        center = self._center + share * (self.position.at(time) - self._center)
+        if self.orientation is None:
+            return np.asarray(center + self._arms)
+        turn = Rotation.from_rotvec(share * self.orientation.at(time))
+        return np.asarray(center + turn.apply(self._arms))
+
+
+def held_patches(constraints: Sequence[Constraint], shell: Shell) -> list[HeldPatch]:
+    """The constraints as rigidly moved patches; OptionError for an orientation without a position, or for overlaps."""
+    turns = {c.vertices.tobytes(): c for c in constraints if c.kind == "orientation"}
+    patches = []
+    for constraint in constraints:
+        if constraint.kind == "position":
+            patches.append(HeldPatch(shell, constraint, turns.pop(constraint.vertices.tobytes(), None)))
+    if turns:
+        raise OptionError(
+            "DS moves patches as boundaries: an orientation constraint needs a position constraint on the same vertices"
+        )
+    taken = np.concatenate([patch.vertices for patch in patches])
+    if np.unique(taken).size < taken.size:
+        raise OptionError("patches of different constraints share a vertex (or its neighbours): keep them apart")
+    return patches

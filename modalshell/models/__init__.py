@@ -1,0 +1,29 @@
+"""The ladder: models that answer the same scene, cheapest first."""
+
+from modalshell.models.base import Damping, Equilibrium, Model, MotionState
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell, coarse_shell
+from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.linear import LinearModal
+from modalshell.models.modal_derivatives import ModalDerivatives
+from modalshell.models.reduced_rotation_strain import ReducedRotationStrain
+from modalshell.models.rigid import RigidShell
+from modalshell.models.rotation_strain import RotationStrain
+from modalshell.models.spring_sheet import SpringSheet
+from modalshell.models.warping import ModalWarping
+
+__all__ = [
+    "CoarseDiscreteShell",
+    "Damping",
+    "DiscreteShell",
+    "Equilibrium",
+    "LinearModal",
+    "ModalDerivatives",
+    "ModalWarping",
+    "Model",
+    "MotionState",
+    "ReducedRotationStrain",
+    "RigidShell",
+    "RotationStrain",
+    "SpringSheet",
+    "coarse_shell",
+]

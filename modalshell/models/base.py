@@ -1,0 +1,180 @@
+"""The interface that every rung of the ladder answers: equilibrium under a load, and stepping in time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.checks import checked_vectors, finite_answer
+from modalshell.errors import OptionError
+from modalshell.shell import Shell
+from modalshell.typing import Array
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A static answer, with what the solver has to say about it.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (n, 3)
+        Vertex positions [m]; the best iterate where the solver did not converge.
+    converged : bool
+        Whether ``residual`` met the model's tolerance, at a point that the model can hold.
+    iterations : int
+        Solver iterations over the whole load path.
+    residual : float
+        Out-of-balance force relative to the load (model-specific norm, see each model).
+    seconds : float
+        Wall time.
+    status : str
+        Named outcome: "converged" or why not.
+    coordinates : ndarray or None
+        Modal coordinates (m,) of reduced models.
+    costs : dict
+        Seconds of each part of the solver (assembly, factorisation, solution) of full models.
+    constraint_residuals : ndarray, shape (k,)
+        How far each constraint is from its target: [m] for positions, [rad] for orientations.
+    """
+
+    positions: Array
+    converged: bool
+    iterations: int
+    residual: float
+    seconds: float
+    status: str
+    coordinates: Array | None = None
+    costs: dict[str, float] = field(default_factory=dict)
+    constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        finite_answer("the equilibrium's positions", self.positions)
+
+
+@dataclass
+class MotionState:
+    """State of a model in motion: coordinates and their rates, in the model's own unknowns.
+
+    ``carried`` is what a model whose positions depend on the path takes along besides.
+    """
+
+    coordinates: Array
+    rates: Array
+    carried: Array | None = None
+
+
+@dataclass(frozen=True)
+class ResolvedTarget:
+    """A constraint at one time, in the model's own frame: the patch, and its position [m] or rotation vector [rad]."""
+
+    kind: Literal["position", "orientation"]
+    vertices: NDArray[np.int64]
+    value: Array
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Rayleigh damping ``C = mass_factor M + stiffness_factor K`` (xi [1/s] and zeta [s])."""
+
+    mass_factor: float = 0.0
+    stiffness_factor: float = 0.0
+
+
+class Model(ABC):
+    """One rung of the ladder on one shell."""
+
+    name: str
+    shell: Shell
+    in_shell_frame = False
+    """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
+
+    @abstractmethod
+    def equilibrium(
+        self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
+    ) -> Equilibrium:
+        """Static answer to a dead load.
+
+        Parameters
+        ----------
+        gravity : array_like, shape (3,), optional
+            Acceleration [m/s^2] that acts on every vertex's mass.
+        force : array_like, shape (n, 3), optional
+            Further force on every vertex [N].
+        start : array_like, shape (n, 3), optional
+            Positions [m] from which to look for the answer.
+
+        Returns
+        -------
+        Equilibrium
+            Never raises for want of convergence: ``converged`` and ``status`` say so.
+
+        Raises
+        ------
+        LoadError
+            For loads or positions of the wrong shape or not finite.
+        SolverError
+            If extreme input drives the positions out of the finite numbers.
+        """
+
+    @abstractmethod
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest at ``positions`` (n, 3); at the rest shape without them."""
+
+    @abstractmethod
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under ``load`` (n, 3) [N]; also returns whether the step's own solver converged.
+
+        ``held`` (h, 3) [m] is where the held vertices are at the step's end, for models in the world's frame.
+        """
+
+    @abstractmethod
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+
+    def meet_constraints(
+        self,
+        state: MotionState,  # noqa: ARG002 (for models that can)
+        before: MotionState,  # noqa: ARG002
+        dt: float,  # noqa: ARG002
+        damping: Damping,  # noqa: ARG002
+        targets: Sequence[ResolvedTarget],  # noqa: ARG002
+    ) -> tuple[MotionState, Array]:
+        """Move ``state``, a step of ``dt`` after ``before``, onto the targets; also returns each one's residual."""
+        raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy [J]."""
+        return self.shell.raw_energy(self.positions(state))
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J], in the model's own frame."""
+        mass = self.shell.mass[:, None] if state.rates.ndim == 2 else 1.0
+        return float(0.5 * np.sum(mass * state.rates**2))
+
+    def decay_rate(self, dt: float, damping: Damping) -> float:  # noqa: ARG002 (for models that know it)
+        """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
+        return 0.0
+
+    def fault(self, state: MotionState) -> str | None:  # noqa: ARG002 (most rungs have none)
+        """What is wrong with a state that has left what the model can describe, in words; None if nothing is."""
+        return None
+
+    def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)
+        """Raise OptionError if this model cannot step by ``dt``."""
+
+
+def total_load(shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None) -> Array:
+    """Load (n, 3) [N] on every vertex, or LoadError if it is of the wrong shape or not finite."""
+    load = np.zeros_like(shell.rest_positions)
+    if gravity is not None:
+        load += shell.gravity_force(gravity)
+    if force is not None:
+        load += checked_vectors("force", force, load.shape)
+    return load

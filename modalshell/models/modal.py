@@ -1,0 +1,269 @@
+"""What the models on a modal basis share: coordinates, steps mode by mode, constraints, the rigid-mode balance."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.checks import checked_choice, checked_kind
+from modalshell.constraints.constraints import Constraint, checked_constraints, nearest_branch
+from modalshell.constraints.manipulation import Evaluate, meet
+from modalshell.errors import OptionError
+from modalshell.models.base import Damping, Equilibrium, Model, MotionState, ResolvedTarget, total_load
+from modalshell.modes import Basis
+from modalshell.modes.rigid import rigid_motions
+from modalshell.statics.least_potential import Statics
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array, Index
+
+Integrator = Literal["implicit_euler", "implicit_midpoint"]
+
+RIGID_LOAD = 1e-9
+"""Share of the load's norm that may act on rigid modes before a free shell counts as having no equilibrium."""
+
+CONSTRAINT_MET = 1e-6
+"""Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
+
+_FIXED_POINT = 1e-7
+_FIXED_POINT_LIMIT = 200
+_OUT_OF_REACH_LIMIT = 20
+"""Iterations after which targets that were not reached in any of them are given up."""
+
+
+class ModalModel(Model):
+    """A model whose unknowns are the m modal coordinates q.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes, eigenvalues and modal rotations of the shell.
+    integrator : {"implicit_euler", "implicit_midpoint"}
+        Both are unconditionally stable under dead modal forces. Implicit Euler is of first order and loses energy; the
+        implicit midpoint rule is of second order, at two modal forces a step, and keeps the energy of linear motion,
+        stiff modes ringing on. Forces that turn with the shell can feed undamped motion, the midpoint rule's more so.
+    """
+
+    in_shell_frame = True
+
+    def __init__(self, basis: Basis, *, integrator: Integrator = "implicit_euler") -> None:
+        checked_choice("integrator", integrator, ("implicit_euler", "implicit_midpoint"))
+        self.basis = checked_kind("basis", basis, Basis)
+        self.shell = basis.shell
+        self.integrator = integrator
+        self._mass = np.repeat(self.shell.mass, 3)
+        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+
+    @abstractmethod
+    def displacement(self, q: Array) -> Array:
+        """Vertex displacements (n, 3) [m] at modal coordinates q (m,)."""
+
+    @abstractmethod
+    def modal_force(self, q: Array, load: Array) -> Array:
+        """Modal force p (m,) of the load (n, 3) at q."""
+
+    def coordinates_of(self, positions: ArrayLike) -> Array:
+        """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
+        displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
+        return np.asarray(self.basis.modes.T @ (self._mass * displacement))
+
+    def _statics(
+        self,
+        gravity: ArrayLike | None,
+        force: ArrayLike | None,
+        start: ArrayLike | None,
+        constraints: Sequence[Constraint] | None,
+    ) -> Equilibrium:
+        """Static answer, with or without constraints, from the model's own :meth:`_free_statics`."""
+        watch = Stopwatch()
+        load = total_load(self.shell, gravity, force)
+        begin = None if start is None else self.coordinates_of(start)
+        given = checked_constraints(constraints, self.shell)
+        left = np.empty(0)
+        if given:
+            found, left = self._constrained_statics(load, begin, given)
+        else:
+            found = self._free_statics(load, begin)
+            if (rigid := self.rigid_load(load)) > RIGID_LOAD:
+                status = "no equilibrium: the load pushes a shell that its supports leave free"
+                found = found._replace(residual=rigid, solved=False, status=status)
+        return Equilibrium(
+            self.shell.rest_positions + self.displacement(found.q),
+            found.solved,
+            found.iterations,
+            found.residual,
+            watch(),
+            found.status,
+            found.q,
+            constraint_residuals=left,
+        )
+
+    @abstractmethod
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:
+        """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any."""
+
+    def _constrained_statics(
+        self, load: Array, start: Array | None, constraints: Sequence[Constraint]
+    ) -> tuple[Statics, Array]:
+        """Least modal energy under the constraints, the modal force iterated until it settles; and their residuals."""
+        if self.basis.rigid_modes:
+            raise OptionError(
+                "statics under constraints needs a shell that its supports hold; clamp some vertices, or let simulate "
+                "bring a free shell to rest with damping"
+            )
+        compliance = 1.0 / self.basis.eigenvalues
+        q = np.zeros(self.basis.count) if start is None else start
+        targets = [ResolvedTarget(c.kind, c.vertices, c.at(0.0)) for c in constraints]
+        evaluate = self._constraints(targets, q)
+        change, iterations, nearest = np.inf, 0, np.inf
+        while change > _FIXED_POINT and iterations < _FIXED_POINT_LIMIT:
+            if iterations == _OUT_OF_REACH_LIMIT and nearest > CONSTRAINT_MET:
+                break
+            before = q
+            iterations += 1
+            q, residual = meet(evaluate, compliance * self.modal_force(q, load), compliance, q)
+            nearest = min(nearest, float(np.abs(residual).max()))
+            work = float(np.sum(self.basis.eigenvalues * q**2)) or 1.0
+            change = float(np.sqrt(np.sum(self.basis.eigenvalues * (q - before) ** 2) / work))
+            if not load.any():  # no modal force that could still turn
+                change = 0.0
+        left = self._residuals(targets, residual)
+        solved, status = True, "converged"
+        if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
+            solved, status = False, "no fixed point: the modal force under these constraints does not settle"
+        elif np.abs(residual).max() > CONSTRAINT_MET:
+            solved, status = False, f"constraint out of reach: {left.max():.2e} from its target"
+        return Statics(q, change, iterations, solved, status), left
+
+    def rigid_load(self, load: Array) -> float:
+        """Share of the load, in the modes' norm, that pushes on rigid modes: nothing holds it in statics."""
+        if self.basis.rigid_modes == 0 or not load.any():
+            return 0.0
+        # All of them: the basis may have been asked for fewer modes.
+        free = self.shell.free_unknowns
+        pushed = rigid_motions(self.shell).T @ load.ravel()[free]
+        return float(np.linalg.norm(pushed) / np.sqrt(np.sum(load.ravel()[free] ** 2 / self._mass[free])))
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """Modal state at rest."""
+        q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
+        return MotionState(q, np.zeros_like(q))
+
+    def step(
+        self,
+        state: MotionState,
+        dt: float,
+        load: Array,
+        damping: Damping,
+        held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
+    ) -> tuple[MotionState, bool]:
+        """One step of the integrator for every mode by itself.
+
+        Implicit Euler takes the modal force of the step before, the midpoint rule the one in a predicted middle.
+        """
+        q, rates = state.coordinates, state.rates
+        p = self.modal_force(q, load)
+        stiffness = self.basis.eigenvalues
+        damp = damping.mass_factor + damping.stiffness_factor * stiffness
+        if self.integrator == "implicit_euler":
+            rates = (rates + dt * (p - stiffness * q)) / (1.0 + dt * damp + dt**2 * stiffness)
+            return self.advanced(state, q + dt * rates, rates), True
+        # Half an implicit Euler step to the middle, and as far again. The force at the step's beginning would feed
+        # energy into large motion: it only leads to where the middle is.
+        half = 0.5 * dt
+        inertia = 1.0 + half * damp + half**2 * stiffness
+        middle = (rates + half * (p - stiffness * q)) / inertia
+        middle = (rates + half * (self.modal_force(q + half * middle, load) - stiffness * q)) / inertia
+        return self.advanced(state, q + dt * middle, 2.0 * middle - rates), True
+
+    def advanced(self, state: MotionState, q: Array, rates: Array) -> MotionState:  # noqa: ARG002 (for overriding)
+        """State at q (m,) after ``state``; what a model carries along besides is brought up to date here."""
+        return MotionState(q, rates)
+
+    def compliance(self, dt: float, damping: Damping) -> Array:
+        """Change (m,) of each coordinate within a step per unit of modal force [s^2]."""
+        stiffness = self.basis.eigenvalues
+        damp = damping.mass_factor + damping.stiffness_factor * stiffness
+        if self.integrator == "implicit_euler":
+            return np.asarray(dt**2 / (1.0 + dt * damp + dt**2 * stiffness))
+        return np.asarray(0.5 * dt**2 / (1.0 + 0.5 * dt * damp + 0.25 * dt**2 * stiffness))
+
+    def decay_rate(self, dt: float, damping: Damping) -> float:
+        """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
+        stiffness = self.basis.eigenvalues
+        damp = damping.mass_factor + damping.stiffness_factor * stiffness
+        # Half the trace, and the determinant, of the matrix that takes q and its rate over one step.
+        if self.integrator == "implicit_euler":
+            inertia = 1.0 + dt * damp + dt**2 * stiffness
+            half_trace, determinant = (1.0 + 0.5 * dt * damp) / inertia, 1.0 / inertia
+        else:
+            inertia = 1.0 + 0.5 * dt * damp + 0.25 * dt**2 * stiffness
+            half_trace = (1.0 - 0.25 * dt**2 * stiffness) / inertia
+            determinant = (1.0 - 0.5 * dt * damp + 0.25 * dt**2 * stiffness) / inertia
+        root = np.sqrt(np.asarray(half_trace**2 - determinant, dtype=np.complex128))
+        factor = float(np.maximum(np.abs(half_trace + root), np.abs(half_trace - root)).max())
+        return max(0.0, -2.0 * float(np.log(factor)) / dt)
+
+    def meet_constraints(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, targets: Sequence[ResolvedTarget]
+    ) -> tuple[MotionState, Array]:
+        """Move the step's end onto the constraints by the modal forces of least work [choi2007, section 4.4]."""
+        free = state.coordinates
+        evaluate = self._constraints(targets, before.coordinates)
+        q, residual = meet(evaluate, free, self.compliance(dt, damping), free)
+        return self.advanced(before, q, state.rates + (q - free) / dt), self._residuals(targets, residual)
+
+    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
+        raise NotImplementedError
+
+    def patch_rotation(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean rotation vector (3,) [rad] of a patch at q, and its Jacobian (3, m)."""
+        rows = self._patch_rows(self.basis.rotations, vertices).mean(axis=0)
+        return rows @ q, rows
+
+    @staticmethod
+    def _patch_rows(matrix: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the patch's vertices in a (3n, m) matrix."""
+        return np.asarray(matrix.reshape(-1, 3, matrix.shape[1])[vertices])
+
+    def _constraints(self, targets: Sequence[ResolvedTarget], present: Array) -> Evaluate:
+        """Residuals and Jacobian of all targets, positions as shares of the shell's size."""
+        goals = []
+        for target in targets:
+            value = target.value
+            if target.kind == "orientation":
+                value = nearest_branch(value, self.patch_rotation(present, target.vertices)[0])
+            goals.append(value)
+
+        def evaluate(q: Array) -> tuple[Array, Array]:
+            residuals, jacobians = [], []
+            for target, goal in zip(targets, goals, strict=True):
+                position = target.kind == "position"
+                value, jacobian = (self.patch_position if position else self.patch_rotation)(q, target.vertices)
+                unit = self._size if position else 1.0
+                residuals.append((goal - value) / unit)
+                jacobians.append(jacobian / unit)
+            return np.concatenate(residuals), np.vstack(jacobians)
+
+        return evaluate
+
+    def _residuals(self, targets: Sequence[ResolvedTarget], residual: Array) -> Array:
+        """Length of each target's residual: [m] for positions, [rad] for orientations."""
+        lengths = np.linalg.norm(residual.reshape(-1, 3), axis=1)
+        return np.asarray(lengths * [self._size if target.kind == "position" else 1.0 for target in targets])
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy ``q^T Lambda q / 2`` [J]."""
+        return float(0.5 * self.basis.eigenvalues @ state.coordinates**2)
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy of the modal rates [J]."""
+        return float(0.5 * state.rates @ state.rates)
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+        return np.asarray(self.shell.rest_positions + self.displacement(state.coordinates))

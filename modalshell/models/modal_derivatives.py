@@ -1,0 +1,160 @@
+"""MD-ROM: the true discrete-shell energy on modes and their derivatives, with cubature [barbic2005; an2008]."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.checks import checked_count, checked_kind
+from modalshell.models.base import Damping, Equilibrium, Model, MotionState, total_load
+from modalshell.modes import solve_modes
+from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
+from modalshell.reduction.derivatives import modal_derivatives
+from modalshell.reduction.reduced_energy import ReducedEnergy
+from modalshell.reduction.reduced_newton import ACCEPTED, ReducedPotential, descend, follow, mixed_newton
+from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array
+
+_STEP_GOAL = 1e-6
+"""Out-of-balance force, as a share of load and inertia, at which an implicit step's Newton stops."""
+
+
+class ModalDerivatives(Model):
+    """MD-ROM: ``x = X + U z``, U of modes and modal derivatives, under the discrete-shell energy of x.
+
+    Stiffening, twist and couplings of modes come from the energy itself, and a linear basis with derivatives holds
+    turns up to about 90 degrees. Its shapes stretch a little, though, at fourth order in the turn, and a membrane that
+    is very much stiffer than the bending makes that count: a strip whose tip turns by 38 degrees is 0.1 % off at a
+    length over thickness of 100, 3 % at 300 and 17 % at 1,000.
+
+    Parameters
+    ----------
+    shell : Shell
+        A shell that its supports hold.
+    count : int
+        Number of modes m; with the derivatives there are up to ``m + m (m + 1) / 2`` coordinates.
+    cubature : bool or int
+        Whether to sum the energy over few weighted elements that are found in training: as many as it takes for 0.5 %
+        on the training loads, or at most this number.
+    training_loads : sequence of array_like, shape (n, 3), optional
+        Loads [N] to train on; every fourth is held out and only tells the error. Without it
+        :func:`modalshell.reduction.cubature.default_loads`.
+    backend : str, optional
+        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+
+    Attributes
+    ----------
+    basis : DerivativeBasis
+        U and what it is made of.
+    energy : ReducedEnergy
+        The energy in use.
+    cubature : Cubature or None
+        What training found, its error on held-out loads with it.
+
+    Raises
+    ------
+    OptionError
+        If the supports leave rigid motions free, or an option is out of range.
+    """
+
+    name = "MD-ROM"
+    in_shell_frame = True
+
+    def __init__(
+        self,
+        shell: Shell,
+        count: int = 8,
+        *,
+        cubature: bool | int = False,
+        training_loads: Sequence[ArrayLike] | None = None,
+        backend: str | None = None,
+    ) -> None:
+        self.shell = checked_kind("shell", shell, Shell)
+        most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
+        loads = None if training_loads is None else checked_loads(training_loads, shell)
+        self.basis = modal_derivatives(solve_modes(shell, count, backend=backend), backend=backend)
+        self._vectors = self.basis.vectors
+        self._scaling = np.sqrt(self.basis.eigenvalues)
+        self.energy = ReducedEnergy(shell, self._vectors)
+        self.cubature: Cubature | None = None
+        if cubature:
+            self.cubature = train(self.basis, self.energy, default_loads(self.basis) if loads is None else loads, most)
+            self.energy = self.cubature.energy
+
+    @property
+    def cubature_elements(self) -> tuple[int, int, int]:
+        """Triangles, edges and hinges that the energy sums over."""
+        triangles, edges, hinges = (elements.rest.size for elements in self.energy.elements)
+        return triangles, edges, hinges
+
+    def coordinates_of(self, positions: ArrayLike) -> Array:
+        """Coordinates (r,) of the mass-weighted projection of ``positions`` (n, 3)."""
+        displacement = self.shell.checked_positions(positions) - self.shell.rest_positions
+        return np.asarray((self.shell.mass[:, None] * displacement).ravel() @ self._vectors)
+
+    def equilibrium(
+        self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
+    ) -> Equilibrium:
+        """Minimum of ``E(X + U z) - f.U z``, from rest along a growing load, or from ``start``.
+
+        ``residual`` is ``|grad E - p| / |p|`` of the reduced forces in the norm of the inverse rest stiffness, accepted
+        at 1e-7. It says nothing of what the basis cannot hold.
+        """
+        watch = Stopwatch()
+        load = total_load(self.shell, gravity, force)
+        push = load.ravel() @ self._vectors
+        problem = ReducedPotential(self.energy, push, np.zeros_like(push), self._scaling)
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+            answer = follow(problem, self.basis.edge_change, None if start is None else self.coordinates_of(start))
+        status = "converged" if answer.converged else f"not converged: residual {answer.residual:.1e} of {ACCEPTED:.0e}"
+        return Equilibrium(
+            self._positions(answer.z),
+            answer.converged,
+            answer.iterations,
+            answer.residual,
+            watch(),
+            status,
+            answer.z,
+        )
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest."""
+        z = np.zeros(self.basis.size) if positions is None else self.coordinates_of(positions)
+        return MotionState(z, np.zeros_like(z))
+
+    def step(
+        self,
+        state: MotionState,
+        dt: float,
+        load: Array,
+        damping: Damping,
+        held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
+    ) -> tuple[MotionState, bool]:
+        """Implicit Euler: minimise ``E + d.(I/h^2 + C/h) d / 2 - (p + v/h).d``, d the step, C at its beginning."""
+        z = state.coordinates
+        quadratic = np.eye(z.size) * (1.0 / dt**2 + damping.mass_factor / dt)
+        if damping.stiffness_factor:
+            quadratic += damping.stiffness_factor / dt * self.energy.hessian(z, GAUSS_NEWTON)[2]
+        push = load.ravel() @ self._vectors + state.rates / dt
+        scaling = np.sqrt(self.basis.eigenvalues + np.diagonal(quadratic))
+        problem = ReducedPotential(self.energy, push, z, scaling, quadratic)
+        scale = problem.measure(push) or problem.measure(problem.value_gradient(z)[1]) or 1.0
+        guess = dt * state.rates
+        answer = mixed_newton(problem, z + guess, scale, _STEP_GOAL, self.energy.predicted_stresses(z, guess))
+        if not answer.converged:
+            answer = descend(problem, z, scale)
+        return MotionState(answer.z, (answer.z - z) / dt), answer.converged
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+        return self._positions(state.coordinates)
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy [J] as the model has it: by cubature if it is on."""
+        return self.energy.value(state.coordinates)
+
+    def _positions(self, z: Array) -> Array:
+        return np.asarray(self.shell.rest_positions + (self._vectors @ z).reshape(-1, 3))

@@ -1,0 +1,188 @@
+"""Reduced RSW: the rotation-strain warp from a few sampled triangles, its fit trained beforehand."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+
+from modalshell.checks import LARGEST, checked_count, checked_kind, checked_vectors, vector_count
+from modalshell.errors import OptionError
+from modalshell.kernels import rotation_strain as kernel
+from modalshell.kernels.frame import TILE
+from modalshell.models.base import MotionState
+from modalshell.models.rotation_strain import RotationStrain, tiled
+from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
+from modalshell.typing import Array, Index
+
+_CANDIDATES = 2000
+_FEATURES = 96
+"""Principal components of the candidates' F - I that the sampled triangles must determine."""
+_RESOLVED = 1e-7
+"""Size of a principal component, relative to the first, below which it is rounding."""
+_MIXED = 1.5
+"""Largest factor of a coordinate in a mixture of training."""
+
+
+class ReducedRotationStrain(TurnedTriangles):
+    """RSW for frames: ``u = Phi q + U z``, z linear in the nonlinear part of F on 128 triangles.
+
+    U holds the principal components of ``u(q) - Phi q`` of the full model over training coordinates, in the norm of
+    the mass. The triangles, and the linear map from their ``F - I`` without its linear part to z, are found by
+    empirical interpolation with pivoted QR [drmac2016] among candidates drawn by area. For small q the model is exact;
+    elsewhere it is as good as its training is near: coordinates far outside are extrapolated, which ``training_error``
+    does not show. The force is the exact gradient of the load's work on the reduced displacements.
+
+    Parameters
+    ----------
+    model : RotationStrain
+        The full model, of a shell that its supports hold.
+    coordinates : array_like, shape (s, m)
+        Modal coordinates to train on, s of at least ``rank``.
+    rank : int
+        Columns of U. Positions cost a product with a (3n, m + rank) matrix.
+
+    Attributes
+    ----------
+    triangles : ndarray of int
+        The sampled triangles.
+    training_error : float
+        Largest relative displacement error against the full model over the training coordinates, in the norm of the
+        mass.
+
+    Raises
+    ------
+    OptionError
+        If the shell has rigid modes, or ``coordinates`` or ``rank`` are not as above.
+    """
+
+    name = "reduced RSW"
+
+    def __init__(self, model: RotationStrain, coordinates: ArrayLike, *, rank: int = 32) -> None:
+        checked_kind("model", model, RotationStrain)
+        basis, shell = model.basis, model.shell
+        rank = checked_count("rank", rank)
+        samples = checked_vectors("coordinates", coordinates, (vector_count(coordinates), basis.count), OptionError)
+        if basis.rigid_modes:
+            raise OptionError(f"reduced RSW needs a shell that its supports hold (got {basis.rigid_modes} rigid modes)")
+        if len(samples) < rank:
+            raise OptionError(f"training needs at least rank = {rank} coordinates (got {len(samples)})")
+        if np.abs(samples).max() < 1.0 / LARGEST:
+            raise OptionError(
+                f"training needs coordinates that move the shell (got at most {np.abs(samples).max():g} in size)"
+            )
+        root_mass = np.sqrt(np.repeat(shell.mass, 3))
+        full = np.array([model.displacement(q).ravel() for q in samples])
+        wanted, shapes = principal((full - samples @ basis.modes.T) * root_mass, rank)
+        shapes = shapes / root_mass
+
+        chosen = candidates(shell.mesh.face_areas)
+        modal = tiled(model.turns_and_strains(chosen))
+        bent = np.array([deformations(modal, q) for q in samples])
+        bent = (bent - samples @ linear_part(modal).T)[:, places(len(chosen)).ravel()]
+        amounts, features = principal(bent, _FEATURES)
+        picked = interpolation_triangles(features)
+        self.triangles: Index = chosen[picked]
+        rows = (6 * picked[:, None] + np.arange(6)).ravel()
+        # Features from the sampled triangles, then the wanted coordinates from the features; their columns have the
+        # lengths of the principal components.
+        regression = (wanted.T @ (amounts / np.sum(amounts**2, axis=0))) @ np.linalg.pinv(features[:, rows].T)
+
+        modal = tiled(model.turns_and_strains(self.triangles))
+        super().__init__(basis, modal.reshape(1, basis.count, 6 * TILE), model.integrator)
+        self._map = np.zeros((len(shapes), 6 * TILE))
+        self._map[:, places(len(picked)).ravel()] = regression
+        linear = basis.modes - shapes.T @ (self._map @ linear_part(modal))
+        self._expansion = np.ascontiguousarray(np.hstack([linear, shapes.T]))
+        self._amounts = np.zeros(self._expansion.shape[1])
+        self._sampled = np.zeros((1, 6 * TILE))
+        reduced = np.array([self.displacement(q).ravel() for q in samples])
+        errors, lengths = (np.linalg.norm(moved * root_mass, axis=1) for moved in (reduced - full, full))
+        self.training_error = float((errors[lengths > 0.0] / lengths[lengths > 0.0]).max())
+
+    @classmethod
+    def trained(
+        cls, model: RotationStrain, gravities: ArrayLike, *, mixtures: int = 4, rank: int = 32, seed: int = 0
+    ) -> ReducedRotationStrain:
+        """Train on static answers to loads, and on what motion makes of them.
+
+        Parameters
+        ----------
+        model : RotationStrain
+            The full model.
+        gravities : array_like, shape (k, 3)
+            Accelerations [m/s^2] whose static answers are trained on: the range of loads to come.
+        mixtures : int
+            For every static answer, how many copies with each coordinate times a random number in [-1.5, 1.5]: in
+            motion the modes swing apart.
+        rank, seed : int
+            Columns of U, and seed of the random numbers.
+        """
+        checked_kind("model", model, RotationStrain)
+        loads = checked_vectors("gravities", gravities, (vector_count(gravities), 3), OptionError)
+        rng = np.random.default_rng(checked_count("seed", seed, at_least=0))
+        answers = np.array([model.equilibrium(gravity=load).coordinates for load in loads])
+        factors = rng.uniform(-_MIXED, _MIXED, (checked_count("mixtures", mixtures), *answers.shape))
+        return cls(model, np.vstack([answers, (factors * answers).reshape(-1, answers.shape[1])]), rank=rank)
+
+    def displacement(self, q: Array) -> Array:
+        """Displacements (n, 3) [m] of the reduced surface."""
+        kernel.deformations(self._modal, q, self._buffer, self._sampled)
+        self._amounts[: q.size] = q
+        np.dot(self._map, self._sampled[0], out=self._amounts[q.size :])
+        return np.asarray(self._expansion @ self._amounts).reshape(-1, 3)
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+        out = self.displacement(state.coordinates)
+        out += self.shell.rest_positions
+        return out
+
+    def _adjoint(self, load: Array) -> LoadAdjoint:
+        pushed = load.ravel() @ self._expansion
+        count = self.basis.count
+        return LoadAdjoint(load.copy(), (pushed[count:] @ self._map)[None], pushed[:count])
+
+
+def principal(snapshots: Array, count: int) -> tuple[Array, Array]:
+    """Coordinates (s, k) and orthonormal components (k, N) of snapshots (s, N): ``count`` of them, if there are."""
+    squares, weights = np.linalg.eigh(snapshots @ snapshots.T)
+    squares, weights = squares[::-1][:count], weights[:, ::-1][:, :count]
+    kept = squares > _RESOLVED**2 * max(squares[0], np.finfo(float).tiny)
+    lengths, weights = np.sqrt(squares[kept]), weights[:, kept]
+    return weights * lengths, (weights / lengths).T @ snapshots
+
+
+def candidates(areas: Array) -> Index:
+    """Triangles to sample from: all of a small mesh, else some drawn by area, the same ones every time."""
+    if len(areas) <= _CANDIDATES:
+        return np.arange(len(areas))
+    rng = np.random.default_rng(0)
+    return np.sort(rng.choice(len(areas), _CANDIDATES, replace=False, p=areas / areas.sum()))
+
+
+def interpolation_triangles(features: Array) -> Index:
+    """A tile of triangles whose six numbers determine the coordinates of features (p, 6 k) best: pivots of QR."""
+    _, _, pivots = scipy.linalg.qr(features, pivoting=True, mode="economic")
+    triangles, first = np.unique(pivots // 6, return_index=True)
+    return np.sort(triangles[np.argsort(first)][:TILE])
+
+
+def places(count: int) -> Index:
+    """Where the six numbers of ``count`` triangles (count, 6) are in flattened tiles."""
+    triangle = np.arange(count)[:, None]
+    return np.asarray(triangle // TILE * 6 * TILE + np.arange(6) * TILE + triangle % TILE)
+
+
+def linear_part(modal: Array) -> Array:
+    """Derivatives (tiles * 6 * 128, m) in q of ``F - I`` at rest, from modal data (tiles, m, 6, 128)."""
+    wa, wb, wn, aa, bb, ab = np.moveaxis(modal, 2, 0)
+    columns = np.stack([aa, ab + wn, -wb, ab - wn, bb, wa], axis=1)  # tiles, 6, m, 128
+    return np.ascontiguousarray(np.moveaxis(columns, 2, 3)).reshape(-1, modal.shape[1])
+
+
+def deformations(modal: Array, q: Array) -> Array:
+    """Columns of ``F - I`` (tiles * 6 * 128,) of triangles with modal data (tiles, m, 6, 128)."""
+    out = np.empty((len(modal), 6 * TILE))
+    kernel.deformations(modal.reshape(len(modal), q.size, 6 * TILE), q, np.empty(kernel.WORK), out)
+    return out.ravel()

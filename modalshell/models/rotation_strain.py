@@ -1,0 +1,113 @@
+"""RSW, the rotation-strain warp [huang2011]: linear modes as turns and strains of triangles, fitted together again."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.checks import checked_kind
+from modalshell.kernels import rotation_strain as kernel
+from modalshell.kernels.frame import TILE
+from modalshell.models.base import MotionState
+from modalshell.models.modal import Integrator
+from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
+from modalshell.modes import Basis
+from modalshell.reduction.poisson import PoissonFit
+from modalshell.typing import Array
+
+_Scalar = TypeVar("_Scalar", np.float64, np.int64)
+
+
+class RotationStrain(TurnedTriangles):
+    """RSW: every triangle turns and strains as its modes say, and a least-squares fit puts the surface together.
+
+    With the rotation vector ``w_tk`` and the surface strain ``S_tk`` of triangle t in mode k, coordinates q ask for the
+    deformation gradient ``F_t = exp([sum_k q_k w_tk]) (I + sum_k q_k S_tk)`` on the triangle's tangents. Positions
+    minimise ``sum_t A_t |grad x - F_t|^2`` with the held vertices at rest: three right sides of one factorised
+    Laplacian a frame. For small q that is ``u = Phi q``, and equal turns everywhere make an exact rigid turn.
+
+    The modal force is the exact gradient of the load's potential ``f . u(q)``, so statics minimises
+    ``q . Lambda q / 2 - f . u(q)``, which always has a solution.
+
+    A part of the shell that nothing holds keeps its centre of mass where the linear modes put it.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes and eigenvalues of the shell.
+    integrator : {"implicit_euler", "implicit_midpoint"}
+        See :class:`ModalModel`.
+    backend : str, optional
+        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+    """
+
+    name = "RSW"
+
+    def __init__(self, basis: Basis, *, integrator: Integrator = "implicit_euler", backend: str | None = None) -> None:
+        fit = PoissonFit(checked_kind("basis", basis, Basis).shell, backend)
+        modal = tiled(triangle_modes(basis, fit)).reshape(-1, basis.count, 6 * TILE)
+        super().__init__(basis, modal, integrator)
+        self.backend = fit.factor.backend
+        self._fit = fit
+        modes = basis.modes.reshape(-1, 3, basis.count)
+        centres = [np.tensordot(share, modes[part], 1) for part, share in fit.floating]
+        self._centres = np.array(centres).reshape(-1, 3, basis.count)
+        height, foot, length = fit.sides.T
+        shape = np.column_stack([fit.frames.reshape(-1, 9), 0.5 * height, 0.5 * foot, 0.5 * length])
+        self._shape = tiled(shape).reshape(-1, 12 * TILE)
+        self._corners = tiled(fit.slots, fill=fit.rows - 1)
+        self._right_side = np.zeros((fit.rows, 3))
+
+    def displacement(self, q: Array) -> Array:
+        """Displacements (n, 3) [m] of the fitted surface."""
+        kernel.spread(self._modal, self._shape, self._corners, q, self._buffer, self._right_side)
+        return self._fit.displacement(self._right_side, self._centres @ q)
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+        out = self.displacement(state.coordinates)
+        out += self.shell.rest_positions
+        return out
+
+    def turns_and_strains(self, triangles: NDArray[np.int64]) -> Array:
+        """Columns of :func:`triangle_modes` (k, m, 6) of some triangles."""
+        tiles = self._modal.reshape(-1, self.basis.count, 6, TILE)
+        return np.asarray(tiles[triangles // TILE, :, :, triangles % TILE])
+
+    def _adjoint(self, load: Array) -> LoadAdjoint:
+        fit, parts = self._fit.adjoint(load)
+        gradients = np.empty((len(self._modal), 6 * TILE))
+        kernel.adjoint_gradients(fit, self._corners, self._shape, gradients)
+        return LoadAdjoint(load.copy(), gradients, np.tensordot(parts, self._centres, 2))
+
+
+def triangle_modes(basis: Basis, fit: PoissonFit) -> Array:
+    """Rotation vector and surface strain of every triangle and mode, in the triangle's frame (T, m, 6).
+
+    Columns: w_a, w_b, w_n, S_aa, S_bb, S_ab. The turns about a and b are the least-squares ones [choi2007, eq. 11]; the
+    turn in the plane is half the curl, so that turn and strain together are the mode's whole gradient.
+    """
+    corners = basis.modes.reshape(-1, 3, basis.count)[basis.shell.mesh.faces]
+    local = np.einsum("tri,tcik->tcrk", fit.frames, corners[:, 1:] - corners[:, :1])
+    height, foot, length = (side[:, None, None] for side in fit.sides.T)
+    by_a = local[:, 0] / length
+    by_b = (local[:, 1] - foot * by_a) / height
+    rows = (
+        by_b[:, 2],
+        -by_a[:, 2],
+        0.5 * (by_a[:, 1] - by_b[:, 0]),
+        by_a[:, 0],
+        by_b[:, 1],
+        0.5 * (by_a[:, 1] + by_b[:, 0]),
+    )
+    return np.stack(rows, axis=2)
+
+
+def tiled(rows: NDArray[_Scalar], fill: int = 0) -> NDArray[_Scalar]:
+    """Values of triangles (T, ...) as tiles (T / 128, ..., 128), the last one filled up."""
+    tiles = -(-len(rows) // TILE)
+    padded = np.full((tiles * TILE, *rows.shape[1:]), fill, dtype=rows.dtype)
+    padded[: len(rows)] = rows
+    return np.ascontiguousarray(np.moveaxis(padded.reshape(tiles, TILE, *rows.shape[1:]), 1, -1))

@@ -1,0 +1,132 @@
+"""What the models of turned and strained triangles share: the work of a load, its derivatives, statics [huang2011]."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.constraints.constraints import Constraint
+from modalshell.kernels import rotation_strain as kernel
+from modalshell.kernels.frame import TILE
+from modalshell.models.base import Equilibrium, MotionState
+from modalshell.models.modal import Integrator, ModalModel
+from modalshell.modes import Basis
+from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
+from modalshell.typing import Array, Index
+
+_PATCHES_KEPT = 16
+
+
+@dataclass(frozen=True)
+class LoadAdjoint:
+    """What the potential of one load needs, whatever q is.
+
+    Attributes
+    ----------
+    load : ndarray, shape (n, 3)
+        The load [N].
+    gradients : ndarray, shape (tiles, 6 * 128)
+        Derivatives of the work in the columns of F_t of every triangle, in its own frame.
+    constant : ndarray, shape (m,)
+        Part of the modal force that is the same at every q.
+    """
+
+    load: Array
+    gradients: Array
+    constant: Array
+
+
+class TurnedTriangles(ModalModel):
+    """A modal model whose displacements are linear in q and in ``F_t = exp([w_t(q)]) (I + S_t(q))`` of triangles.
+
+    So is the work of a load, ``f . u(q)``: its adjoint is found once a load, and its derivatives are sums over
+    triangles.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes and eigenvalues of the shell.
+    modal : ndarray, shape (tiles, m, 6 * 128)
+        Turn and strain of the triangles in every mode.
+    integrator : {"implicit_euler", "implicit_midpoint"}
+        See :class:`ModalModel`.
+    """
+
+    def __init__(self, basis: Basis, modal: Array, integrator: Integrator) -> None:
+        super().__init__(basis, integrator=integrator)
+        self._modal = modal
+        self._buffer = np.zeros(kernel.WORK)
+        self._faced: LoadAdjoint | None = None
+        self._patches: dict[bytes, list[LoadAdjoint]] = {}
+
+    @abstractmethod
+    def _adjoint(self, load: Array) -> LoadAdjoint:
+        """Adjoint of a load (n, 3)."""
+
+    def modal_force(self, q: Array, load: Array) -> Array:
+        """Modal force ``d(f . u)/dq`` (m,): a new load costs its adjoint, that of the call before does not."""
+        return self.work(q, load)[1]
+
+    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
+        return self._work_of(self._face(load), q)
+
+    def work_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of the work ``f . u(q)``."""
+        gradients = self._face(load).gradients
+        hessian = np.zeros((q.size, q.size))
+        kernel.add_curvature(self._modal, gradients, q, self._buffer, np.empty((15, TILE)), hessian)
+        return hessian
+
+    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), exactly."""
+        key = vertices.tobytes()
+        if key not in self._patches:
+            if len(self._patches) == _PATCHES_KEPT:
+                self._patches.clear()
+            load = np.zeros((3, *self.shell.rest_positions.shape))
+            load[np.arange(3)[:, None], vertices, np.arange(3)[:, None]] = 1.0 / len(vertices)
+            self._patches[key] = [self._adjoint(push) for push in load]
+        moved, jacobian = zip(*(self._work_of(adjoint, q) for adjoint in self._patches[key]), strict=True)
+        return self.shell.rest_positions[vertices].mean(axis=0) + np.array(moved), np.array(jacobian)
+
+    def _work_of(self, adjoint: LoadAdjoint, q: Array) -> tuple[float, Array]:
+        force = adjoint.constant.copy()
+        work = kernel.potential(self._modal, adjoint.gradients, q, self._buffer, force)
+        return float(work + adjoint.constant @ q), force
+
+    def _face(self, load: Array) -> LoadAdjoint:
+        if self._faced is None or not np.array_equal(load, self._faced.load):
+            self._faced = self._adjoint(load)
+        return self._faced
+
+    def largest_turn(self, q: Array) -> float:
+        """Largest rotation angle of a triangle [rad] at q."""
+        return float(kernel.largest_turn(self._modal, q, self._buffer))
+
+    def fault(self, state: MotionState) -> str | None:
+        """Say where the state has wound up: a triangle turned by more than 2 pi."""
+        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+
+    def equilibrium(
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
+    ) -> Equilibrium:
+        """Minimise ``q . Lambda q / 2 - f . u(q)`` from rest, or from ``start``, in the elastic modes.
+
+        ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Rigid modes stay at zero. An answer in
+        which a triangle has turned by more than 2 pi is "wound up": not on the branch from rest. With ``constraints``,
+        the least modal work that meets them.
+        """
+        return self._statics(gravity, force, start, constraints)
+
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:
+        return least_potential(self, load, start)

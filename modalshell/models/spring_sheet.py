@@ -1,0 +1,182 @@
+"""A sheet of springs: the classical cloth model, beside which the shells are held."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, shown
+from modalshell.constraints.constraints import Constraint
+from modalshell.errors import MeshError, OptionError
+from modalshell.models.base import Damping, Equilibrium, MotionState, total_load
+from modalshell.models.discrete_shell import DiscreteShell, Integrator
+from modalshell.shell import Shell
+from modalshell.springs.implicit import ImplicitSprings
+from modalshell.springs.mesh_springs import shell_springs
+from modalshell.springs.springs import Springs
+from modalshell.statics.newton import Potential, is_minimum, mixed_newton
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array, Index
+
+_RELAXING = 2000
+"""Steps at most on the way to rest."""
+_NEAR = 1e-4
+"""Out-of-balance force over the load from which Newton's method goes on."""
+
+
+class SpringSheet(DiscreteShell):
+    """Springs in place of the shell's energies; statics, integrators and constraints are those of DS.
+
+    Springs along the edges resist stretch and shear as those of a discrete shell do, less the area energy. Springs
+    across hinges resist bending only at second order: the energy of a *flat* sheet grows with the fourth power of the
+    fold angle, so that it has no bending stiffness at rest, its bending modes have frequency zero, and no stiffness
+    fits more than one curvature; they add to the membrane besides. A sheet *curved* at rest is resisted by them at
+    first order, folding and unfolding alike. ``studies/sheet_vs_shell.py`` measures what that costs.
+
+    Parameters
+    ----------
+    shell : Shell
+        Mesh, masses and supports; its energies too where ``springs`` are not given.
+    springs : Springs, optional
+        Between the mesh's vertices; those of :func:`modalshell.springs.shell_springs` without it.
+    integrator : {"implicit", "linear_implicit", "explicit", "verlet"}
+        As for :class:`DiscreteShell`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
+    solver : {"factor", "cg"}
+        How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
+        of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
+    iterations : int
+        Most conjugate-gradient iterations in a step.
+    allow_unstable_step, step_tolerance, backend
+        As for :class:`DiscreteShell`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
+
+    Attributes
+    ----------
+    springs : Springs
+        The springs.
+
+    Raises
+    ------
+    MeshError
+        For springs between vertices that the mesh has not.
+    """
+
+    name = "springs"
+
+    def __init__(
+        self,
+        shell: Shell,
+        springs: Springs | None = None,
+        *,
+        integrator: Integrator = "implicit",
+        solver: Literal["factor", "cg"] = "factor",
+        iterations: int = 1000,
+        allow_unstable_step: bool = False,
+        step_tolerance: float = 1e-6,
+        backend: str | None = None,
+    ) -> None:
+        checked_kind("shell", shell, Shell)
+        self.springs = shell_springs(shell) if springs is None else checked_kind("springs", springs, Springs)
+        count = len(shell.rest_positions)
+        if len(self.springs) == 0 or self.springs.pairs.max() >= count:
+            worst = self.springs.pairs.max(initial=-1)
+            raise MeshError(f"springs must join the vertices 0 to {count - 1} of the mesh (got {worst})")
+        checked_choice("solver", solver, ("factor", "cg"))
+        if solver == "cg" and integrator != "linear_implicit":
+            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {shown(integrator)})")
+        super().__init__(
+            shell.with_elements([self.springs.element_set()]),
+            integrator=integrator,
+            allow_unstable_step=allow_unstable_step,
+            step_tolerance=checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2),
+            backend=backend,
+        )
+        self.solver: Literal["factor", "cg"] = solver
+        self.iterations = checked_count("iterations", iterations)
+        self._stepper: ImplicitSprings | None = None
+
+    def holding(self, vertices: Index) -> SpringSheet:
+        """The same model, with further vertices held."""
+        return SpringSheet(
+            self.shell.holding(vertices),
+            self.springs,
+            integrator=self.integrator,
+            solver=self.solver,
+            iterations=self.iterations,
+            allow_unstable_step=self.allow_unstable_step,
+            step_tolerance=self.step_tolerance,
+            backend=self._factoriser.backend,
+        )
+
+    def equilibrium(
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
+    ) -> Equilibrium:
+        """As of DS; where Newton fails the sheet is let swing out first, then Newton goes on from there.
+
+        The energies of flat sheets are quartic in bending, with minima that Newton's steps miss.
+        """
+        watch, before = Stopwatch(), dict(self.costs)
+        found = super().equilibrium(gravity=gravity, force=force, start=start, constraints=constraints)
+        problem = self._statics(total_load(self.shell, gravity, force))
+        if found.converged or constraints or problem.scale == 0.0:
+            return found
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+            relaxed, steps = self._relaxed(problem, start)
+        spent = found.iterations + steps
+        if relaxed is not None:
+            result = mixed_newton(problem, relaxed, problem.scale)
+            if is_minimum(problem, result):
+                return self._answer(result, watch, spent, before)
+        return replace(found, iterations=spent, seconds=watch(), costs=self.costs.since(before))
+
+    def _relaxed(self, problem: Potential, start: ArrayLike | None) -> tuple[Array | None, int]:
+        """Positions near rest, or None, and the implicit steps there, each a tenth of the time of a fall through."""
+        shell = self.shell
+        acceleration = problem.scale / float(np.linalg.norm(shell.mass[shell.free]))
+        time = float(np.sqrt(np.linalg.norm(np.ptp(shell.rest_positions, axis=0)) / acceleration))
+        dt, damping = 0.1 * time, Damping(0.2 / time)
+        state = self.start_motion(None if start is None else shell.checked_positions(start))
+        for count in range(1, _RELAXING + 1):
+            state, solved = DiscreteShell._linear_implicit(self, state, dt, problem.load, damping, None)
+            if not solved or not np.isfinite(state.coordinates).all():
+                return None, count
+            if float(np.linalg.norm(problem.residual(state.coordinates))) <= _NEAR * problem.scale:
+                return state.coordinates, count
+        return state.coordinates, _RELAXING
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest; conjugate gradients take the last change of velocities along."""
+        state = super().start_motion(positions)
+        if self.solver == "cg":
+            state.carried = np.zeros_like(state.rates)
+        return state
+
+    def _linear_implicit(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
+    ) -> tuple[MotionState, bool]:
+        if self.solver == "factor":
+            return super()._linear_implicit(state, dt, load, damping, held)
+        shell = self.shell
+        if self._stepper is None:
+            self._stepper = ImplicitSprings(self.springs, shell.mass, shell.clamped)
+        stepper = self._stepper
+        stepper.place(state.coordinates, state.rates, state.carried)
+        with self.costs.part("conjugate gradients"):
+            found = stepper.step(
+                dt,
+                load,
+                drag=damping.mass_factor,
+                stiffness_damping=damping.stiffness_factor,
+                held=held,
+                iterations=self.iterations,
+                tolerance=self.step_tolerance,
+            )
+        return MotionState(stepper.positions, stepper.velocities, stepper.change), found.converged

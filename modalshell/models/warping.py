@@ -1,0 +1,264 @@
+"""MWTS, modal warping for thin shells [choi2007, eq. 9-17]: linear modes carried by the vertices' own rotations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+
+from modalshell.checks import checked_choice
+from modalshell.constraints.constraints import Constraint
+from modalshell.errors import OptionError
+from modalshell.kernels import rotations
+from modalshell.models.base import Equilibrium, MotionState
+from modalshell.models.modal import Integrator, ModalModel
+from modalshell.modes import Basis
+from modalshell.reduction.warp_frame import WarpFrame
+from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
+from modalshell.typing import Array, Index
+
+_TOLERANCE = 1e-9
+_SMALLEST_LOAD_STEP = 1.0 / 1024.0
+_NEWTON_LIMIT = 12
+_DIFFERENCE = 1e-5
+"""Turn [rad] over which the modal force is differenced."""
+_LOAD_TURN = 0.5
+"""Turn of a vertex [rad] that one load step may predict."""
+
+
+class ModalWarping(ModalModel):
+    """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
+
+    The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist, and
+    :meth:`equilibrium` says so where it finds none.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes, eigenvalues and modal rotations of the shell.
+    integrator : {"implicit_euler", "implicit_midpoint"}
+        See :class:`ModalModel`.
+    warp : {"closed_form", "sum"}
+        How [choi2007, eq. 16] is read. The closed form depends on q alone, so nothing drifts. The sum adds
+        ``R(w) Phi dq`` step by step: it depends on the path, and is here to be compared. It moves, but has no statics.
+    consistent_force : bool
+        Take ``J^T f``, J = du/dq of the closed form, for the modal force instead: the gradient of the load's work.
+        Equilibria then are the minima of a potential, and always exist.
+    """
+
+    name = "MWTS"
+
+    def __init__(
+        self,
+        basis: Basis,
+        *,
+        integrator: Integrator = "implicit_euler",
+        warp: Literal["closed_form", "sum"] = "closed_form",
+        consistent_force: bool = False,
+    ) -> None:
+        super().__init__(basis, integrator=integrator)
+        checked_choice("warp", warp, ("closed_form", "sum"))
+        self.warp = warp
+        self.consistent_force = consistent_force
+        rigid = basis.rigid_modes
+        self._elastic = slice(rigid, None)
+        self._modes = np.ascontiguousarray(basis.modes[:, rigid:])
+        self._rotations = np.ascontiguousarray(basis.rotations[:, rigid:])
+        self._frame: WarpFrame | None = None
+
+    def rotation_vectors(self, q: Array) -> Array:
+        """Rotation vectors of the vertices (n, 3) [rad]."""
+        return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
+
+    def displacement(self, q: Array) -> Array:
+        """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
+        linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
+        out = np.empty_like(linear)
+        rotations.warp(self.rotation_vectors(q), linear, 1.0, out)
+        return out
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state, in one fused pass."""
+        if state.carried is not None:
+            return self.shell.rest_positions + state.carried
+        if self._frame is None:  # at first use: it holds a second copy of the modal data
+            self._frame = WarpFrame(self.basis)
+        return self._frame.positions(state.coordinates)
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """Modal state at rest."""
+        state = super().start_motion(positions)
+        if self.warp == "sum":
+            state.carried = self.displacement(state.coordinates)
+        return state
+
+    def advanced(self, state: MotionState, q: Array, rates: Array) -> MotionState:
+        """State at q (m,) after ``state``; the summed warp grows by ``R(w) Phi dq``."""
+        if state.carried is None:
+            return MotionState(q, rates)
+        change = np.asarray(self.basis.modes @ (q - state.coordinates)).reshape(-1, 3)
+        turned = np.empty_like(change)
+        rotations.rotate(self.rotation_vectors(q), change, 1.0, turned)
+        return MotionState(q, rates, state.carried + turned)
+
+    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
+        modes = self._patch_rows(self.basis.modes, vertices)
+        turns = self._patch_rows(self.basis.rotations, vertices)
+        w, linear = turns @ q, modes @ q
+        averages, slopes = np.empty((2, len(vertices), 3, 3))
+        rotations.averages(w, averages)
+        rotations.warp_jacobian(w, linear, slopes)
+        value = self.shell.rest_positions[vertices] + np.einsum("vij,vj->vi", averages, linear)
+        return value.mean(axis=0), (averages @ modes + slopes @ turns).mean(axis=0)
+
+    def modal_force(self, q: Array, load: Array) -> Array:
+        """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
+        if self.consistent_force:
+            return self.work(q, load)[1]
+        rotated = np.empty_like(load)
+        rotations.rotate(self.rotation_vectors(q), load, -1.0, rotated)
+        return np.asarray(self.basis.modes.T @ rotated.ravel())
+
+    def equilibrium(
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
+    ) -> Equilibrium:
+        """Solve ``Lambda q = Phi^T R(q)^T f`` by Newton along a growing load, from rest or from ``start``.
+
+        ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Three ways to fail are told apart:
+        "no fixed point" (the branch ends), "wound up" (a vertex turned by more than 2 pi) and "unstable" (a fixed
+        point that even heavily damped motion leaves; lightly damped motion may cycle about others). With
+        ``constraints``, the least modal work that meets them.
+        """
+        if self.warp == "sum":
+            raise OptionError("the summed warp depends on the path, so it has no statics: take warp='closed_form'")
+        return self._statics(gravity, force, start, constraints)
+
+    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
+        w = self.rotation_vectors(q)
+        linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
+        averaged, slope = np.empty_like(load), np.empty_like(load)
+        work = rotations.warped_work(w, linear, load, averaged, slope)
+        return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
+
+    def work_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of the work, by central differences of its gradient."""
+        curvature = np.empty((q.size, q.size))
+        turns = np.abs(self.basis.rotations).max(axis=0)
+        for k in range(q.size):
+            step = np.zeros_like(q)
+            step[k] = _DIFFERENCE / max(float(turns[k]), 1e-300)
+            forward, backward = (self.work(q + sign * step, load)[1] for sign in (1.0, -1.0))
+            curvature[k] = (forward - backward) / (2.0 * step[k])
+        return 0.5 * (curvature + curvature.T)
+
+    def largest_turn(self, q: Array) -> float:
+        """Largest rotation of a vertex [rad] at q."""
+        return float(rotations.largest_angle(self.rotation_vectors(q)))
+
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:
+        if self.consistent_force:
+            return least_potential(self, load, start)
+        if self.basis.count == self.basis.rigid_modes:
+            return Statics(np.zeros(self.basis.count), 0.0, 0)
+        root = np.sqrt(self.basis.eigenvalues[self._elastic])
+        scale = float(np.linalg.norm((self._modes.T @ load.ravel()) / root)) or 1.0
+        # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
+        if start is not None:
+            y, residual, iterations, solved = self._newton(root * start[self._elastic], load, 1.0, root, scale)
+        else:
+            y, residual, iterations, solved = self._follow(load, root, scale)
+        q = np.zeros(self.basis.count)
+        q[self._elastic] = y / root
+        status = "converged"
+        if not solved:
+            status = "no fixed point: the branch from rest ends before this load"
+        elif self.largest_turn(q) > WOUND_UP:
+            solved, status = False, "wound up: a vertex has turned by more than 2 pi"
+        elif not self._stable(y, load, root):
+            solved, status = False, "unstable: a fixed point that damped motion leaves"
+        return Statics(q, residual, iterations, solved, status)
+
+    def fault(self, state: MotionState) -> str | None:
+        """Say where the state has wound up: a vertex turned by more than 2 pi."""
+        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+
+    def _balance(self, y: Array, load: Array, root: Array) -> Array:
+        """Out-of-balance ``y - p / sqrt(lambda)``."""
+        rotated = np.empty_like(load)
+        rotations.rotate((self._rotations @ (y / root)).reshape(-1, 3), load, -1.0, rotated)
+        return np.asarray(y - (self._modes.T @ rotated.ravel()) / root)
+
+    def _jacobian(self, y: Array, load: Array, root: Array) -> Array:
+        """Jacobian of :meth:`_balance` (elastic modes, elastic modes); not symmetric."""
+        blocks = np.empty((load.shape[0], 3, 3))
+        rotations.rotated_load_jacobian((self._rotations @ (y / root)).reshape(-1, 3), load, blocks)
+        turned = np.einsum("nij,njm->nim", blocks, self._rotations.reshape(-1, 3, root.size))
+        coupling = self._modes.T @ turned.reshape(self._modes.shape)
+        return np.asarray(np.eye(root.size) - coupling / root[:, None] / root)
+
+    def _stable(self, y: Array, load: Array, root: Array) -> bool:
+        """Whether heavily damped motion returns to y: all eigenvalues of the Jacobian have positive real part."""
+        return bool(scipy.linalg.eigvals(self._jacobian(y, load, root)).real.min() > 0.0)
+
+    def _newton(
+        self, y: Array, load: Array, factor: float, root: Array, scale: float
+    ) -> tuple[Array, float, int, bool]:
+        """Newton at one load factor; gives up when the residual grows twice in a row."""
+        scaled = factor * load
+        residual = np.inf
+        growths = 0
+        for iteration in range(_NEWTON_LIMIT + 1):
+            balance = self._balance(y, scaled, root)
+            previous, residual = residual, float(np.linalg.norm(balance)) / scale
+            if residual <= _TOLERANCE:
+                return y, residual, iteration, True
+            growths = growths + 1 if residual >= previous else 0
+            if iteration == _NEWTON_LIMIT or growths == 2:
+                break
+            jacobian = self._jacobian(y, scaled, root)
+            if np.linalg.cond(jacobian) > 1e12:
+                break
+            y = y - np.linalg.solve(jacobian, balance)
+        return y, residual, iteration, False
+
+    def _turn(self, y: Array, root: Array) -> float:
+        """Largest turn of a vertex [rad] at y."""
+        return float(rotations.largest_angle((self._rotations @ (y / root)).reshape(-1, 3)))
+
+    def _follow(self, load: Array, root: Array, scale: float) -> tuple[Array, float, int, bool]:
+        """Follow the branch from rest with load steps that halve where Newton fails and double where it does not.
+
+        A step is also refused if it moves farther than twice what the tangent at its beginning says, or turns a vertex
+        far: Newton would jump to another branch.
+        """
+        y = np.zeros(root.size)
+        factor, step, iterations = 0.0, 0.25, 0
+        while factor < 1.0:
+            step = min(step, 1.0 - factor)
+            # dy/dfactor = J^-1 p / sqrt(lambda), and p / sqrt(lambda) = y / factor on the branch.
+            tangent = y / factor if factor > 0 else -self._balance(y, load, root)
+            tangent = np.asarray(np.linalg.solve(self._jacobian(y, factor * load, root), tangent))
+            step = min(step, _LOAD_TURN / max(self._turn(tangent, root), 1e-300))
+            trial, _, used, solved = self._newton(y + step * tangent, load, factor + step, root, scale)
+            iterations += used
+            reach = step * float(np.linalg.norm(tangent))
+            near = np.linalg.norm(trial - y - step * tangent) <= reach
+            if solved and near and self._turn(trial - y, root) <= 2.0 * _LOAD_TURN:
+                y, factor, step = np.asarray(trial), factor + step, 2.0 * step
+                continue
+            step *= 0.5
+            if step < _SMALLEST_LOAD_STEP:
+                residual = float(np.linalg.norm(self._balance(y, load, root))) / scale
+                return y, residual, iterations, False
+        residual = float(np.linalg.norm(self._balance(y, load, root))) / scale
+        return y, residual, iterations, True

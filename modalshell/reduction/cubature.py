@@ -1,0 +1,274 @@
+"""Cubature of the reduced energy: few weighted elements whose forces stand for those of all [an2008; farhat2014]."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.optimize
+from numpy.typing import ArrayLike
+
+from modalshell.checks import checked_vectors
+from modalshell.errors import OptionError
+from modalshell.reduction.derivatives import DerivativeBasis
+from modalshell.reduction.reduced_energy import ReducedEnergy
+from modalshell.reduction.reduced_newton import ReducedAnswer, ReducedPotential, follow
+from modalshell.shell import Shell
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array, Index
+
+_GOAL = 0.005
+"""Displacement error on training loads at which no more elements are taken."""
+_CANDIDATES = 4000
+_PROBES = 30
+"""Random small displacements about rest that are trained on besides: they keep every coordinate stiff."""
+_GROWTH = 0.2
+"""Share by which the set of elements may grow between two fits."""
+_FIRST_CHECK = 0.05
+"""Relative residual of the fitted forces at which the answers are first looked at."""
+_HELD_OUT = 4
+"""Every so many loads one is held out."""
+_GRAVITY_TURNS = (0.7, 2.5)
+_MODE_TURN = 0.35
+_LOADS = 24
+
+
+@dataclass(frozen=True)
+class Cubature:
+    """A trained cubature.
+
+    Attributes
+    ----------
+    energy : ReducedEnergy
+        The weighted sum over the chosen elements.
+    triangles, hinges : ndarray of int
+        The chosen elements; a triangle brings its stretch and its shares of its edges' shear.
+    factors : ndarray
+        Their positive factors, triangles first.
+    share : float
+        Chosen elements as a share of all triangles and hinges.
+    force_residual : float
+        Relative least-squares residual of the training forces.
+    training_errors, held_out_errors : ndarray
+        Relative displacement error (norm of the mass matrix) of the nearest equilibrium to that of the sum over all
+        elements, for each load; infinite where one of them found none.
+    seconds : float
+        Wall time of the training.
+    """
+
+    energy: ReducedEnergy
+    triangles: Index
+    hinges: Index
+    factors: Array
+    share: float
+    force_residual: float
+    training_errors: Array
+    held_out_errors: Array
+    seconds: float
+
+    @property
+    def held_out_error(self) -> float:
+        """Largest error on the loads that training did not see."""
+        return float(self.held_out_errors.max())
+
+
+def checked_loads(loads: Sequence[ArrayLike], shell: Shell) -> list[Array]:
+    """Training loads (n, 3) [N], or OptionError if one is zero or there are too few to hold one out."""
+    checked = [checked_vectors("each training load", load, shell.rest_positions.shape) for load in loads]
+    if len(checked) < _HELD_OUT:
+        raise OptionError(
+            f"training_loads must be at least {_HELD_OUT} loads, every {_HELD_OUT}th is held out (got {len(checked)})"
+        )
+    for number, load in enumerate(checked):
+        if not load[shell.free].any():
+            raise OptionError(f"each of training_loads must push a vertex that is free (number {number} does not)")
+    return checked
+
+
+def default_loads(basis: DerivativeBasis) -> list[Array]:
+    """Random gravity-like loads, each with random loads ``M phi_i`` on top, within the range that the modes allow.
+
+    Gravity has a random direction; its size is such that linear modes under the direction that bends the shell most
+    turn a vertex by 0.7 or 2.5 rad. Every mode's own load turns a vertex by 0.35 rad times a normal random number over
+    the root of the number of modes. The random numbers are the same every time.
+    """
+    shell, modes = basis.shell, basis.modes
+    mass = np.repeat(shell.mass, 3)
+    participation = modes.modes.T @ (mass[:, None] * np.tile(np.eye(3), (len(shell.mass), 1)))
+
+    def turn(q: Array) -> float:
+        return float(np.linalg.norm((modes.rotations @ q).reshape(-1, 3), axis=1).max())
+
+    strongest = max(turn(column / modes.eigenvalues) for column in participation.T)
+    mode_sizes = np.array([1.0 / turn(q) for q in np.eye(modes.count)])
+    random = np.random.default_rng(0)
+    loads = []
+    for index in range(_LOADS):
+        direction = random.standard_normal(3)
+        gravity = _GRAVITY_TURNS[index % 2] / strongest * direction / np.linalg.norm(direction)
+        q = _MODE_TURN * mode_sizes * random.standard_normal(modes.count) / np.sqrt(modes.count)
+        further = mass * (modes.modes @ (modes.eigenvalues * q))
+        loads.append(shell.mass[:, None] * gravity + further.reshape(-1, 3))
+    return loads
+
+
+def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], most: int | None = None) -> Cubature:
+    """Non-negative factors of few elements that meet the reduced forces at the training loads' equilibria.
+
+    Elements are triangles, each with its stretch and its shares of its edges' shear (which alone may be negative, or
+    hold too little), and hinges. The columns of the least-squares problem are the reduced forces ``U^T grad E_e`` of
+    one element at all poses (half-way to each equilibrium and at it, and small random ones about rest), the right side
+    their sum over all elements; both in the norm of the inverse rest stiffness, over the load. Elements that point most
+    along what is missing are taken first, and the factors fitted anew (NNLS) as their number grows, until the answers
+    on the training loads are within 0.5 %, ``most`` elements are reached, or no further element helps.
+
+    Parameters
+    ----------
+    basis : DerivativeBasis
+        The reduced basis.
+    full : ReducedEnergy
+        Energy over all elements.
+    loads : sequence of ndarray, shape (n, 3)
+        Loads [N]; every fourth is held out.
+    most : int, optional
+        Largest number of elements.
+    """
+    watch = Stopwatch()
+    shell = basis.shell
+    pushes = [load.ravel() @ basis.vectors for load in loads]
+    answers = [_statics(basis, full, push) for push in pushes]
+    solved = list(zip(pushes, answers, strict=True))
+    unseen = solved[_HELD_OUT - 1 :: _HELD_OUT]
+    seen = [pair for number, pair in enumerate(solved, 1) if number % _HELD_OUT]
+    poses, sizes = _poses(basis, seen)
+    triangles, hinges = _candidates(shell)
+    matrix = _force_columns(basis, triangles, hinges, poses, sizes)
+    goal = _goal_column(basis, full, poses, sizes)
+
+    limit = min(matrix.shape[1], most or matrix.shape[1])
+    chosen, factors, residual, check = np.empty(0, np.int64), np.empty(0), 1.0, _FIRST_CHECK
+    while True:
+        score = matrix.T @ (goal - matrix[:, chosen] @ factors)
+        score[chosen] = -np.inf
+        batch = min(limit - chosen.size, max(4, int(_GROWTH * chosen.size)))
+        chosen = np.sort(np.concatenate([chosen, np.argsort(-score)[:batch]]))
+        factors, distance = scipy.optimize.nnls(matrix[:, chosen], goal, maxiter=30 * chosen.size)
+        chosen, factors = chosen[factors > 0.0], factors[factors > 0.0]
+        previous, residual = residual, float(distance / np.linalg.norm(goal))
+        last = chosen.size >= limit or abs(previous - residual) < 1e-6
+        if residual <= check or last:
+            check = 0.8 * residual
+            picked = (
+                triangles[chosen[chosen < triangles.size]],
+                hinges[chosen[chosen >= triangles.size] - triangles.size],
+            )
+            energy = _energy(basis, *picked, factors)
+            training = _errors(basis, energy, seen)
+            if last or training.max() <= _GOAL:
+                break
+    share = chosen.size / (len(shell.mesh.faces) + len(shell.mesh.hinges))
+    held = _errors(basis, energy, unseen)
+    return Cubature(energy, *picked, factors, share, residual, training, held, watch())
+
+
+def _statics(basis: DerivativeBasis, energy: ReducedEnergy, push: Array, start: Array | None = None) -> ReducedAnswer:
+    problem = ReducedPotential(energy, push, np.zeros_like(push), np.sqrt(basis.eigenvalues))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return follow(problem, basis.edge_change, start)
+
+
+def _errors(basis: DerivativeBasis, energy: ReducedEnergy, solved: Sequence[tuple[Array, ReducedAnswer]]) -> Array:
+    errors = np.full(len(solved), np.inf)
+    for k, (push, full) in enumerate(solved):
+        few = _statics(basis, energy, push, full.z)
+        if few.converged and full.converged:
+            errors[k] = np.linalg.norm(few.z - full.z) / np.linalg.norm(full.z)
+    return errors
+
+
+def _poses(basis: DerivativeBasis, solved: Sequence[tuple[Array, ReducedAnswer]]) -> tuple[Array, Array]:
+    """Coordinates (poses, r) to train on, and the size of the force that holds each."""
+    scaling = np.sqrt(basis.eigenvalues)
+    poses, sizes = [], []
+    for push, answer in solved:
+        path = answer.path
+        for factor, z in {len(path) // 2: path[len(path) // 2], len(path) - 1: path[-1]}.values():
+            poses.append(z)
+            sizes.append(factor * float(np.linalg.norm(push / scaling)))
+    small = 1e-3 * min(sizes)
+    for direction in np.random.default_rng(0).standard_normal((_PROBES, basis.size)):
+        poses.append(small * direction / np.linalg.norm(direction) / scaling)
+        sizes.append(small)
+    return np.array(poses), np.array(sizes)
+
+
+def _candidates(shell: Shell) -> tuple[Index, Index]:
+    """Triangles and hinges to choose from: all that can move, or a random sample of a large shell's."""
+    triangles = np.flatnonzero(~shell.clamped[shell.mesh.faces].all(axis=1))
+    hinges = np.flatnonzero(~shell.clamped[shell.mesh.hinges].all(axis=1))
+    count = triangles.size + hinges.size
+    if count > _CANDIDATES:
+        sample = np.sort(np.random.default_rng(0).choice(count, _CANDIDATES, replace=False))
+        hinges = hinges[sample[sample >= triangles.size] - triangles.size]
+        triangles = triangles[sample[sample < triangles.size]]
+    return triangles, hinges
+
+
+def _edge_shares(shell: Shell) -> Array:
+    """Share of each edge (E,) that one of its triangles stands for: a half, or all of a boundary edge."""
+    return 1.0 / np.bincount(shell.mesh.face_edges.ravel(), minlength=len(shell.mesh.edges))
+
+
+def _energy(basis: DerivativeBasis, triangles: Index, hinges: Index, factors: Array) -> ReducedEnergy:
+    """Energy over weighted triangles, each with its shares of its edges, and hinges."""
+    shell = basis.shell
+    of_edges = np.zeros(len(shell.mesh.edges))
+    np.add.at(of_edges, shell.mesh.face_edges[triangles], factors[: triangles.size, None])
+    edges = np.flatnonzero(of_edges)
+    chosen = [triangles, edges, hinges]
+    of_elements = [factors[: triangles.size], (of_edges * _edge_shares(shell))[edges], factors[triangles.size :]]
+    return ReducedEnergy(shell, basis.vectors, chosen, of_elements)
+
+
+def _force_columns(basis: DerivativeBasis, triangles: Index, hinges: Index, poses: Array, sizes: Array) -> Array:
+    """Scaled reduced force of each candidate, triangles before hinges, at each pose (poses * r, candidates)."""
+    shell = basis.shell
+    stretch, shear, flexure = shell.elements
+    sides = shell.mesh.face_edges[triangles].ravel()
+    # Every candidate on vertices of its own, so that the gradient of a sum holds each candidate's apart.
+    own_triangles = np.arange(3 * triangles.size).reshape(-1, 3)
+    own_edges = own_triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    own_hinges = np.arange(4 * hinges.size).reshape(-1, 4)
+    shares = shear.weight[sides] * _edge_shares(shell)[sides]
+    groups = [
+        (
+            stretch.stencils[triangles],
+            [
+                (stretch, own_triangles, stretch.rest[triangles], stretch.weight[triangles]),
+                (shear, own_edges, shear.rest[sides], shares),
+            ],
+        ),
+        (flexure.stencils[hinges], [(flexure, own_hinges, flexure.rest[hinges], flexure.weight[hinges])]),
+    ]
+    scaled = (basis.vectors / np.sqrt(basis.eigenvalues)).reshape(-1, 3, basis.size)
+    displacements = (poses @ basis.vectors.T).reshape(len(poses), -1, 3)
+    blocks = []
+    for stencils, parts in groups:
+        fields = scaled[stencils].reshape(len(stencils), -1, basis.size)
+        forces = np.empty((len(poses), len(stencils), basis.size))
+        for pose, displacement in enumerate(displacements):
+            x = (shell.rest_positions + displacement)[stencils].reshape(-1, 3)
+            gradient = np.zeros_like(x)
+            for elements, own, rest, weight in parts:
+                elements.kernel.add_gradient(x, own, rest, weight, gradient)
+            np.matmul(gradient.reshape(len(stencils), 1, -1), fields, out=forces[pose][:, None])
+            forces[pose] /= sizes[pose]
+        blocks.append(forces.transpose(0, 2, 1).reshape(-1, len(stencils)))
+    return np.hstack(blocks)
+
+
+def _goal_column(basis: DerivativeBasis, full: ReducedEnergy, poses: Array, sizes: Array) -> Array:
+    """Scaled reduced force of all elements at each pose (poses * r,)."""
+    scaling = np.sqrt(basis.eigenvalues)
+    return np.concatenate([full.gradient(z)[1] / scaling / size for z, size in zip(poses, sizes, strict=True)])

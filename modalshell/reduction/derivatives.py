@@ -1,0 +1,164 @@
+"""Modal derivatives: how the modes change along each other, and the basis that they make [barbic2005]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sps
+
+from modalshell.errors import OptionError, SolverError
+from modalshell.modes.basis import Basis
+from modalshell.modes.factorisation import Factoriser
+from modalshell.modes.rigid import rigid_motions
+from modalshell.shell import EXACT, Shell
+from modalshell.typing import Array
+
+_STEP = 5e-4
+"""Difference step: the largest change of an edge vector over its length."""
+
+_DEPENDENT = 1e-6
+"""Share of a derivative that must be new to the basis for it to get a vector of its own."""
+
+
+@dataclass(frozen=True)
+class DerivativeBasis:
+    """Modes, their derivatives, and an orthonormal basis of both.
+
+    Attributes
+    ----------
+    modes : Basis
+        The m vibration modes Phi.
+    derivatives : ndarray, shape (3n, m (m + 1) / 2)
+        Psi: psi_ij for i <= j, in the order of ``numpy.triu_indices(m)``; symmetric in i and j [1/kg].
+    vectors : ndarray, shape (3n, r)
+        U, mass-orthonormal and ``U^T K U`` diagonal, zero at held vertices; its first m columns are Phi [1/sqrt(kg)].
+    eigenvalues : ndarray, shape (r,)
+        That diagonal [1/s^2]: those of the modes, then ascending ones.
+    difference_error : float
+        Largest relative change of a differenced force ``(dK/dq_j) phi_i`` when its step is halved, before the two are
+        extrapolated.
+    asymmetry : float
+        Largest relative difference between ``(dK/dq_j) phi_i`` and ``(dK/dq_i) phi_j``, which are the same.
+    """
+
+    modes: Basis
+    derivatives: Array
+    vectors: Array
+    eigenvalues: Array
+    difference_error: float
+    asymmetry: float
+
+    @property
+    def shell(self) -> Shell:
+        """The shell that the basis belongs to."""
+        return self.modes.shell
+
+    @property
+    def size(self) -> int:
+        """Number of basis vectors r."""
+        return int(self.vectors.shape[1])
+
+    def edge_change(self, z: Array) -> float:
+        """Largest change of an edge vector over its length for coordinates z (r,): about the largest turn [rad]."""
+        return float(_edge_changes(self.shell, (self.vectors @ z).reshape(-1, 3, 1)).max())
+
+
+def modal_derivatives(modes: Basis, *, backend: str | None = None) -> DerivativeBasis:
+    """Solve ``K psi_ij = -(dK/dq_j) phi_i`` for all pairs of modes with one factor of K.
+
+    Along a curved static path ``u(q) = Phi q + sum_ij psi_ij q_i q_j / 2 + O(q^3)`` under the loads ``K Phi q``.
+
+    Parameters
+    ----------
+    modes : Basis
+        Vibration modes of a shell that its supports hold.
+    backend : str, optional
+        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+
+    Raises
+    ------
+    OptionError
+        If the supports leave rigid motions free: K has no inverse, and a turn no straight line of coordinates.
+    SolverError
+        If K is too ill-conditioned for its inverse to have a meaning.
+    """
+    shell = modes.shell
+    if loose := rigid_motions(shell).shape[1]:
+        raise OptionError(
+            f"modal derivatives need supports that hold the shell, but {loose} rigid motions are left free: a linear "
+            "basis cannot turn; hold more vertices with clamped=, or use DiscreteShell, RigidShell or ModalWarping"
+        )
+    forces, difference_error, asymmetry = _derivative_forces(modes)
+    # At rest the exact Hessian is its Gauss-Newton part, positive definite where the supports hold.
+    stiffness = shell.pattern.free_matrix(shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2])
+    derivatives, free = np.zeros_like(forces), shell.free_unknowns
+    derivatives[free] = Factoriser(backend, use="solve").definite(stiffness).solve(-forces[free])
+    count = modes.count
+    found = orthonormal_extension(modes.modes[free], derivatives[free], np.repeat(shell.mass, 3)[free])
+    # The new vectors are K-orthogonal to the modes as they are M-orthogonal to them: only they need turning.
+    further, turned = np.linalg.eigh(found[:, count:].T @ (stiffness @ found[:, count:]))
+    if not (further > 0.0).all():  # NaN too
+        raise SolverError(
+            f"the modal derivatives have no positive stiffness (lowest {further.min():.3g} 1/s^2): the mesh is too "
+            "ill-conditioned for them; remesh needles, or bring the stiffnesses nearer together"
+        )
+    vectors = np.zeros((modes.modes.shape[0], found.shape[1]))
+    vectors[free] = np.hstack([found[:, :count], found[:, count:] @ turned])
+    eigenvalues = np.concatenate([modes.eigenvalues, further])
+    return DerivativeBasis(modes, derivatives, vectors, eigenvalues, difference_error, asymmetry)
+
+
+def orthonormal_extension(leading: Array, further: Array, mass: Array) -> Array:
+    """``leading`` (N, m), mass-orthonormal, followed by what is new in ``further`` (N, k), orthonormalised.
+
+    QR with column pivoting on unit columns; a column whose new part is below :data:`_DEPENDENT` gets no vector.
+    """
+    root = np.sqrt(mass)[:, None]
+    known, new = root * leading, root * further
+    size = np.linalg.norm(new, axis=0)
+    new = new[:, size > 0.0] / size[size > 0.0]
+    for _ in range(2):  # once more for the digits that cancellation took
+        new -= known @ (known.T @ new)
+    orthonormal, triangle, _ = scipy.linalg.qr(new, mode="economic", pivoting=True)
+    rank = int(np.count_nonzero(np.abs(np.diagonal(triangle)) > _DEPENDENT))
+    found = orthonormal[:, :rank]
+    found, _ = np.linalg.qr(found - known @ (known.T @ found))
+    return np.hstack([leading, found / root])
+
+
+def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:
+    """``(dK/dq_j) phi_i`` for i <= j (3n, m (m + 1) / 2), the error of the differences, and their asymmetry.
+
+    Central differences of the exact Hessian along each mode at a step and half of it, extrapolated to fourth order.
+    """
+    shell, count = modes.shell, modes.count
+    fields = modes.modes.reshape(-1, 3, count)
+    steps = _STEP / _edge_changes(shell, fields).max(axis=0)
+    forces = np.empty((count, count, shell.rest_positions.size))
+    error = 0.0
+    for j in range(count):
+        coarse, fine = (_hessian_slope(shell, fields[:, :, j], share * steps[j]) @ modes.modes for share in (1.0, 0.5))
+        forces[:, j] = ((4.0 * fine - coarse) / 3.0).T
+        error = max(error, float((np.linalg.norm(fine - coarse, axis=0) / np.linalg.norm(fine, axis=0)).max()))
+    transposed = forces.swapaxes(0, 1)
+    scale = np.linalg.norm(forces, axis=2).max()
+    asymmetry = float(np.linalg.norm(forces - transposed, axis=2).max() / scale)
+    rows, columns = np.triu_indices(count)
+    return 0.5 * (forces + transposed)[rows, columns].T, error, asymmetry
+
+
+def _hessian_slope(shell: Shell, direction: Array, step: float) -> sps.csr_array:
+    ahead, behind = (
+        shell.energy_gradient_hessian(shell.rest_positions + side * step * direction, EXACT)[2] for side in (1.0, -1.0)
+    )
+    return shell.pattern.matrix((ahead - behind) / (2.0 * step))
+
+
+def _edge_changes(shell: Shell, fields: Array) -> Array:
+    """Change of every edge vector over its length (edges, k) for displacement fields (n, 3, k)."""
+    ends = shell.mesh.edges
+    return np.asarray(
+        np.linalg.norm(fields[ends[:, 1]] - fields[ends[:, 0]], axis=1) / shell.mesh.edge_lengths[:, None]
+    )

@@ -1,0 +1,1 @@
+"""Static solvers: Newton methods, trust region, boundary continuation."""

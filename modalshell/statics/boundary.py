@@ -1,0 +1,78 @@
+"""Statics of discrete shells under constraints: patches led to their targets as moving boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from modalshell.constraints.constraints import HeldPatch
+from modalshell.errors import SolverError
+from modalshell.modes import Factoriser
+from modalshell.shell import EXACT, Shell
+from modalshell.statics.newton import NewtonResult, Potential, descend, is_minimum, mixed_newton, warped_step
+from modalshell.timings import Timings
+from modalshell.typing import Array
+
+_FIRST_STEP, _SMALLEST_STEP = 0.25, 1.0 / 256.0
+_STEP_TURN = 0.6
+
+
+def lead(
+    shell: Shell, load: Array, start: Array, patches: Sequence[HeldPatch], factoriser: Factoriser, costs: Timings
+) -> NewtonResult:
+    """Equilibrium with the patches at their targets, moved there from ``start`` (n, 3) in steps that adapt.
+
+    Each step is predicted along the tangent, warped, and solved by mixed Newton; where that ends at no minimum the step
+    is shortened, and at last the potential is minimised.
+    """
+    held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
+    problem = Potential(held, load, shell.rest_positions, factoriser, costs)
+    origins = [start[patch.vertices] for patch in patches]
+    goals = [patch.at(0.0) for patch in patches]
+
+    def placed(share: float) -> Array:
+        return np.concatenate([a + share * (b - a) for a, b in zip(origins, goals, strict=True)])
+
+    if any(patch.orientation is not None for patch in patches):
+        # Turn rigidly on the way: straight paths would crush the patch. From rest, that is; a start is left behind.
+        def placed(share: float) -> Array:
+            return np.concatenate([patch.at(0.0, share) for patch in patches])
+
+    vertices = np.concatenate([patch.vertices for patch in patches])
+    x, share, step, iterations = start, 0.0, _FIRST_STEP, 0
+    while share < 1.0:
+        step = min(step, 1.0 - share)
+        target = placed(share + step)
+        moved = np.zeros_like(x)
+        moved[vertices] = target - x[vertices]
+        try:
+            gradient, hessian = problem.linearise(x, EXACT)
+            tangent = shell.pattern.matrix(shell.energy_gradient_hessian(x, EXACT)[2])
+            pull = tangent @ moved.ravel()
+            direction = problem.step(problem.factor(hessian), gradient + pull[held.free_unknowns])
+            iterations += 1
+            moved.reshape(-1)[held.free_unknowns] = direction
+            reaction = float(np.linalg.norm((tangent @ moved.ravel()).reshape(-1, 3)[vertices]))
+            scale = max(problem.scale, reaction, 1e-300)
+            guess, _, fraction = warped_step(shell, x, moved.ravel()[shell.free_unknowns], _STEP_TURN)
+            guess[vertices] = target
+            result = mixed_newton(problem, guess, scale, limit=25, stresses=shell.predicted_stresses(x, moved))
+            iterations += result.iterations
+            solved = fraction > 0.999 and is_minimum(problem, result)
+        except SolverError:
+            solved = False
+        if not solved and step > _SMALLEST_STEP:
+            step *= 0.5
+            continue
+        if not solved:
+            guess = x.copy()
+            guess[vertices] = target
+            scale = max(problem.scale, float(np.linalg.norm(problem.residual(guess))), 1e-300)
+            result = descend(problem, guess, scale)
+            iterations += result.iterations
+            if not result.converged:
+                result.iterations = iterations
+                return result
+        x, share, step = result.positions, share + step, 2.0 * step
+    return NewtonResult(x, result.residual, iterations, True)

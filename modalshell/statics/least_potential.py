@@ -1,0 +1,99 @@
+"""Statics of modal models whose modal force is the gradient of the load's work: a minimisation, always solvable."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from modalshell.modes import Basis
+from modalshell.statics.trust_region import minimise
+from modalshell.typing import Array
+
+WOUND_UP = 2.0 * np.pi
+"""Rotation of a vertex or triangle [rad] from which a state has left the branch that grows from rest."""
+
+_TOLERANCE = 1e-9
+_FAINT = 1e-3
+"""Modal force at rest, as a share of the most that the load's size allows, below which it is no measure of the load."""
+_FIRST_TURN = 0.5
+"""Turn [rad] that the first step towards an equilibrium may predict."""
+
+
+class Statics(NamedTuple):
+    """A static answer in modal coordinates: q (m,), residual, iterations, whether it was solved, and what to say."""
+
+    q: Array
+    residual: float
+    iterations: int
+    solved: bool = True
+    status: str = "converged"
+
+
+class Workable(Protocol):
+    """A model that knows the work ``f . u(q)`` of a dead load f and its derivatives."""
+
+    basis: Basis
+
+    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work [J] and its gradient (m,), the modal force."""
+
+    def work_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of the work."""
+
+    def largest_turn(self, q: Array) -> float:
+        """Largest rotation [rad] at q."""
+
+
+def least_potential(model: Workable, load: Array, start: Array | None) -> Statics:
+    """Minimise ``q . Lambda q / 2 - f . u(q)`` over the elastic modes, rigid ones staying at zero.
+
+    Parameters
+    ----------
+    model : Workable
+        The model.
+    load : ndarray, shape (n, 3)
+        Dead load f [N].
+    start : ndarray, shape (m,), optional
+        Where to begin; at rest without it.
+
+    Returns
+    -------
+    Statics
+        Its residual is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``, unless p(0) is far less than the
+        load's size lets it be. A minimum that has wound up is the
+        model's answer all the same, and says so.
+    """
+    basis = model.basis
+    elastic = slice(basis.rigid_modes, None)
+    root = np.sqrt(basis.eigenvalues[elastic])
+    q = np.zeros(basis.count)
+    if not root.size:
+        return Statics(q, 0.0, 0)
+
+    # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
+    def value_gradient(y: Array) -> tuple[float, Array]:
+        q[elastic] = y / root
+        work, push = model.work(q, load)
+        return 0.5 * float(y @ y) - work, y - push[elastic] / root
+
+    def hessian(y: Array) -> Array:
+        q[elastic] = y / root
+        return np.asarray(np.eye(root.size) - model.work_curvature(q, load)[elastic, elastic] / root[:, None] / root)
+
+    push = model.work(q, load)[1][elastic] / root
+    # A load that no mode feels at rest may buckle the shell all the same: it needs a scale that is not rounding.
+    shell = basis.shell
+    most = float(np.sqrt(np.sum(load[shell.free] ** 2 / shell.mass[shell.free, None]))) / root.min()
+    scale = max(float(np.linalg.norm(push)), _FAINT * most) or 1.0
+    first = np.zeros_like(root) if start is None else root * start[elastic]
+    q[elastic] = push / root
+    radius = scale * min(1.0, _FIRST_TURN / max(model.largest_turn(q), 1e-300))
+    found = minimise(value_gradient, hessian, first, _TOLERANCE, scale=scale, radius=radius)
+    q[elastic] = found.point / root
+    status = "converged"
+    if not found.converged:
+        status = f"not converged: residual {found.residual:.1e} of {_TOLERANCE:.0e}"
+    elif model.largest_turn(q) > WOUND_UP:
+        status = "converged, but wound up: a part of the shell has turned by more than 2 pi"
+    return Statics(q, found.residual, found.iterations, found.converged, status)

@@ -1,0 +1,17 @@
+"""Type aliases that the whole package shares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+"""Array of double-precision numbers."""
+
+Index = NDArray[np.int64]
+"""Array of whole numbers: vertices, faces, edges."""
+
+Progress = Callable[[int, int], None]
+"""Called with what is done so far and the total."""

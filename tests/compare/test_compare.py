@@ -1,0 +1,241 @@
+import json
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+from modalshell.compare.advise import choose
+from modalshell.compare.candidates import Workshop, candidates
+from modalshell.compare.case import Case, drawn_to_supports, make_case
+from modalshell.compare.path import find_jump
+from modalshell.compare.runs import modal_tangent, turn_at
+from modalshell.modes import lowest_tangent_eigenvalue
+from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
+from modalshell.study import load_script
+
+FLAT = ('"v_beam"', '"flat_beam"')
+WEAK = ("-9.81", "-4.0")
+DISCRETE = ('"mwts"', '"ds"')
+STILL = ("[motion]\nduration = 1\n", "")
+
+
+@pytest.fixture(autouse=True)
+def _without_opengl(monkeypatch):
+    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+
+
+def beam(cells=(12, 4), **shape):
+    mesh = ms.v_beam(cells=cells, **shape) if shape else ms.flat_beam(cells=cells)
+    return ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 1.5 / cells[0])
+
+
+@pytest.fixture(scope="module")
+def bent():
+    shell = beam()
+    return ms.tradeoff(shell, gravity=(0, 0, -4), coarse=[ms.flat_beam(cells=(6, 2))], modes=(4,), loads=(0.5, 1.0))
+
+
+@pytest.fixture(scope="module")
+def snapping():
+    mesh = ms.v_beam(fold=150.0, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.08)
+    return ms.tradeoff(shell, gravity=(0, 0, -90), modes=(4,))
+
+
+def test_rows_agree_with_direct_calls(bent):
+    shell, load = bent.case.shell, bent.case.load
+    exact = ms.DiscreteShell(shell).equilibrium(force=load)
+    basis = ms.solve_modes(shell, 4)
+    for rung, model in (("LMA", ms.LinearModal(basis)), ("MWTS", ms.ModalWarping(basis))):
+        row = next(row for row in bent.rows if row.label == f"{rung} 4")
+        answer = model.equilibrium(force=load)
+        assert row.errors[-1] == pytest.approx(
+            ms.measure.displacement_error(answer.positions, exact.positions, shell), rel=1e-5
+        )
+        difference = ms.measure.area_change(answer.positions, shell.mesh)
+        difference -= ms.measure.area_change(exact.positions, shell.mesh)
+        assert row.area_errors[-1] == pytest.approx(difference, rel=1e-4)
+        assert row.tip_turns[-1] == pytest.approx(turn_at(answer.positions, shell.mesh, bent.tip), rel=1e-6)
+        assert row.worst_error == max(row.errors)
+        assert row.frames_per_second == pytest.approx(1000.0 / row.frame_ms)
+    truth = next(row for row in bent.rows if row.rung == "DS")
+    assert truth.errors == [0.0, 0.0]
+    lowest = lowest_tangent_eigenvalue(shell, exact.positions)
+    assert truth.frequency == pytest.approx(np.sqrt(lowest / basis.eigenvalues[0]), rel=1e-4)
+    moved = np.linalg.norm(exact.positions - shell.rest_positions, axis=1)
+    assert moved[bent.tip] == pytest.approx(moved.max(), rel=1e-9)
+
+
+def test_frequencies_about_the_bent_state(bent):
+    frequency = {row.label: row.frequency for row in bent.rows}
+    assert frequency["LMA 4"] == pytest.approx(1.0)
+    assert frequency["rigid"] is None
+    for label in ("RSW 4", "MD-ROM 4", "coarse DS 24 triangles"):
+        assert frequency[label] == pytest.approx(frequency["DS"], rel=0.05)
+
+
+def test_modal_tangent_is_the_slope_of_the_balance(bent):
+    basis = ms.solve_modes(bent.case.shell, 4)
+    model, load = ms.ModalWarping(basis, consistent_force=True), bent.case.load
+    q = model.equilibrium(force=load).coordinates
+    tangent = modal_tangent(model, q, load)
+    np.testing.assert_allclose(
+        tangent, np.diag(basis.eigenvalues) - model.work_curvature(q, load), atol=1e-6 * basis.eigenvalues[-1]
+    )
+
+
+def test_cheapest_comes_first_and_the_front_only_improves(bent):
+    times = [row.frame_ms for row in bent.rows]
+    assert times == sorted(times)
+    errors = [row.worst_error for row in bent.front()]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] == 0.0
+    assert {"rigid", "LMA 4", "RSW 4", "MD-ROM 4", "DS"} <= {row.label for row in bent.rows}
+
+
+def test_turns_are_angles_of_normals():
+    mesh = ms.flat_beam(cells=(6, 2))
+    turn = np.radians(35.0)
+    x, y, z = mesh.vertices.T
+    turned = np.column_stack([x, y * np.cos(turn) - z * np.sin(turn), y * np.sin(turn) + z * np.cos(turn)])
+    assert turn_at(turned, mesh, 7) == pytest.approx(35.0)
+
+
+def test_advice_climbs_with_the_load(bent):
+    little = ms.advise(beam(), gravity=(0, 0, -0.05), error=0.02, fps=60, modes=(4,), loads=(1.0,))
+    assert little.chosen.rung == "LMA"
+    assert min(little.margin) > 1.0
+    much = choose(bent, 0.02, 60.0)
+    assert much.chosen.rung not in ("rigid", "LMA", "MWTS")
+    assert much.chosen.worst_error <= 0.02
+    assert all(row.worst_error > 0.02 for row in much.rows[: much.rows.index(much.chosen)])
+    assert much.explanation.startswith(f"Take {much.chosen.label}: it is at most")
+    assert "Not accurate enough: rigid (100 %); LMA 4" in much.explanation
+
+
+def test_advice_says_when_none_meets_it(bent):
+    none = choose(bent, 1e-12, 1e6)
+    assert none.chosen is None
+    assert none.margin is None
+    assert "No rung meets both" in none.explanation
+    assert "As accurate, the fastest is DS" in none.explanation
+    with pytest.raises(ms.OptionError, match="error"):
+        ms.advise(beam(), gravity=(0, 0, -1), error=0.0)
+
+
+def test_rungs_without_a_snap_are_refused_where_it_snaps(snapping):
+    path = snapping.path
+    assert path.snap is not None
+    assert path.snap.low < path.snap.high
+    advice = choose(snapping, 1.5, 1.0)
+    assert advice.chosen is not None
+    assert {row.label for row in advice.rows if row.quadratic} <= set(advice.refused)
+    assert not advice.chosen.quadratic
+    assert "snaps" in advice.explanation
+
+
+def test_a_smooth_path_is_no_jump(bent):
+    model, load = ms.DiscreteShell(bent.case.shell), bent.case.load
+    after = model.equilibrium(force=4.0 * load).positions
+    assert np.abs(after - bent.case.shell.rest_positions).max() > 0.3
+    assert find_jump(model, 4.0 * load, bent.case.shell.rest_positions, 0.0, after, 1.0) is None
+    assert bent.path.snap is None
+
+
+def test_coarse_meshes_are_clamped_alike():
+    fine = beam((24, 4))
+    coarse = drawn_to_supports(fine, ms.flat_beam(cells=(8, 2)))
+    columns = np.unique(coarse.vertices[:, 0].round(6))
+    np.testing.assert_allclose(columns[:3], [0.0, 1 / 24, 0.25], atol=1e-6)
+    hinged = ms.Shell(fine.mesh, fine.material, fine.mesh.vertices[:, 0] < 0.01)
+    assert drawn_to_supports(hinged, ms.flat_beam(cells=(8, 2))).vertices[:, 0].min() == 0.0
+
+
+def test_cases_that_cannot_be_compared_are_refused(scene_file):
+    mesh = ms.flat_beam(cells=(6, 2))
+    free = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    with pytest.raises(ms.OptionError, match="6 rigid motions"):
+        ms.tradeoff(free, gravity=(0, 0, -1))
+    with pytest.raises(ms.OptionError, match="nothing to compare"):
+        ms.tradeoff(beam())
+    with pytest.raises(ms.OptionError, match="loads must be growing"):
+        ms.tradeoff(beam(), gravity=(0, 0, -1), loads=(0.5, 0.4, 1.0))
+    with pytest.raises(ms.OptionError, match="modes"):
+        ms.tradeoff(beam(), gravity=(0, 0, -1), modes=(0,))
+    led = '[[constraints]]\nkind = "position"\nnearest = [1, 0, 0]\ntarget = [1, 0, 0]\n'
+    file = scene_file(FLAT, WEAK, DISCRETE, STILL, more=led)
+    with pytest.raises(ms.OptionError, match="under loads, not under constraints"):
+        ms.tradeoff(file)
+    with pytest.raises(ms.OptionError, match="brings its own load"):
+        ms.tradeoff(file, gravity=(0, 0, -1))
+
+
+def test_moving_supports_load_by_their_inertia(scene_file):
+    path = '"x < 0.1"\ntimes = [0.0, 1.0]\ntranslations = [[0, 0, 0], [0, 1.0, 0]]'
+    file = scene_file(FLAT, DISCRETE, ("-9.81", "0.0"), ('"x < 0.1"', path))
+    case = make_case(str(file), None, None, ())
+    # A cubic from rest to rest over one second: 6 m/s^2 at its ends.
+    np.testing.assert_allclose(np.abs(case.load[:, 1]), 6.0 * case.shell.mass, rtol=1e-9)
+    assert "moving supports" in case.note
+    assert case.dt == pytest.approx(1.0 / 30.0)
+
+
+def test_rungs_that_a_case_does_not_allow_are_named():
+    found, left_out = candidates(Case("x", beam(), beam().gravity_force((0, 0, -1))), (4, 10**6))
+    assert set(left_out) == {"coarse DS", "more modes"}
+    assert found[0].label == "rigid"
+    assert found[-1].label == "DS"
+
+
+def test_modes_are_charged_to_every_rung_that_uses_them():
+    workshop = Workshop(Case("x", beam(), beam().gravity_force((0, 0, -1))))
+    linear = [candidate for candidate in candidates(workshop.case, (4,))[0] if candidate.rung in ("LMA", "MWTS")]
+    first, second = (workshop.build(candidate)[1] for candidate in linear)
+    charged = workshop._bases[4][1]
+    assert min(first, second) >= charged > 0.0
+
+
+def run(capsys, *arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    assert not ended.value.code
+    return capsys.readouterr().out
+
+
+def test_commands_write_tables_and_pictures(scene_text, tmp_path, capsys):
+    file = tmp_path / "bent.toml"
+    file.write_text(scene_text(FLAT, WEAK, DISCRETE, STILL))
+    shell = ms.load_scene(file).build_shell()
+    outside = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -4)).positions
+    np.savez(tmp_path / "truth.npz", positions=outside[None])
+    options = ["--modes", "4", "--out", str(tmp_path / "out")]
+    written = run(capsys, "tradeoff", str(file), "--truth", str(tmp_path / "truth.npz"), *options)
+    assert "outside solution" in written
+    for name in ("bent_tradeoff.json", "bent_tradeoff.npz", "bent_tradeoff.md", "bent_tradeoff.png"):
+        assert (tmp_path / "out" / name).stat().st_size > 100
+    rows = json.loads((tmp_path / "out" / "bent_tradeoff.json").read_text())["findings"]["rows"]
+    assert next(row for row in rows if row["rung"] == "DS")["outside_error"] < 1e-5
+    assert next(row for row in rows if row["rung"] == "rigid")["outside_error"] == pytest.approx(1.0)
+    assert "Take " in run(capsys, "advise", str(file), "--error", "0.05", "--fps", "30", *options)
+    assert "Take " in (tmp_path / "out" / "bent_advice.md").read_text()
+
+
+def test_outside_solutions_of_another_mesh_are_refused(tmp_path):
+    np.savez(tmp_path / "short.npz", positions=np.zeros((3, 3)))
+    ms.save_mesh(ms.flat_beam(cells=(6, 2)), tmp_path / "other.ply")
+    for name, match in (("short.npz", "positions"), ("other.ply", "another mesh"), ("missing.npz", "no readable")):
+        with pytest.raises(ms.FileFormatError, match=match):
+            ms.tradeoff(beam(), gravity=(0, 0, -1), truth=tmp_path / name)
+
+
+@pytest.mark.parametrize("x", [0.0, np.nan])
+def test_fronts_of_impossible_values_are_refused(tmp_path, x):
+    with pytest.raises(ms.OptionError, match="finite and positive"):
+        draw_pareto([ParetoPanel([Mark(x, 1.0, "LMA", "4")], "title")], tmp_path / "a.png")
+
+
+@pytest.mark.slow
+def test_advice_is_right_on_scenes_it_was_not_made_for():
+    rows = load_script("studies", "held_out_advice").main().findings["rows"]
+    assert sum(row["right"] for row in rows) >= 0.9 * len(rows)

@@ -1,0 +1,196 @@
+"""Reading and writing meshes: round trips, and every damaged file named."""
+
+import shutil
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modalshell.errors import MeshError, ModalShellWarning
+from modalshell.mesh import TriangleMesh, leaf, load_mesh, save_mesh, v_beam
+
+HERE = Path(__file__).resolve().parents[1]
+SHARED = HERE.parents[1] / "shared" / "meshes"
+
+BAD = {
+    "not_finite.obj": "line 3: vertex 2 .*not finite",
+    "index_out_of_range.obj": "line 6: face 1 .*names vertex 9 .*out of range",
+    "zero_area.obj": r"face 2, vertices \(0, 1, 4\) .*degenerate.*zero area",
+    "three_faces_one_edge.obj": r"edge \(0, 2\) .*has 3 faces: 0, 1, 2",
+    "mobius.obj": r"no consistent winding .*edge \(\d+, \d+\)",
+    "no_faces.obj": "4 vertices and no faces",
+    "empty.obj": "empty",
+    "truncated.ply": "cut short.*12917 vertices and 25830 faces",
+}
+
+
+def refuse(path, message):
+    with pytest.raises(MeshError, match=message) as caught:
+        load_mesh(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_file(name):
+    refuse(HERE / "data" / "bad" / name, BAD[name])
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_shared_bad_file(name):
+    if not (SHARED / "bad" / name).exists():
+        pytest.skip("the shared meshes are not on this machine; tests/data/bad holds copies")
+    refuse(SHARED / "bad" / name, BAD[name])
+
+
+@pytest.mark.parametrize("name", ["dino_25830.ply", "camel_25830.ply"])
+def test_shared_models(name):
+    if not (SHARED / name).exists():
+        pytest.skip("the shared meshes are not on this machine")
+    mesh = load_mesh(SHARED / name)
+    assert (len(mesh.vertices), len(mesh.faces)) == (12917, 25830)
+    assert len(mesh.boundary_vertices) == 0
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".off"])
+def test_exact_round_trip(tmp_path, suffix):
+    mesh = leaf(cells=(10, 6))
+    mesh = TriangleMesh(mesh.vertices * np.pi * 1e-7, mesh.faces)
+    path = tmp_path / f"leaf{suffix}"
+    save_mesh(mesh, path)
+    back = load_mesh(path)
+    np.testing.assert_array_equal(back.vertices, mesh.vertices)
+    np.testing.assert_array_equal(back.faces, mesh.faces)
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".stl", ".STL"])
+def test_single_precision_round_trip(tmp_path, suffix):
+    mesh = v_beam(cells=(10, 4))
+    path = tmp_path / f"beam{suffix}"
+    save_mesh(mesh, str(path))
+    back = load_mesh(str(path))
+    assert (len(back.vertices), len(back.edges)) == (len(mesh.vertices), len(mesh.edges))
+    np.testing.assert_allclose(back.vertices[back.faces], mesh.vertices[mesh.faces], atol=1e-7)
+
+
+def test_gltf_with_its_buffer_beside_it(tmp_path):
+    import trimesh
+
+    mesh = v_beam(cells=(4, 2))
+    files = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type="gltf")
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+    assert load_mesh(tmp_path / "model.gltf").area == pytest.approx(mesh.area, rel=1e-6)
+
+
+def test_obj_with_quads_textures_relative_indices_and_continuation(tmp_path):
+    path = tmp_path / "quad.obj"
+    path.write_text(
+        "# comment\nmtllib none.mtl\no a\nv 0 0 0\nv 1 0 0 # corner\n  v 1 1 0 0.5 0.5 0.5\nv 0 1 0\nvt 0 0\nvn 0 0 1\n"
+        "usemtl x\nf 1/1/1 2/1/1 \\\n3/1/1 4/1/1\nf -4 -1 5\nv -1 0 0\n"
+    )
+    with pytest.raises(MeshError, match=r"line 13: face 1 .*names vertex 0, out of range"):
+        load_mesh(_write(tmp_path / "zero.obj", path.read_text().replace("-1 5", "0 5")))
+    mesh = load_mesh(path)
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [-1, 0, 0]]
+    assert mesh.area == pytest.approx(1.5)
+
+
+def test_unused_vertices_are_dropped_with_a_warning(tmp_path):
+    text = "v 7 7 7\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 8 8 8\nf 2 3 4\n"
+    with pytest.warns(ModalShellWarning, match=r"dropped 2 vertices .*first vertex 0 "):
+        mesh = load_mesh(_write(tmp_path / "loose.obj", text))
+    assert mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [1, 1, 0]]
+    # A fault is still named by the file's own indices.
+    refuse(_write(tmp_path / "loose2.obj", text + "f 3 2 2\n"), r"face 1, vertices \(2, 1, 1\)")
+
+
+def test_collapsed_stl_triangle_warns(tmp_path):
+    rows = [[0, 0, 0, 1, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 0, 1, 0, 0]]
+    data = b"\0" * 80 + struct.pack("<I", 2) + b"".join(struct.pack("<12fH", 0, 0, 1, *row, 0) for row in rows)
+    with pytest.warns(ModalShellWarning, match="dropped 1 of 2 triangles"):
+        assert len(load_mesh(_write(tmp_path / "a.stl", data)).faces) == 1
+
+
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+)
+ROWS = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n"
+DAMAGED = {
+    "a.xyz": ("0 0 0", "suffix '.xyz'; expected one of .obj"),
+    "text.obj": ("hello\n", "no vertices"),
+    "short_vertex.obj": ("v 0 0\nf 1 1 1\n", "line 1: vertex 0 .* has 2 coordinates"),
+    "word_vertex.obj": ("v 0 0 x\n", "line 1: vertex 0 .*expected three numbers"),
+    "word_face.obj": ("v 0 0 0\nf a b c\n", "line 2: face 0 .*whole vertex numbers"),
+    "line.obj": ("v 0 0 0\nf 1 1\n", "line 2: face 0 .* has 2 corners"),
+    "nohead.ply": ("solid", "no complete PLY header"),
+    "badhead.ply": ("ply\nformat ascii 1.0\nelement vertex many\nend_header\n", "'element vertex many'"),
+    "points.ply": (PLY.replace("face 2", "face 0") + ROWS, "4 vertices and no faces"),
+    "short.ply": (PLY + ROWS + "3 0 1 2\n", "cut short.* 2 faces"),
+    "junk.ply": (PLY + ROWS.replace("1 1 0", "foo 1 0") + "3 0 1 2\n3 0 2 3\n", "damaged.*PLY"),
+    "nan.ply": (PLY + ROWS.replace("1 1 0", "nan 1 0") + "3 0 1 2\n3 0 2 3\n", "vertex 2 .*not finite"),
+    "range.ply": (PLY + ROWS + "3 0 1 2\n3 0 2 9\n", "face 1 names vertex 9, out of range"),
+    "text.off": ("hello", "does not start with 'OFF'"),
+    "counts.off": ("OFF\nmany faces\n", "OFF header"),
+    "points.off": ("OFF\n4 0 0\n" + ROWS, "4 vertices and 0 faces"),
+    "short.off": ("OFF\n4 2 0\n" + ROWS + "3 0 1 2\n", "cut short.*5 rows"),
+    "nan.off": ("OFF\n4 1 0\n" + ROWS.replace("1 1 0", "nan 1 0") + "3 0 1 2\n", "line 5: vertex 2 .*not finite"),
+    "range.off": ("OFF\n4 2 0\n" + ROWS + "3 0 1 2\n3 0 2 9\n", "line 8: face 1 names vertex 9, out of range"),
+    "word.off": ("OFF\n4 1 0\n" + ROWS + "3 0 1 x\n", "line 7: face 0 reads '3 0 1 x'"),
+    "corners.off": ("OFF\n4 1 0\n" + ROWS + "3 0 1\n", "line 7: face 0 reads '3 0 1'"),
+    "tiny.stl": ("abc", "cut short: 3 bytes"),
+    "short.stl": (b"\0" * 80 + struct.pack("<I", 5) + b"\0" * 60, "cut short.*5 triangles take 334 bytes"),
+    "ascii.stl": ("solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\n", "ASCII STL is cut short"),
+    "none.stl": (b"\0" * 84, "no faces"),
+    "a.glb": ("glTF", "damaged, cut short or not GLB"),
+    "a.gltf": ("{", "damaged, cut short or not GLTF"),
+    "blank.ply": ("  \n", "file is empty"),
+}
+
+
+def _write(path, content):
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize("name", DAMAGED)
+def test_damaged_file(tmp_path, name):
+    content, message = DAMAGED[name]
+    refuse(_write(tmp_path / name, content), message)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "stl", "ply", "off"])
+def test_every_cut_is_refused(tmp_path, suffix):
+    whole = tmp_path / f"whole.{suffix}"
+    save_mesh(v_beam(cells=(4, 2)), whole)
+    data = whole.read_bytes()
+    for keep in (1, 20, 90, len(data) // 3, len(data) // 2, len(data) - 30):
+        refuse(_write(tmp_path / f"cut.{suffix}", data[:keep]), "cut")
+
+
+def test_missing_file_folder_and_unwritable(tmp_path):
+    refuse(tmp_path / "nowhere.obj", "no such file")
+    (tmp_path / "folder.obj").mkdir()
+    refuse(tmp_path / "folder.obj", "cannot be read")
+    mesh = v_beam(cells=(4, 2))
+    with pytest.raises(MeshError, match="cannot be written"):
+        save_mesh(mesh, tmp_path / "no" / "a.obj")
+    with pytest.raises(MeshError, match=r"cannot write files with suffix '\.vtk'"):
+        save_mesh(mesh, tmp_path / "a.vtk")
+
+
+def test_repository_meshes_load():
+    folder = HERE.parent / "meshes"
+    blade, beam = load_mesh(folder / "leaf.obj"), load_mesh(folder / "v_beam.obj")
+    np.testing.assert_allclose(blade.vertices, leaf().vertices, atol=1e-12)
+    np.testing.assert_allclose(beam.vertices, v_beam().vertices, atol=1e-12)
+    np.testing.assert_array_equal(beam.faces, v_beam().faces)
+
+
+def test_reading_leaves_no_lock(tmp_path):
+    path = tmp_path / "a.obj"
+    save_mesh(v_beam(cells=(4, 2)), path)
+    load_mesh(path)
+    shutil.move(path, tmp_path / "b.obj")

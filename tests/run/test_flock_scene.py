@@ -1,0 +1,134 @@
+"""Scenes of flocks: what they refuse, what a run writes, that a stopped run goes on, that no switch shows too much."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+
+FILE = Path(__file__).resolve().parents[2] / "studies" / "scenes" / "flock.toml"
+
+
+def small(**changes):
+    """The flock of the repository with few birds, near and far, for a short time."""
+    scene = ms.load_scene(FILE)
+    camera = msgspec.structs.replace(scene.flock.camera, size=(320, 180), position=(0.0, -2.0, 0.5), still=None)
+    detail = msgspec.structs.replace(scene.flock.detail, pixels=1.0, strains_within=1.5)
+    flock = msgspec.structs.replace(
+        scene.flock, count=30, radius=4.0, warm_up=0.2, camera=camera, detail=detail, **changes
+    )
+    motion = msgspec.structs.replace(scene.motion, duration=0.4)
+    output = msgspec.structs.replace(scene.output, formats=[])
+    mesh = msgspec.structs.replace(scene.mesh, cells=(6, 6))
+    return replace(scene, flock=flock, motion=motion, output=output, mesh=mesh)
+
+
+def test_levels_show_no_more_than_is_allowed(tmp_path):
+    result = ms.run_scene(small(), out=tmp_path)
+    found = result.report
+    assert 0.0 < found.largest_pixels <= found.allowed_pixels == 1.0
+    assert all(part > 0.0 for part in found.shares.values())
+    assert sum(found.shares[level] for level in ("rigid", "LMA", "MWTS")) == pytest.approx(1.0)
+    assert found.switches > 0
+    assert 0.0 < found.largest_error < 0.1
+    assert found.strains_jump_pixels > 0.0
+    assert [path.name for path in result.files] == ["flock.npz", "flock.json"]
+    assert not (tmp_path / "flock.frames").exists()
+    with np.load(tmp_path / "flock.npz") as stored:
+        assert stored["positions"].shape == (13, 30, 3)
+        assert stored["coordinates"].shape == (13, 30, 8)
+        np.testing.assert_allclose(stored["time"], np.arange(13) / 30, atol=1e-12)
+    record = json.loads((tmp_path / "flock.json").read_text())
+    assert record["report"]["largest_pixels"] == found.largest_pixels
+    again = ms.run_scene(small(), out=tmp_path)
+    assert (again.resumed, again.report) == (13, found)
+
+
+def test_a_stopped_flight_goes_on_to_the_same_frames(tmp_path):
+    def stop(step, total):
+        assert total == 24
+        if step == 11:
+            raise KeyboardInterrupt
+
+    ms.run_scene(small(), out=tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        ms.run_scene(small(), out=tmp_path / "stopped", on_step=stop)
+    assert not (tmp_path / "stopped" / "flock.npz").exists()
+    with pytest.raises(ms.OptionError, match="frames of another run"):
+        ms.run_scene(small(seed=9), out=tmp_path / "stopped")
+    result = ms.run_scene(small(), out=tmp_path / "stopped")
+    assert result.resumed == 6
+    with np.load(tmp_path / "whole" / "flock.npz") as one, np.load(tmp_path / "stopped" / "flock.npz") as other:
+        assert set(one) == set(other)
+        for name in one:
+            np.testing.assert_array_equal(one[name], other[name], err_msg=name)
+
+
+def test_threads_fly_the_same(tmp_path):
+    one, two = (ms.run_scene(small(threads=count), out=tmp_path / str(count)) for count in (1, 2))
+    with np.load(one.files[0]) as first, np.load(two.files[0]) as second:
+        for name in first:
+            np.testing.assert_array_equal(first[name], second[name], err_msg=name)
+
+
+def test_film_and_picture(tmp_path, monkeypatch):
+    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    scene = small(flap=ms.load_scene(FILE).flock.flap)
+    motion = msgspec.structs.replace(scene.motion, duration=0.1)
+    output = msgspec.structs.replace(scene.output, formats=["mp4", "png"])
+    result = ms.run_scene(replace(scene, motion=motion, output=output), out=tmp_path)
+    assert [path.suffix for path in result.files] == [".npz", ".mp4", ".png", ".json"]
+    assert (tmp_path / "flock.png").read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "flock.mp4").read_bytes()[4:8] == b"ftyp"
+    from matplotlib.image import imread
+
+    picture = imread(tmp_path / "flock.png")
+    assert picture.shape[:2] == (180, 320)
+    assert 0.005 < (picture[..., :3].mean(axis=2) < 0.95).mean() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name = "mwts"', 'name = "lma"', "model: a flock is stepped by mwts"),
+        ("count = 350", "count = 0", "flock.count: must be"),
+        ("amplitude = ", "amplitud = ", "flock.flap.amplitud: unknown key; did you mean 'amplitude'"),
+        ("pixels = 0.5", "pixels = -1.0", "flock.detail.pixels: must be"),
+        ("[-3.5, -2.5, -1.0], [3.5", "[-3.5, -2.5, -1.0], [-4.5", "flock.bounds: must be a lower"),
+        ('formats = ["mp4", "png"]', 'formats = ["pvd"]', "output.formats"),
+        ('clamped = "z <= 0"', 'clamped = "z <= 0"\ntimes = [0.0, 1.0]', "supports.times"),
+        ("size = [960, 540]", "size = [961, 540]", "flock.camera: the size of a film must be even"),
+        ("target = [0.0, 0.0, -0.45]", "target = [0.0, -8.8, 0.6]", "flock.camera: a camera needs a target"),
+        ("rate_factor = 29", 'color = "blau"', "flock.camera.color: must be a matplotlib colour"),
+        ("times = [0.0, 2.5", "times = [3.0, 2.5", "times must increase"),
+    ],
+)
+def test_refuses(tmp_path, old, new, message):
+    text = FILE.read_text()
+    assert old in text
+    (tmp_path / "flock.toml").write_text(text.replace(old, new))
+    with pytest.raises(ms.SceneError, match=message):
+        ms.run_scene(tmp_path / "flock.toml", out=tmp_path)
+    assert not (tmp_path / "flock.frames").exists()
+
+
+def test_a_flock_is_no_single_shell():
+    with pytest.raises(ms.SceneError, match="about one shell"):
+        ms.load_scene(FILE).build()
+
+
+def test_the_command_reports(tmp_path, capsys):
+    text = FILE.read_text().replace("count = 350", "count = 20").replace("duration = 10.0", "duration = 0.1")
+    text = text.replace("warm_up = 10.0", "warm_up = 0.0").replace('formats = ["mp4", "png"]', "formats = []")
+    (tmp_path / "birds.toml").write_text(text)
+    with pytest.raises(SystemExit) as stop:
+        main(["run", str(tmp_path / "birds.toml"), "--out", str(tmp_path)])
+    assert stop.value.code == 0
+    out = capsys.readouterr().out
+    assert out.startswith("birds: completed, 4 frames of 20 birds")
+    assert "pixels" in out.splitlines()[0]

@@ -1,0 +1,241 @@
+"""The atlas: its classes on constructed motions, its theory against steps of the models, and its limits measured."""
+
+from dataclasses import replace
+from itertools import product
+from typing import get_args, get_type_hints
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+import modalshell.models
+from modalshell.errors import OptionError
+from modalshell.models import Damping, Model, MotionState
+from modalshell.motion import Trajectory, stability
+from modalshell.render.maps import Boundary, MapPanel, draw_maps
+from modalshell.scene.models import MODELS
+from modalshell.study import load_script
+
+atlas = load_script("studies", "stability_atlas")
+page = load_script("studies", "stability_page")
+models = atlas.models
+ROWS = {row.name: row for row in models.ROWS}
+
+
+def constructed(tip, status="completed", unconverged=0):
+    """A motion of three vertices whose last one, the tip, ends displaced by ``tip``."""
+    rest = np.array([[0.0, 0.0, 0.0], [0.5, 0.1, 0.0], [1.0, 0.0, 0.0]])
+    end = rest.copy()
+    end[2] += tip
+    return Trajectory(
+        np.array([0.0, 1.0]), np.array([rest, end]), status, unconverged, 0.0, rest_positions=rest
+    )  # fmt: skip
+
+
+DOWN = np.array([0.0, 0.0, -0.1])
+
+
+@pytest.mark.parametrize(
+    ("tip", "status", "unconverged", "truth", "name"),
+    [
+        (DOWN, "completed", 0, DOWN, "converged"),
+        (1.099 * DOWN, "completed", 0, DOWN, "converged"),
+        (1.101 * DOWN, "completed", 0, DOWN, "inaccurate"),
+        (DOWN, "completed", 0, None, "inaccurate"),
+        (DOWN, "completed, but 3 of 80 steps did not converge", 3, DOWN, "converged"),
+        (2.0 * DOWN, "completed, but 3 of 80 steps did not converge", 3, DOWN, "unsolved"),
+        (DOWN, "completed, but 6 of 9 steps did not converge", 6, DOWN, "unsolved"),
+        (DOWN, "completed, but bounded cycle: the motion does not settle", 0, DOWN, "bounded cycle"),
+        (DOWN, "completed, but wound up at 0.1 s; bounded cycle: the motion does not settle", 0, DOWN, "wound up"),
+        (DOWN, "completed, but wound up at 0.1 s; runs away: its energy grows on and on", 0, DOWN, "diverged"),
+        (DOWN, "diverged at 0.5 s: positions left the finite numbers", 0, DOWN, "diverged"),
+    ],
+)  # fmt: skip
+def test_outcome_of_constructed_motions(tip, status, unconverged, truth, name):
+    assert atlas.classify(constructed(tip, status, unconverged), truth) == name
+    assert name in atlas.OUTCOMES
+    itself = atlas.classify(constructed(tip, status, unconverged), truth, static=False)
+    assert itself == (atlas.AGREES if name == "converged" else name)
+
+
+@pytest.mark.parametrize(
+    ("row", "change", "name"),
+    [
+        ("LMA, implicit Euler", {"gamma": 1.0}, "converged"),
+        ("LMA, implicit Euler", {"gamma": 100.0}, "inaccurate"),
+        ("MWTS, implicit Euler", {"gamma": 1e4}, "wound up"),
+        ("RSW, implicit Euler", {"aspect": 1e5}, "refused"),
+        ("MD-ROM, implicit Euler", {"fold": -179.99}, "converged"),
+        ("DS, implicit Euler", {"step": 10.0}, "converged"),
+        ("DS, implicit Euler", {"aspect": 1e6}, "unsolved"),
+        ("DS, explicit Euler", {"step": 1e-3}, atlas.AGREES),
+        ("DS, explicit Euler", {"step": 2e-3}, "diverged"),
+        ("DS, Verlet", {"step": 1e-3}, atlas.AGREES),
+        ("DS, Verlet", {"step": 2e-3}, "diverged"),
+        ("springs, Verlet", {"step": 1e-4}, atlas.AGREES),
+        ("springs, Verlet", {"step": 2e-4}, "diverged"),
+        ("springs, linearised implicit Euler", {}, "inaccurate"),
+        ("rigid, free and spinning", {"damping": 0.0}, atlas.AGREES),
+        ("rigid, free and spinning", {"damping": 0.0, "step": 1.0}, "unsolved"),
+    ],
+)
+def test_outcome_of_single_cells(row, change, name):
+    assert atlas.outcome(ROWS[row], replace(models.BASE, **change)) == name
+
+
+CHOICES = ("integrator", "warp", "consistent_force", "solver")
+"""Options by which a model moves otherwise; ``cubature`` is told by what the model has."""
+
+
+def moves_by(model):
+    """What a row is a row of: the kind of model, and how it moves."""
+    return type(model), *(getattr(model, option, None) for option in CHOICES), bool(getattr(model, "cubature", False))
+
+
+def variants(table):
+    """A scene's model with every integrator, and every value of one of its other options at a time."""
+    hints = get_type_hints(table)
+    values = {option: get_args(hints[option]) or (False, True) for option in CHOICES if option in hints}
+    if "cubature" in hints:
+        values["cubature"] = (False, True)
+    for chosen in product(*values.values()):
+        options = dict(zip(values, chosen, strict=True))
+        unusual = [name for name, value in options.items() if name != "integrator" and value != values[name][0]]
+        if len(unusual) > 1:
+            continue
+        try:
+            yield table(**options).build(models.shell_of(1e2, 1.0, 0.0))
+        except OptionError:  # options that exclude each other
+            continue
+
+
+@pytest.fixture(scope="module")
+def rows_of():
+    return {moves_by(models.model_of(name, 1e2, 1.0, 0.0)): name for name in ROWS}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_of_a_scene_has_a_row_for_every_way_to_move(name, rows_of):
+    """A new model or integrator that scenes know fails here until the atlas has it."""
+    found = [moves_by(model) for model in variants(MODELS[name])]
+    assert found
+    for kind in found:
+        assert kind in rows_of, f"{name}: no row of the atlas for {kind}"
+
+
+def test_every_rung_has_a_row(rows_of):
+    """Also those that no scene names."""
+    rungs = {getattr(modalshell.models, name) for name in modalshell.models.__all__}
+    kinds = {kind for kind in rungs if isinstance(kind, type) and issubclass(kind, Model) and kind is not Model}
+    assert kinds <= {kind[0] for kind in rows_of}
+    assert len(ROWS) == len(models.ROWS)
+    assert len(rows_of) == len(ROWS)
+
+
+def test_slices_pass_through_the_base_point():
+    for plane in atlas.SLICES.values():
+        for axis, values in ((plane.x, plane.x_values), (plane.y, plane.y_values)):
+            at = getattr(models.BASE, axis)
+            assert min(values) <= at <= max(values)
+            assert list(values) == sorted(values)
+
+
+# ---- theory
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "implicit_midpoint"])
+@pytest.mark.parametrize("kind", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
+def test_step_matrix_is_the_derivative_of_a_step(kind, integrator):
+    """The remainder of the linearisation at an equilibrium falls with the square of the disturbance."""
+    model = kind(ms.solve_modes(models.shell_of(1e2, 1.0, 0.0), 4), integrator=integrator)
+    gravity, damping, dt = replace(models.BASE, gamma=20.0).gravity, Damping(2.0, 1e-3), 0.1
+    q = model.equilibrium(gravity=gravity).coordinates
+    load = model.shell.gravity_force(gravity)
+    matrix = stability.step_matrix(model, q, load, dt, damping)
+    direction = np.random.default_rng(0).standard_normal(2 * q.size) * 0.1
+    remainders = []
+    for size in (0.02, 0.01, 0.005):
+        away = size * direction
+        state, _ = model.step(MotionState(q + away[: q.size], away[q.size :]), dt, load, damping)
+        remainders.append(np.linalg.norm(np.concatenate([state.coordinates - q, state.rates]) - matrix @ away))
+    if kind is ms.LinearModal:
+        assert max(remainders) < 1e-7 * np.linalg.norm(direction)
+    else:
+        slopes = np.log2(np.array(remainders[:-1]) / remainders[1:])
+        np.testing.assert_allclose(slopes, 2.0, atol=0.2)
+
+
+def test_amplification_is_the_decay_rate_of_a_mode_that_oscillates():
+    model = ms.LinearModal(ms.solve_modes(models.shell_of(1e2, 1.0, 0.0), 1))
+    stiffness, damping, dt = model.basis.eigenvalues, Damping(0.5, 0.01), 0.05
+    factor = stability.implicit_euler_amplification(stiffness, 0.5 + 0.01 * stiffness, dt)
+    assert float(-2.0 * np.log(factor[0]) / dt) == pytest.approx(model.decay_rate(dt, damping))
+    load, rest = np.zeros_like(model.shell.rest_positions), np.zeros(1)
+    assert stability.step_radius(model, rest, load, dt, damping) == pytest.approx(float(factor[0]))
+
+
+def test_radius_at_long_steps_is_that_of_the_iteration():
+    model = ms.ModalWarping(ms.solve_modes(models.shell_of(1e2, 1.0, 0.0), 4))
+    gravity = replace(models.BASE, gamma=20.0).gravity
+    q, load = model.equilibrium(gravity=gravity).coordinates, model.shell.gravity_force(gravity)
+    radius = stability.iteration_radius(model, q, load)
+    assert stability.step_radius(model, q, load, 1e6, Damping(1.0, 0.0)) == pytest.approx(radius, rel=1e-4)
+    assert radius > 1.0
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_every_limit_is_met_by_measurement(row):
+    """The claim of the atlas: within 5 %, for every limit that has a theory."""
+    found = atlas.limits_of(row, quick=True)
+    for limit in found:
+        assert limit["theory"] is not None
+        assert limit["measured"] is not None, limit["what"]
+        assert limit["ratio"] == pytest.approx(1.0, abs=0.05), limit["what"]
+    without = ("MD-ROM", "coarse DS", "MWTS sum")
+    assert bool(found) != row.startswith(without)
+
+
+def test_limits_of_the_classical_grid_are_met_from_above():
+    """Its estimate is that of the endless sheet: never above what a sheet with edges can do."""
+    found = atlas.grid_limits(quick=True)
+    assert len(found) == 4
+    for limit in found:
+        assert 0.998 < limit["ratio"] < 1.05, limit["what"]
+
+
+def test_bisection_says_where_there_is_no_limit():
+    assert atlas.limits.bisect(lambda value: value < 2.0, 1.0, 10.0) == pytest.approx(2.0, rel=2e-3)
+    assert atlas.limits.bisect(lambda _: True, 1.0, 10.0) is None
+    assert atlas.limits.bisect(lambda _: False, 1.0, 10.0) is None
+
+
+# ---- words and maps
+
+
+@pytest.mark.parametrize(
+    ("classes", "words"),
+    [
+        ("ccccc", "all"),
+        ("hhcdd", "1 to 100; beyond diverged"),
+        ("iccdd", "10 to 100; below inaccurate; beyond diverged"),
+        ("ddcdd", "100; below diverged; beyond diverged"),
+        ("ididi", "nowhere: inaccurate, diverged"),
+        ("cdddc", "1; beyond diverged"),
+    ],
+)
+def test_words_of_a_line(classes, words):
+    names = [{"c": "converged", "h": atlas.AGREES, "d": "diverged", "i": "inaccurate"}[letter] for letter in classes]
+    assert page.reach((1.0, 10.0, 100.0, 1e3, 1e4), names, 10.0) == words
+
+
+def test_maps_refuse_what_they_cannot_draw(tmp_path):
+    panel = MapPanel([1.0, 10.0], [0.0, 1.0], [["a", "b"], ["b", "a"]], "t", "x", "y", x_scale="log")
+    colors = {"a": "#ffffff", "b": "#000000"}
+    with pytest.raises(OptionError, match="without a colour: b"):
+        draw_maps([panel], {"a": "#ffffff"}, tmp_path / "a.png", columns=1)
+    with pytest.raises(OptionError, match="classes of shape"):
+        draw_maps([replace(panel, x=[1.0])], colors, tmp_path / "a.png", columns=1)
+    for scale in ("linear", "log", "even"):
+        line = Boundary([[2.0, 5.0], []], "limit")
+        path = draw_maps([replace(panel, x_scale=scale, boundaries=[line])], colors, tmp_path / "a.png", columns=1)
+        assert path.read_bytes()[:4] == b"\x89PNG"

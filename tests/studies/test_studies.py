@@ -1,0 +1,112 @@
+import json
+
+import numpy as np
+import pytest
+
+from modalshell.atomic_io import write_atomically
+from modalshell.errors import FileFormatError, OptionError
+from modalshell.provenance import run_record
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.reproduce import FIGURES, chosen_studies
+from modalshell.study import StudyResult, load_script
+
+
+@pytest.fixture(scope="module")
+def results(quick_study):
+    """The folder with the results of the studies that are looked at here."""
+    quick_study("flat_vs_v_beam")
+    return quick_study("v_beam_accuracy")
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_study_leaves_its_files(name, quick_study):
+    folder = quick_study(name)
+    for suffix in (".json", ".npz", ".md"):
+        assert (folder / f"{name}{suffix}").stat().st_size > 100
+    for figure in FIGURES[name]:
+        assert (folder / "figures" / f"{figure}.png").read_bytes()[:4] == b"\x89PNG"
+    assert not list(folder.glob("*.part"))
+
+
+def test_record_says_how_to_make_it_again(results):
+    record = json.loads((results / "v_beam_accuracy.json").read_text())["record"]
+    assert set(record) == {"made", "versions", "seed", "parameters", "machine"}
+    assert {"modalshell", "numpy", "scipy", "numba", "python"} <= set(record["versions"])
+    assert record["parameters"]["modes"] == 8
+
+
+def test_fold_stiffens(results):
+    rows = StudyResult.load(results, "flat_vs_v_beam").findings["rows"]
+    drops = {(row["beam"], row["flexure_factor"]): row["ds_tip_drop"] for row in rows}
+    assert all(row["ds_status"] == "converged" for row in rows)
+    gain = [drops["flat", factor] / drops["v", factor] for factor in (1.0, 10.0, 100.0)]
+    assert gain[0] > 3.0
+    # The stiffer the flexure, the less the fold adds.
+    assert gain[0] > gain[1] > gain[2]
+
+
+def test_warping_stays_below_linear_and_both_errors_grow(results):
+    rows = StudyResult.load(results, "v_beam_accuracy").findings["soft"]["rows"]
+    linear, warping = (np.array([row[f"{model}_error"] for row in rows]) for model in ("lma", "mwts"))
+    assert (warping < linear).all()
+    assert (np.diff(warping) > 0).all()
+    assert (np.diff(linear) > 0).all()
+
+
+def test_snap_is_found_and_marked(results):
+    findings = StudyResult.load(results, "v_beam_accuracy").findings
+    assert findings["soft"]["snap"] is None
+    snap = findings["stiff"]["snap"]
+    assert snap["gravity"][0] < snap["gravity"][1]
+    marked = [row["gamma"] for row in findings["stiff"]["rows"] if row["after_snap"]]
+    assert marked
+    assert min(marked) >= snap["gamma"][1]
+    assert all(row["mwts_error"] > 0.5 for row in findings["stiff"]["rows"] if row["after_snap"])
+
+
+def test_missing_and_damaged_results_are_named(results, tmp_path):
+    with pytest.raises(FileFormatError, match="flat_vs_v_beam"):
+        StudyResult.load(tmp_path, "flat_vs_v_beam")
+    (tmp_path / "flat_vs_v_beam.json").write_bytes((results / "flat_vs_v_beam.json").read_bytes())
+    (tmp_path / "flat_vs_v_beam.npz").write_bytes((results / "flat_vs_v_beam.npz").read_bytes()[:500])
+    with pytest.raises(FileFormatError, match="flat_vs_v_beam"):
+        StudyResult.load(tmp_path, "flat_vs_v_beam")
+
+
+def test_round_trip(tmp_path):
+    saved = StudyResult("x", {"a": np.float64(1.5), "b": [np.int64(2)]}, {"p": np.eye(3)}, run_record({"k": 1}))
+    saved.save(tmp_path)
+    loaded = StudyResult.load(tmp_path, "x")
+    assert loaded.findings == {"a": 1.5, "b": [2]}
+    np.testing.assert_array_equal(loaded.arrays["p"], np.eye(3))
+    assert loaded.record == saved.record
+
+
+def test_a_finding_that_is_not_a_number_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="JSON"):
+        StudyResult("x", {"a": float("nan")}, {}, {}).save(tmp_path)
+
+
+def test_unknown_studies_are_refused():
+    assert chosen_studies(None, everything=True) == list(FIGURES)
+    assert set(chosen_studies(None)) == {name for name in FIGURES if FIGURES[name] and "figure_" in FIGURES[name][0]}
+    with pytest.raises(OptionError, match="no study 'nothing'"):
+        chosen_studies(["nothing"])
+    with pytest.raises(FileFormatError, match="reinstall"):
+        load_script("studies", "nothing")
+
+
+def test_a_failed_write_leaves_nothing(tmp_path):
+    def fail(file):
+        file.write(b"half")
+        raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        write_atomically(tmp_path / "a.bin", fail)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("values", [[1.0, float("nan")], [1.0, 0.0]])
+def test_curves_that_cannot_be_drawn_are_refused(tmp_path, values):
+    with pytest.raises(OptionError):
+        draw_curves([Panel([Curve([1, 2], values, "a", "k")], "t", "x", "y", log=True)], tmp_path / "a.png")
