@@ -13,6 +13,7 @@ LINE_LIMIT = 500
 # names one below it. "modalshell" itself (ROOT) stands for the names that modalshell/__init__.py hands out.
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
+    "outcome": set(),
     "symbolic": set(),
     "timings": set(),
     "typing": set(),

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from modalshell import DiscreteShell, Material, Shell, TriangleMesh, flat_beam, v_beam
-from modalshell.models import newton
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON
+from modalshell.statics import newton
 from modalshell.statics.newton import Potential, descend, is_minimum, minimise, mixed_newton, solve, warped_step
 from modalshell.timings import Timings
 

@@ -1,0 +1,60 @@
+"""How an answer ended: one vocabulary for statics, motion, sweeps and the stability atlas."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Outcome(StrEnum):
+    """Named outcome of an equilibrium, a motion or a case of a sweep; ``str(outcome)`` is its status.
+
+    Members stand from the best to the gravest: where several hold, the last one names the result.
+    """
+
+    CONVERGED = "converged"
+    """Statics: the residual met its tolerance at a state that the model can hold."""
+    COMPLETED = "completed"
+    """Motion: every step was taken, and nothing is to be said against it."""
+    STOPPED = "stopped"
+    """Ended by a time limit or by the user; can be resumed."""
+    STEPS_NOT_CONVERGED = "steps not converged"
+    """Motion: the solver of some steps missed its tolerance."""
+    CONSTRAINTS_MISSED = "constraints missed"
+    """Motion: a target was not met to tolerance at some stored frame."""
+    ROUNDING_LIMITED = "rounding limited"
+    """Statics: rounding keeps the residual above its tolerance."""
+    INACCURATE = "inaccurate"
+    """Finished, but farther from the reference than asked."""
+    OUT_OF_REACH = "out of reach"
+    """Statics: no state of the model meets the constraints."""
+    CYCLING = "cycling"
+    """Motion: damped motion under a constant load does not settle."""
+    UNSTABLE = "unstable"
+    """Statics: in balance at a saddle, which the smallest disturbance leaves."""
+    NO_FIXED_POINT = "no fixed point"
+    """Statics: the branch of fixed points ends before the load is reached."""
+    NO_EQUILIBRIUM = "no equilibrium"
+    """Statics: the load drives a rigid motion that the supports leave free."""
+    NOT_CONVERGED = "not converged"
+    """Statics: the residual missed its tolerance."""
+    WOUND_UP = "wound up"
+    """A vertex or triangle turned by more than 2 pi."""
+    RUNS_AWAY = "runs away"
+    """Motion: its energy grows far beyond the work of the load."""
+    DIVERGED = "diverged"
+    """The state left the finite numbers."""
+    REFUSED = "refused"
+    """The input was refused before any work."""
+    FAILED = "failed"
+    """An error ended the work."""
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the answer can be used without a caveat."""
+        return self in (Outcome.CONVERGED, Outcome.COMPLETED)
+
+
+def gravest(*outcomes: Outcome) -> Outcome:
+    """The gravest of some outcomes."""
+    order = list(Outcome)
+    return max(outcomes, key=order.index)
