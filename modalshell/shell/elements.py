@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
+from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy
 from modalshell.shell.material import Material
-from modalshell.shell.pattern import SparsePattern
+from modalshell.shell.pattern import SparsePattern, build_pattern
 from modalshell.typing import Array, Index
 
 
@@ -107,3 +109,59 @@ def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> li
         e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
         stresses.append(stress)
     return stresses
+
+
+@final
+class ElementSum(ElasticEnergy):
+    """Sum of element sets, such as the stretch, shear and flexure of a discrete shell.
+
+    Parameters
+    ----------
+    elements : list of ElementSet
+        The sets.
+    vertex_count : int
+        Number of vertices n.
+    """
+
+    def __init__(self, elements: list[ElementSet], vertex_count: int) -> None:
+        self.elements = elements
+        self._vertex_count = vertex_count
+
+    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+        return build_pattern(self._vertex_count, [e.stencils for e in self.elements], free)
+
+    def energy(self, x: Array) -> float:
+        return energy(self.elements, x)
+
+    def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        return energy_gradient(self.elements, x)
+
+    def energy_gradient_hessian(
+        self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
+    ) -> tuple[float, Array, Array]:
+        return energy_gradient_hessian(self.elements, slots, pattern, x, geometric, stresses)
+
+    def linear_stresses(self, x: Array, step: Array) -> list[Array]:
+        return linear_stresses(self.elements, x, step)
+
+    def linear_energy(self, x: Array, step: Array) -> float:
+        # A sum of squares keeps the digits that step . K step loses where stiffnesses are many decades apart.
+        zero, stresses = (linear_stresses(self.elements, x, moved) for moved in (np.zeros_like(x), step))
+        return sum(
+            float(np.sum((stress - offset)[e.weight != 0] ** 2 / (4.0 * e.weight[e.weight != 0])))
+            for stress, offset, e in zip(stresses, zero, self.elements, strict=True)
+        )
+
+    def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
+        force = np.zeros_like(x)
+        for e in self.elements:
+            e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
+        return force
+
+    def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
+        data = np.zeros(pattern.size)
+        unused, none = np.zeros_like(x), np.empty(0)
+        for place, e in zip(slots, self.elements, strict=True):
+            where = (place, pattern.strides, data, unused)
+            e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *where)
+        return data

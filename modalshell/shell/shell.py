@@ -8,32 +8,31 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_kind, checked_vectors
-from modalshell.errors import LoadError
+from modalshell.checks import checked_kind, checked_vectors, shown
+from modalshell.errors import LoadError, OptionError
 from modalshell.mesh import TriangleMesh
-from modalshell.shell import elements as sums
-from modalshell.shell.elements import ElementSet, element_sets
+from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
+from modalshell.shell.elements import ElementSet, ElementSum, element_sets
+from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
-from modalshell.shell.pattern import build_pattern
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.shell.supports import held_vertices
 from modalshell.typing import Array
 
-GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
-"""How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""
-
 
 class Shell:
-    """A discrete shell [choi2007, section 3; grinspun2003].
+    """A thin shell on a triangle mesh: a discrete shell [choi2007, section 3; grinspun2003], or one of shell theory.
 
     Parameters
     ----------
     mesh : TriangleMesh
         The rest shape; its fold angles, areas and lengths are the rest values of the energies.
-    material : Material
-        Stiffnesses and density.
+    material : Material or Isotropic
+        Stiffnesses of the discrete-shell energies; or an isotropic sheet, whose energy is that of split folds.
     clamped : array_like of bool, shape (n,), or of int, optional
-        Vertices that are held. To clamp an edge hold two rows of vertices: with one row the triangles next to it can
-        hinge freely about the clamped edge.
+        Vertices that are held. To clamp an edge of a :class:`Material`'s shell hold two rows of vertices: with one row
+        the triangles next to it can hinge freely about the clamped edge. An :class:`Isotropic` shell is clamped by
+        one row: at every edge with both ends held.
 
     Attributes
     ----------
@@ -56,12 +55,18 @@ class Shell:
         If ``clamped`` has the wrong shape, names no such vertex, or holds every vertex.
     """
 
-    def __init__(self, mesh: TriangleMesh, material: Material, clamped: ArrayLike | None = None) -> None:
+    def __init__(self, mesh: TriangleMesh, material: Material | Isotropic, clamped: ArrayLike | None = None) -> None:
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
-        self.material = checked_kind("material", material, Material)
+        if not isinstance(material, Material | Isotropic):
+            raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
+        self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
         clamped = held_vertices(clamped, len(mesh.vertices))
-        self.elements: list[ElementSet] = element_sets(mesh, material, clamped)
+        self._energy: ElasticEnergy
+        if isinstance(material, Isotropic):
+            self._energy = SplitFoldEnergy(mesh, material, clamped)
+        else:
+            self._energy = ElementSum(element_sets(mesh, material, clamped), len(mesh.vertices))
         self._hold(clamped)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = mesh.shared_among_corners(face_mass)
@@ -70,8 +75,17 @@ class Shell:
         self.clamped = clamped
         self.free = np.flatnonzero(~clamped)
         self.free_unknowns = (3 * self.free[:, None] + np.arange(3)).ravel()
-        stencils = [elements.stencils for elements in self.elements]
-        self.pattern, self._slots = build_pattern(len(clamped), stencils, self.free)
+        self.pattern, self._slots = self._energy.pattern(self.free)
+
+    @property
+    def elements(self) -> list[ElementSet]:
+        """Element sets of the discrete-shell energies, or of springs; OptionError for an :class:`Isotropic` shell."""
+        if not isinstance(self._energy, ElementSum):
+            raise OptionError(
+                "this needs a shell of the discrete-shell energies (got one of ms.Isotropic): build the shell with "
+                "ms.Material.from_physical(...) instead"
+            )
+        return self._energy.elements
 
     def holding(self, vertices: ArrayLike) -> Shell:
         """The same shell, with the same energies, that also holds ``vertices`` (bool (n,) or indices)."""
@@ -82,7 +96,7 @@ class Shell:
     def with_elements(self, elements: list[ElementSet]) -> Shell:
         """The same vertices, masses and supports under other energies, such as those of springs."""
         other = copy.copy(self)
-        other.elements = elements
+        other._energy = ElementSum(elements, len(self.rest_positions))
         other._hold(self.clamped)
         return other
 
@@ -109,12 +123,14 @@ class Shell:
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
         """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them.
 
-        LoadError where it is not finite.
+        LoadError where it is not finite. That of an :class:`Isotropic` shell is the Schur complement without the fold
+        shares: exact to rounding, but as its entries fall off slowly it is almost full, and made for checks on meshes of
+        some thousand vertices; the solvers never form it.
         """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
         data = self.energy_gradient_hessian(x, EXACT)[2]
         self._refuse_collapse("stiffness", data, x)
-        return self.pattern.matrix(data)
+        return self.pattern.condensed(data)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -142,45 +158,41 @@ class Shell:
 
     def raw_energy(self, x: Array) -> float:
         """Energy [J] without input checks; not finite at collapsed elements."""
-        return sums.energy(self.elements, x)
+        return self._energy.energy(x)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N] in one pass."""
-        return sums.energy_gradient(self.elements, x)
+        return self._energy.energy_gradient(x)
 
     def energy_gradient_hessian(
         self, x: Array, geometric: int, stresses: list[Array] | None = None
     ) -> tuple[float, Array, Array]:
         """Energy, gradient (n, 3) and Hessian values for :attr:`pattern`, in one pass.
 
-        ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
+        ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, as predicted) and PROJECTED.
         """
-        return sums.energy_gradient_hessian(self.elements, self._slots, self.pattern, x, geometric, stresses)
+        return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
 
     def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
-        """Stress of every element after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
-        return sums.linear_stresses(self.elements, x, step)
+        """Stresses after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
+        return self._energy.linear_stresses(x, step)
+
+    def linear_energy(self, x: Array, step: Array) -> float:
+        """Half of ``step . K_1(x) step`` [J], K_1 the positive semi-definite first term of the Hessian."""
+        return self._energy.linear_energy(x, step)
 
     @property
     def has_dashpots(self) -> bool:
         """Whether elements are damped by dashpots of their own, whatever the Rayleigh factors."""
-        return any(e.viscosity is not None for e in self.elements)
+        return isinstance(self._energy, ElementSum) and any(e.viscosity is not None for e in self._energy.elements)
 
     def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
         """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].
 
         K_1 is the positive semi-definite first term of the Hessian, ``factor`` [s] Rayleigh's zeta, D the dashpots.
         """
-        force = np.zeros_like(x)
-        for e in self.elements:
-            e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
-        return force
+        return self._energy.damping_force(x, velocity, factor)
 
     def damping_matrix(self, x: Array, factor: float) -> Array:
         """Values of ``factor K_1(x) + D(x)`` [N s/m] for :attr:`pattern`; see :meth:`damping_force`."""
-        data = np.zeros(self.pattern.indices.size)
-        unused, none = np.zeros_like(x), np.empty(0)
-        for slots, e in zip(self._slots, self.elements, strict=True):
-            place = (slots, self.pattern.strides, data, unused)
-            e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *place)
-        return data
+        return self._energy.damping_matrix(self._slots, self.pattern, x, factor)

@@ -1,0 +1,194 @@
+"""The split-fold energy: shell theory on fold angles, with a membrane smoothed over edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, final
+
+import numpy as np
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from modalshell.errors import OptionError
+from modalshell.kernels import split_folds as kernels
+from modalshell.mesh import TriangleMesh
+from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy
+from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
+from modalshell.shell.smoothed_membrane import membrane_elements, membrane_matrix
+from modalshell.shell.split_folds import split_folds
+from modalshell.typing import Array, Index
+
+
+class _State(NamedTuple):
+    """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
+
+    points: Array
+    folds: Array
+    slopes: Array
+    stretches: Array
+
+
+@dataclass(frozen=True)
+class _Shares:
+    """Constant matrices of the bending energy, and the factor of the fold shares' own."""
+
+    by_fold: sps.csr_array
+    coupling: sps.csr_array
+    coupling_transposed: sps.csr_array
+    stiffness: sps.csr_array
+    factor: Any
+
+    def solve(self, right_side: Array) -> Array:
+        return np.asarray(self.factor.solve(right_side)) if self.factor is not None else right_side
+
+    def couples(self, folds: Array) -> Array:
+        """Derivatives (H,) of the bending energy by the fold angles, shares at their minimum [N m]."""
+        shares = self.solve(self.coupling @ folds)
+        return np.asarray(self.by_fold @ folds - self.coupling_transposed @ shares)
+
+
+@final
+class SplitFoldEnergy(ElasticEnergy):
+    """Bending by split folds and smoothed membrane of an isotropic sheet.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Rest shape.
+    material : Isotropic
+        The sheet.
+    clamped : ndarray of bool, shape (n,)
+        Held vertices: their edges are clamped.
+    """
+
+    def __init__(self, mesh: TriangleMesh, material: Isotropic, clamped: NDArray[np.bool_]) -> None:
+        stiffness, rigidity, poisson = material.elasticity(mesh)
+        self._vertex_count = len(mesh.vertices)
+        folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, float(stiffness.mean()))
+        by_fold, coupling, own = folds.matrices()
+        factor = None
+        if folds.share_count:
+            options = {"SymmetricMode": True}
+            factor = spla.splu(sps.csc_matrix(own), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+        self._shares = _Shares(by_fold, coupling, sps.csr_array(coupling.T), own, factor)
+        self._edges = np.ascontiguousarray(mesh.edges)
+        self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
+        angles = np.zeros(len(mesh.hinges))
+        rest = np.asarray(mesh.vertices)
+        kernels.fold_angles(rest, np.asarray(mesh.hinges), np.zeros_like(angles), angles, np.empty((angles.size, 9)))
+        self._membrane = membrane_elements(mesh, stiffness, poisson, clamped, angles)
+        self._tension = membrane_matrix(self._membrane, len(self._edges))
+        state = self._measured(rest)
+        self._rest_angles, self._rest_squares = state.folds, state.stretches
+
+    def _points(self, x: Array) -> Array:
+        return np.vstack([x, self._folds.ghosts]) if len(self._folds.ghosts) else np.ascontiguousarray(x)
+
+    def _measured(self, x: Array) -> _State:
+        points, hinges = self._points(x), self._folds.hinges
+        angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
+        kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
+        kernels.half_squares(points, self._edges, self._rest_squares, stretches)
+        return _State(points, angles, slopes, stretches)
+
+    def _gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+        gradient = np.zeros_like(state.points)
+        kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
+        kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
+        return gradient[: self._vertex_count]
+
+    def _rates(self, state: _State, step: Array) -> tuple[Array, Array]:
+        """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""
+        moved = np.vstack([step, np.zeros_like(self._folds.ghosts)])
+        folds, stretches = np.empty_like(state.folds), np.empty_like(state.stretches)
+        kernels.fold_rates(moved, self._folds.hinges, state.slopes, folds)
+        kernels.half_square_rates(state.points, moved, self._edges, stretches)
+        return folds, stretches
+
+    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+        folds = self._folds
+        stencils = [folds.triangles, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
+        internal, share_slots = self._internal()
+        pattern, slots = build_pattern(self._vertex_count, stencils, free, internal)
+        share_slots = np.where(share_slots >= 0, pattern.indices.size + 3 * share_slots, -1)
+        return pattern, [*slots, np.ascontiguousarray(share_slots)]
+
+    def _internal(self) -> tuple[InternalUnknowns, Index]:
+        """The fold shares, and the place (B, 3, 6) of each triangle's vertices in their coupling (or -1)."""
+        folds, count = self._folds, self._vertex_count
+        shape = (*folds.share_index.shape, 6)
+        shares = np.broadcast_to(folds.share_index[:, :, None], shape)
+        vertices = np.broadcast_to(folds.triangles[:, None, :], shape)
+        present = (shares >= 0) & (vertices >= 0) & (vertices < count)
+        keys, inverse = np.unique((shares * count + vertices)[present], return_inverse=True)
+        places = np.full(shape, -1)
+        places[present] = inverse
+        rows, columns = np.divmod(keys, count)
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=folds.share_count))])
+        return InternalUnknowns(indptr, columns, self._shares.stiffness, self._shares.solve), places
+
+    def energy(self, x: Array) -> float:
+        state = self._measured(x)
+        return self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+
+    @staticmethod
+    def _value(state: _State, couples: Array, tensions: Array) -> float:
+        return 0.5 * float(state.folds @ couples + state.stretches @ tensions)
+
+    def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        state = self._measured(x)
+        couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
+        return self._value(state, couples, tensions), self._gradient(state, couples, tensions)
+
+    def energy_gradient_hessian(
+        self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
+    ) -> tuple[float, Array, Array]:
+        state = self._measured(x)
+        couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
+        total, gradient = self._value(state, couples, tensions), self._gradient(state, couples, tensions)
+        data = self._material_part(slots, pattern, state)
+        if geometric == MIXED and stresses is not None:
+            couples, tensions = stresses
+        if geometric != GAUSS_NEWTON:
+            projected = geometric == PROJECTED
+            strides = pattern.strides
+            hinges = self._folds.hinges
+            kernels.add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
+            kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
+        return total, gradient, data
+
+    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: _State) -> Array:
+        """Entries of the first, positive semi-definite part of the Hessian."""
+        folds, strides = self._folds, pattern.strides
+        data = np.zeros(pattern.size)
+        factors = (folds.weights, folds.shares, folds.moments)
+        tables = (folds.triangles, folds.folds, folds.places)
+        kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
+        for e, place in zip(self._membrane, slots[3:-1], strict=True):
+            kernels.add_membrane(state.points, e.stencils, e.pairs, e.matrices, place, strides, data)
+        data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
+        return data
+
+    def linear_stresses(self, x: Array, step: Array) -> list[Array]:
+        state = self._measured(x)
+        folds, stretches = self._rates(state, step)
+        return [self._shares.couples(state.folds + folds), self._tension @ (state.stretches + stretches)]
+
+    def linear_energy(self, x: Array, step: Array) -> float:
+        folds, stretches = self._rates(self._measured(x), step)
+        return 0.5 * float(folds @ self._shares.couples(folds) + stretches @ (self._tension @ stretches))
+
+    def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
+        state = self._measured(x)
+        folds, stretches = self._rates(state, velocity)
+        return -factor * self._gradient(state, self._shares.couples(folds), self._tension @ stretches)
+
+    def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
+        if factor == 0.0:
+            return np.zeros(pattern.size)
+        raise OptionError(
+            "implicit steps of a shell of ms.Isotropic take no damping that follows strain rates yet (got a stiffness "
+            f"factor of {factor:g} s): use damping=(xi, 0), or a modal model"
+        )
