@@ -29,8 +29,9 @@ class ReadOnlyArrays:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():
-            if isinstance(value, np.ndarray):
-                read_only(value)
+            for array in value if isinstance(value, tuple) else (value,):
+                if isinstance(array, np.ndarray):
+                    read_only(array)
         self.__dict__.update(state)
 
 
