@@ -31,10 +31,13 @@ from modalshell.mesh import (
 )
 from modalshell.models import (
     CoarseDiscreteShell,
+    Damping,
     DiscreteShell,
+    Equilibrium,
     LinearModal,
     ModalDerivatives,
     ModalWarping,
+    Model,
     ReducedRotationStrain,
     RigidShell,
     RotationStrain,
@@ -43,9 +46,10 @@ from modalshell.models import (
 )
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
-from modalshell.run import SceneResult, run_scene
+from modalshell.reduction.warp_frame import WarpFrame
+from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Material, Shell
+from modalshell.shell import Isotropic, Material, Shell
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -55,9 +59,13 @@ __all__ = [
     "Basis",
     "CoarseDiscreteShell",
     "Crowd",
+    "Damping",
     "DiscreteShell",
+    "Equilibrium",
     "FileFormatError",
+    "FlightResult",
     "Flock",
+    "Isotropic",
     "LinearModal",
     "LoadError",
     "Material",
@@ -67,12 +75,14 @@ __all__ = [
     "ModalShellError",
     "ModalShellWarning",
     "ModalWarping",
+    "Model",
     "OptionError",
     "OrientationConstraint",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",
     "RotationStrain",
+    "RunFollower",
     "Scene",
     "SceneError",
     "SceneResult",
@@ -85,6 +95,7 @@ __all__ = [
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
+    "WarpFrame",
     "WorkerError",
     "advise",
     "coarse_shell",

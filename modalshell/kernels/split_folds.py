@@ -184,7 +184,9 @@ def add_bending(
                         a, b, c = rows[0, first, row], rows[1, first, row], rows[2, first, row]
                         for axis in range(3):
                             data[slot + row * stride + axis] += (
-                                a * stressed[0, second, axis] + b * stressed[1, second, axis] + c * stressed[2, second, axis]
+                                a * stressed[0, second, axis]
+                                + b * stressed[1, second, axis]
+                                + c * stressed[2, second, axis]
                             )
                     else:  # a vertex across an edge moves that edge's fold alone
                         a = rows[first - 3, first, row]

@@ -106,7 +106,7 @@ class SparsePattern:
         of two an edge. For the solvers use :meth:`free_matrix` or :meth:`product`.
         """
         if self.internal is None:
-            return self.matrix(data)
+            return self.matrix(data).copy()  # its indices would be the pattern's own
         coupling = sps.csc_array(self.coupling(data))
         blocks = []
         least = drop * np.abs(data).max(initial=0.0)

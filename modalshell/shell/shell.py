@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.checks import checked_kind, checked_vectors, shown
 from modalshell.errors import LoadError, OptionError
 from modalshell.mesh import TriangleMesh
+from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, element_sets
 from modalshell.shell.isotropic import Isotropic
@@ -20,7 +21,7 @@ from modalshell.shell.supports import held_vertices
 from modalshell.typing import Array
 
 
-class Shell:
+class Shell(ReadOnlyArrays):
     """A thin shell on a triangle mesh: a discrete shell [choi2007, section 3; grinspun2003], or one of shell theory.
 
     Parameters
@@ -69,12 +70,12 @@ class Shell:
             self._energy = ElementSum(element_sets(mesh, material, clamped), len(mesh.vertices))
         self._hold(clamped)
         face_mass = material.area_density(mesh) * mesh.face_areas
-        self.mass = mesh.shared_among_corners(face_mass)
+        self.mass = read_only(mesh.shared_among_corners(face_mass))
 
     def _hold(self, clamped: NDArray[np.bool_]) -> None:
-        self.clamped = clamped
-        self.free = np.flatnonzero(~clamped)
-        self.free_unknowns = (3 * self.free[:, None] + np.arange(3)).ravel()
+        self.clamped = read_only(clamped)
+        self.free = read_only(np.flatnonzero(~clamped))
+        self.free_unknowns = read_only((3 * self.free[:, None] + np.arange(3)).ravel())
         self.pattern, self._slots = self._energy.pattern(self.free)
 
     @property

@@ -83,9 +83,7 @@ def membrane_elements(
     strain[:, :, [0, 1, 2]] = (areas[0] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 2]], 1.0)
     strain[:, :, [0, 3, 4]] += (areas[1] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
     mean = (areas[0][:, None, None] * elastic[left] + areas[1][:, None, None] * elastic[right]) / 3.0
-    pairs = MembraneElements(
-        np.ascontiguousarray(hinges), PAIR, _numbers(mesh, hinges, PAIR), _products(strain, mean)
-    )
+    pairs = MembraneElements(np.ascontiguousarray(hinges), PAIR, _numbers(mesh, hinges, PAIR), _products(strain, mean))
 
     smoothed = np.zeros(len(mesh.faces))
     np.add.at(smoothed, np.concatenate([left, right]), 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -13,14 +13,16 @@ from numpy.typing import NDArray
 from modalshell.errors import OptionError
 from modalshell.kernels import split_folds as kernels
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy
+from modalshell.sharing import PerThread
+from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
 from modalshell.shell.smoothed_membrane import membrane_elements, membrane_matrix
-from modalshell.shell.split_folds import split_folds
+from modalshell.shell.split_folds import SplitFolds, split_folds
 from modalshell.typing import Array, Index
 
 
+@final
 class _State(NamedTuple):
     """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
 
@@ -30,18 +32,21 @@ class _State(NamedTuple):
     stretches: Array
 
 
-@dataclass(frozen=True)
-class _Shares:
-    """Constant matrices of the bending energy, and the factor of the fold shares' own."""
+def _factorised(stiffness: sps.csc_matrix) -> Any:
+    return spla.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
-    by_fold: sps.csr_array
-    coupling: sps.csr_array
-    coupling_transposed: sps.csr_array
-    stiffness: sps.csr_array
-    factor: Any
+
+@final
+class _Shares:
+    """Constant matrices of the bending energy, and the fold shares' own one factorised."""
+
+    def __init__(self, folds: SplitFolds) -> None:
+        self.by_fold, self.coupling, self.stiffness = folds.matrices()
+        self.coupling_transposed = sps.csr_array(self.coupling.T)
+        self._factor = PerThread(functools.partial(_factorised, sps.csc_matrix(self.stiffness)))
 
     def solve(self, right_side: Array) -> Array:
-        return np.asarray(self.factor.solve(right_side)) if self.factor is not None else right_side
+        return np.asarray(self._factor().solve(right_side)) if right_side.size else right_side
 
     def couples(self, folds: Array) -> Array:
         """Derivatives (H,) of the bending energy by the fold angles, shares at their minimum [N m]."""
@@ -67,12 +72,7 @@ class SplitFoldEnergy(ElasticEnergy):
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
         folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, float(stiffness.mean()))
-        by_fold, coupling, own = folds.matrices()
-        factor = None
-        if folds.share_count:
-            options = {"SymmetricMode": True}
-            factor = spla.splu(sps.csc_matrix(own), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-        self._shares = _Shares(by_fold, coupling, sps.csr_array(coupling.T), own, factor)
+        self._shares = _Shares(folds)
         self._edges = np.ascontiguousarray(mesh.edges)
         self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
         angles = np.zeros(len(mesh.hinges))
