@@ -89,7 +89,8 @@ def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots
             continue
         unknowns = _relative(x, hinges[hinge])
         if projected:
-            convex_rows(*unknowns, 1.0 if couple > 0.0 else -1.0, factors, squares, firsts, seconds, rows)
+            sign = 1.0 if couple > 0.0 else -1.0
+            convex_rows(*unknowns, sign, factors, squares, firsts, seconds, rows)
             packed[:] = 0.0
             for form in range(PRODUCTS):
                 entry = 0

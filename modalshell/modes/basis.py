@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
-from modalshell.shell import Material, Shell
+from modalshell.shell import Isotropic, Material, Shell
 from modalshell.typing import Array
 
 _FORMAT = 1
@@ -69,17 +69,15 @@ class Basis(ReadOnlyArrays):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the basis with its shell to an ``.npz`` file (no pickle)."""
         shell, material = self.shell, self.shell.material
+        if isinstance(material, Isotropic):  # functions cannot be stored, their values can
+            material = material.per_triangle(shell.mesh)
         write_npz(
             path,
             modalshell_basis=np.array(_FORMAT),
             vertices=shell.mesh.vertices,
             faces=shell.mesh.faces,
             clamped=shell.clamped,
-            stretch=np.asarray(material.stretch),
-            shear=np.asarray(material.shear),
-            flexure=np.asarray(material.flexure),
-            density=np.asarray(material.density),
-            correct_clamp=np.array(material.correct_clamp),
+            **{field.name: np.asarray(getattr(material, field.name)) for field in fields(material)},
             eigenvalues=self.eigenvalues,
             modes=self.modes,
             rotations=self.rotations,
@@ -101,9 +99,11 @@ class Basis(ReadOnlyArrays):
             data = read_npz(path)
             if int(data["modalshell_basis"]) != _FORMAT:
                 raise ValueError(f"format {data['modalshell_basis']} (this version reads {_FORMAT})")
-            stiffnesses = {name: data[name] for name in ("stretch", "shear", "flexure", "density")}
-            material = Material(**stiffnesses, correct_clamp=bool(data["correct_clamp"]))
-            shell = Shell(TriangleMesh(data["vertices"], data["faces"]), material, data["clamped"])
+            kind = Isotropic if "young" in data else Material
+            constants = {field.name: data[field.name] for field in fields(kind)}
+            if "correct_clamp" in constants:
+                constants["correct_clamp"] = bool(constants["correct_clamp"])
+            shell = Shell(TriangleMesh(data["vertices"], data["faces"]), kind(**constants), data["clamped"])
             values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
             shape = (shell.rest_positions.size, values.size)
             modes = checked_vectors("modes", data["modes"], shape)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+import numpy as np
+
 from modalshell.shell.pattern import SparsePattern
 from modalshell.typing import Array, Index
 
@@ -17,6 +19,10 @@ class ElasticEnergy(ABC):
     @abstractmethod
     def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
         """Pattern of the Hessian with the vertices ``free`` to move, and the slots of the elements in it."""
+
+    def held_slopes(self) -> Index:
+        """Vertices about which the surface cannot turn, as the energy clamps an edge there."""
+        return np.empty(0, dtype=np.int64)
 
     @abstractmethod
     def energy(self, x: Array) -> float:
@@ -41,7 +47,7 @@ class ElasticEnergy(ABC):
 
     @abstractmethod
     def linear_energy(self, x: Array, step: Array) -> float:
-        """Energy [J] of the rates of all measures along ``step`` (n, 3) at ``x``: half the first part of the Hessian."""
+        """Energy [J] of the measures' rates along ``step`` (n, 3) at ``x``: half the Hessian's first part."""
 
     @abstractmethod
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:

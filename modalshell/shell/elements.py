@@ -135,23 +135,29 @@ class ElementSum(ElasticEnergy):
         self._vertex_count = vertex_count
 
     def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+        """Pattern of the Hessian, and the slots of the elements in it."""
         return build_pattern(self._vertex_count, [e.stencils for e in self.elements], free)
 
     def energy(self, x: Array) -> float:
+        """Energy [J]."""
         return energy(self.elements, x)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (n, 3) [N]."""
         return energy_gradient(self.elements, x)
 
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
     ) -> tuple[float, Array, Array]:
+        """Energy, gradient and Hessian values."""
         return energy_gradient_hessian(self.elements, slots, pattern, x, geometric, stresses)
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
+        """Stresses after ``step`` by the linearised measures."""
         return linear_stresses(self.elements, x, step)
 
     def linear_energy(self, x: Array, step: Array) -> float:
+        """Energy [J] of the measures' rates along ``step``."""
         # A sum of squares keeps the digits that step . K step loses where stiffnesses are many decades apart.
         zero, stresses = (linear_stresses(self.elements, x, moved) for moved in (np.zeros_like(x), step))
         return sum(
@@ -160,12 +166,14 @@ class ElementSum(ElasticEnergy):
         )
 
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
+        """Force (n, 3) [N] of stiffness-proportional damping."""
         force = np.zeros_like(x)
         for e in self.elements:
             e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
         return force
 
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
+        """Values of its matrix [N s/m] on the pattern."""
         data = np.zeros(pattern.size)
         unused, none = np.zeros_like(x), np.empty(0)
         for place, e in zip(slots, self.elements, strict=True):

@@ -18,7 +18,7 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.shell.supports import held_vertices
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 
 
 class Shell(ReadOnlyArrays):
@@ -125,8 +125,8 @@ class Shell(ReadOnlyArrays):
         """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them.
 
         LoadError where it is not finite. That of an :class:`Isotropic` shell is the Schur complement without the fold
-        shares: exact to rounding, but as its entries fall off slowly it is almost full, and made for checks on meshes of
-        some thousand vertices; the solvers never form it.
+        shares: exact to rounding, but as its entries fall off slowly it is almost full, and made for checks on meshes
+        of some thousand vertices; the solvers never form it.
         """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
         data = self.energy_gradient_hessian(x, EXACT)[2]
@@ -173,6 +173,11 @@ class Shell(ReadOnlyArrays):
         ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, as predicted) and PROJECTED.
         """
         return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
+
+    @property
+    def held_slopes(self) -> Index:
+        """Vertices of clamped edges, about which the surface cannot turn; none of a discrete shell."""
+        return self._energy.held_slopes()
 
     def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""

@@ -7,8 +7,8 @@ edges. Across a smooth edge the strains of both triangles are averaged by area,
           \bar E = \frac{A_T E_T + A_{T'} E_{T'}}{A_T + A_{T'}},
 
 each in the edge's own axes in its own plane, so that nothing depends on the fold. At free, clamped and sharply folded
-edges each triangle keeps its own strain, :math:`W_e = A_T E_T : C : E_T / 6`. The energy is :math:`s^T Q s / 2` with one
-constant matrix Q.
+edges each triangle keeps its own strain, :math:`W_e = A_T E_T : C : E_T / 6`. The energy is :math:`s^T Q s / 2` with
+one constant matrix Q.
 """
 
 from __future__ import annotations

@@ -108,12 +108,18 @@ class SplitFoldEnergy(ElasticEnergy):
         return folds, stretches
 
     def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+        """Pattern of the Hessian, and the slots of the elements in it."""
         folds = self._folds
         stencils = [folds.triangles, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
         internal, share_slots = self._internal()
         pattern, slots = build_pattern(self._vertex_count, stencils, free, internal)
         share_slots = np.where(share_slots >= 0, pattern.indices.size + 3 * share_slots, -1)
         return pattern, [*slots, np.ascontiguousarray(share_slots)]
+
+    def held_slopes(self) -> Index:
+        """Vertices of the edges that ghosts clamp."""
+        hinges = self._folds.hinges
+        return np.unique(hinges[hinges[:, 3] >= self._vertex_count][:, :2])
 
     def _internal(self) -> tuple[InternalUnknowns, Index]:
         """The fold shares, and the place (B, 3, 6) of each triangle's vertices in their coupling (or -1)."""
@@ -130,6 +136,7 @@ class SplitFoldEnergy(ElasticEnergy):
         return InternalUnknowns(indptr, columns, self._shares.stiffness, self._shares.solve), places
 
     def energy(self, x: Array) -> float:
+        """Energy [J]."""
         state = self._measured(x)
         return self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
 
@@ -138,6 +145,7 @@ class SplitFoldEnergy(ElasticEnergy):
         return 0.5 * float(state.folds @ couples + state.stretches @ tensions)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (n, 3) [N]."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
         return self._value(state, couples, tensions), self._gradient(state, couples, tensions)
@@ -145,6 +153,7 @@ class SplitFoldEnergy(ElasticEnergy):
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
     ) -> tuple[float, Array, Array]:
+        """Energy, gradient and Hessian values."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
         total, gradient = self._value(state, couples, tensions), self._gradient(state, couples, tensions)
@@ -172,20 +181,24 @@ class SplitFoldEnergy(ElasticEnergy):
         return data
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
+        """Stresses after ``step`` by the linearised measures."""
         state = self._measured(x)
         folds, stretches = self._rates(state, step)
         return [self._shares.couples(state.folds + folds), self._tension @ (state.stretches + stretches)]
 
     def linear_energy(self, x: Array, step: Array) -> float:
+        """Energy [J] of the measures' rates along ``step``."""
         folds, stretches = self._rates(self._measured(x), step)
         return 0.5 * float(folds @ self._shares.couples(folds) + stretches @ (self._tension @ stretches))
 
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
+        """Force (n, 3) [N] of stiffness-proportional damping."""
         state = self._measured(x)
         folds, stretches = self._rates(state, velocity)
         return -factor * self._gradient(state, self._shares.couples(folds), self._tension @ stretches)
 
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
+        """Values of its matrix [N s/m] on the pattern."""
         if factor == 0.0:
             return np.zeros(pattern.size)
         raise OptionError(

@@ -12,9 +12,9 @@ The energy is least for the shares at which the bending moment across each edge 
 and of Hellan, Herrmann and Johnson). The shares follow linearly from the fold angles, so the bending energy is
 :math:`\delta^T H \delta / 2` with one constant matrix H.
 
-Edges: a free edge has no moment, which is condensed out of K_T. At a clamped edge the whole fold belongs to the one free
-triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the triangle's
-rest plane. One held row of vertices therefore clamps.
+Edges: a free edge has no moment, so its fold is condensed out of K_T. At a clamped edge the whole fold belongs to the
+one free triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the
+triangle's rest plane. One held row of vertices therefore clamps.
 """
 
 from __future__ import annotations
@@ -161,7 +161,7 @@ def split_folds(
 
 
 def _mirror_images(points: Array, first: Index, second: Index, apex: Index) -> Array:
-    """Mirror images of the vertices ``apex`` over the lines from ``first`` to ``second``, in their triangles' planes."""
+    """Mirror images of the vertices ``apex`` over the lines from ``first`` to ``second``, in the triangles' planes."""
     edge, arm = points[second] - points[first], points[apex] - points[first]
     foot = (np.sum(arm * edge, axis=1) / np.sum(edge**2, axis=1))[:, None] * edge
     return np.asarray(points[first] + 2.0 * foot - arm)
