@@ -31,10 +31,13 @@ from modalshell.mesh import (
 )
 from modalshell.models import (
     CoarseDiscreteShell,
+    Damping,
     DiscreteShell,
+    Equilibrium,
     LinearModal,
     ModalDerivatives,
     ModalWarping,
+    Model,
     ReducedRotationStrain,
     RigidShell,
     RotationStrain,
@@ -43,6 +46,7 @@ from modalshell.models import (
 )
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
+from modalshell.outcome import Outcome
 from modalshell.run import SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Material, Shell
@@ -55,7 +59,9 @@ __all__ = [
     "Basis",
     "CoarseDiscreteShell",
     "Crowd",
+    "Damping",
     "DiscreteShell",
+    "Equilibrium",
     "FileFormatError",
     "Flock",
     "LinearModal",
@@ -67,8 +73,10 @@ __all__ = [
     "ModalShellError",
     "ModalShellWarning",
     "ModalWarping",
+    "Model",
     "OptionError",
     "OrientationConstraint",
+    "Outcome",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",
