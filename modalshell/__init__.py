@@ -47,7 +47,8 @@ from modalshell.models import (
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.outcome import Outcome
-from modalshell.run import SceneResult, run_scene
+from modalshell.reduction.warp_frame import WarpFrame
+from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Material, Shell
 from modalshell.sweep import SweepResult, run_sweep
@@ -63,6 +64,7 @@ __all__ = [
     "DiscreteShell",
     "Equilibrium",
     "FileFormatError",
+    "FlightResult",
     "Flock",
     "LinearModal",
     "LoadError",
@@ -81,6 +83,7 @@ __all__ = [
     "ReducedRotationStrain",
     "RigidShell",
     "RotationStrain",
+    "RunFollower",
     "Scene",
     "SceneError",
     "SceneResult",
@@ -93,6 +96,7 @@ __all__ = [
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
+    "WarpFrame",
     "WorkerError",
     "advise",
     "coarse_shell",

@@ -17,7 +17,7 @@ from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 
 RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
@@ -113,9 +113,8 @@ class Model(ABC):
     shell: Shell
     in_shell_frame = False
     """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
-
     takes_constraints = False
-    """Whether statics and motion take position and orientation constraints."""
+    """Whether position and orientation constraints can be asked of it."""
 
     def equilibrium(
         self,
@@ -205,6 +204,10 @@ class Model(ABC):
         targets: Sequence[ResolvedTarget],  # noqa: ARG002
     ) -> tuple[MotionState, Array]:
         """Move ``state``, a step of ``dt`` after ``before``, onto the targets; also returns each one's residual."""
+        raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+
+    def holding(self, vertices: Index) -> Model:  # noqa: ARG002 (for models in the world's frame)
+        """The same model with further vertices held, which is how models in the world's frame meet constraints."""
         raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
 
     def elastic_energy(self, state: MotionState) -> float:

@@ -12,6 +12,6 @@ def verdict(residual: float, stable: bool | None, converged: bool) -> tuple[Outc
     """Outcome and message of an answer with this residual, whose Hessian is positive definite or not."""
     if converged:
         return Outcome.CONVERGED, ""
-    if not residual <= ACCEPTED:
+    if stable is not False or not residual <= ACCEPTED:
         return Outcome.NOT_CONVERGED, f"residual {residual:.1e} of {ACCEPTED:.0e}"
     return Outcome.UNSTABLE, "in balance at a saddle, which the smallest push aside leaves"
