@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Literal, final
 
 import numpy as np
@@ -10,6 +11,7 @@ from modalshell.checks import checked_choice, checked_count, checked_kind, check
 from modalshell.errors import MeshError, OptionError
 from modalshell.models.base import Damping, MotionState
 from modalshell.models.full import FullModel, Integrator
+from modalshell.sharing import PerThread
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
@@ -92,7 +94,7 @@ class SpringSheet(FullModel):
         )
         self.solver: Literal["factor", "cg"] = solver
         self.iterations = checked_count("iterations", iterations)
-        self._stepper: ImplicitSprings | None = None
+        self._stepper = PerThread(partial(ImplicitSprings, self.springs, shell.mass, shell.clamped))
 
     def holding(self, vertices: Index) -> SpringSheet:
         """The same model, with further vertices held."""
@@ -152,10 +154,7 @@ class SpringSheet(FullModel):
     ) -> tuple[MotionState, bool]:
         if self.solver == "factor":
             return super()._linear_implicit(state, dt, load, damping, held)
-        shell = self.shell
-        if self._stepper is None:
-            self._stepper = ImplicitSprings(self.springs, shell.mass, shell.clamped)
-        stepper = self._stepper
+        stepper = self._stepper()
         stepper.place(state.coordinates, state.rates, state.carried)
         with self.costs.part("conjugate gradients"):
             found = stepper.step(
