@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal, final
 
 import numpy as np
@@ -14,6 +15,7 @@ from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError
 from modalshell.models.base import Damping, Equilibrium, MotionState, total_load
 from modalshell.models.full import FullModel, Integrator
+from modalshell.sharing import PerThread
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
@@ -97,7 +99,7 @@ class SpringSheet(FullModel):
         )
         self.solver: Literal["factor", "cg"] = solver
         self.iterations = checked_count("iterations", iterations)
-        self._stepper: ImplicitSprings | None = None
+        self._stepper = PerThread(partial(ImplicitSprings, self.springs, shell.mass, shell.clamped))
 
     def holding(self, vertices: Index) -> SpringSheet:
         """The same model, with further vertices held."""
@@ -165,10 +167,7 @@ class SpringSheet(FullModel):
     ) -> tuple[MotionState, bool]:
         if self.solver == "factor":
             return super()._linear_implicit(state, dt, load, damping, held)
-        shell = self.shell
-        if self._stepper is None:
-            self._stepper = ImplicitSprings(self.springs, shell.mass, shell.clamped)
-        stepper = self._stepper
+        stepper = self._stepper()
         stepper.place(state.coordinates, state.rates, state.carried)
         with self.costs.part("conjugate gradients"):
             found = stepper.step(
