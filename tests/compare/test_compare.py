@@ -12,7 +12,7 @@ from modalshell.compare.path import find_jump
 from modalshell.compare.runs import turn_at
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
-from modalshell.study import load_script
+from studies import held_out_advice
 
 FLAT = ('"v_beam"', '"flat_beam"')
 WEAK = ("-9.81", "-4.0")
@@ -235,5 +235,5 @@ def test_fronts_of_impossible_values_are_refused(tmp_path, x):
 
 @pytest.mark.slow
 def test_advice_is_right_on_scenes_it_was_not_made_for():
-    rows = load_script("studies", "held_out_advice").main().findings["rows"]
+    rows = held_out_advice.main().findings["rows"]
     assert sum(row["right"] for row in rows) >= 0.9 * len(rows)
