@@ -282,7 +282,7 @@ class FullModel(Model):
     def _step_potential(self, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[Potential, float]:
         """``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning; and its scale."""
         shell, x = self.shell, state.coordinates
-        quadratic = np.zeros(shell.pattern.indices.size)
+        quadratic = np.zeros(shell.pattern.size)
         if damping.stiffness_factor or shell.has_dashpots:
             quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
         quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)

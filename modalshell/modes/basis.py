@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -70,7 +71,7 @@ class Basis(ReadOnlyArrays):
         """Write the basis with its shell to an ``.npz`` file (no pickle)."""
         shell, material = self.shell, self.shell.material
         if isinstance(material, Isotropic):  # functions cannot be stored, their values can
-            material = material.per_triangle(shell.mesh)
+            material = material.on(shell.mesh)
         write_npz(
             path,
             modalshell_basis=np.array(_FORMAT),
@@ -100,7 +101,7 @@ class Basis(ReadOnlyArrays):
             if int(data["modalshell_basis"]) != _FORMAT:
                 raise ValueError(f"format {data['modalshell_basis']} (this version reads {_FORMAT})")
             kind = Isotropic if "young" in data else Material
-            constants = {field.name: data[field.name] for field in fields(kind)}
+            constants: dict[str, Any] = {field.name: data[field.name] for field in fields(kind)}
             if "correct_clamp" in constants:
                 constants["correct_clamp"] = bool(constants["correct_clamp"])
             shell = Shell(TriangleMesh(data["vertices"], data["faces"]), kind(**constants), data["clamped"])

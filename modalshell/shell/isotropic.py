@@ -57,29 +57,32 @@ class Isotropic:
             value.flags.writeable = False
             object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
 
-    def per_triangle(self, mesh: TriangleMesh) -> Isotropic:
-        """The same material with one value a triangle of ``mesh`` in every field; MaterialError where they misfit."""
+    def on(self, mesh: TriangleMesh) -> Isotropic:
+        """The same material, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
         centroids = mesh.vertices[mesh.faces].mean(axis=1)
-        count = len(mesh.faces)
         fields = []
         for name in _UNITS:
             raw = getattr(self, name)
             value = _checked(name, raw(centroids)) if callable(raw) else np.asarray(raw)
-            if value.ndim == 1 and value.size != count:
-                raise MaterialError(f"{name} has {value.size} values, but the mesh has {count} triangles")
-            fields.append(np.array(np.broadcast_to(value, (count,))))
+            if value.ndim == 1 and value.size != len(mesh.faces):
+                raise MaterialError(f"{name} has {value.size} values, but the mesh has {len(mesh.faces)} triangles")
+            fields.append(value)
         return Isotropic(*fields)
 
     def area_density(self, mesh: TriangleMesh) -> Array:
         """Mass per area of every triangle (T,) [kg/m^2]."""
-        sheet = self.per_triangle(mesh)
-        return np.asarray(sheet.density) * np.asarray(sheet.thickness)
+        _, _, thickness, density = self._arrays(mesh)
+        return np.asarray(density * thickness)
+
+    def _arrays(self, mesh: TriangleMesh) -> list[Array]:
+        sheet = self.on(mesh)
+        shape = (len(mesh.faces),)
+        return [np.broadcast_to(np.asarray(getattr(sheet, name)), shape) for name in _UNITS]
 
     def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
         """Membrane stiffness ``E h / (1 - nu^2)`` [N/m], bending stiffness D [N m] and nu of every triangle (T,)."""
-        sheet = self.per_triangle(mesh)
-        poisson, thickness = np.asarray(sheet.poisson), np.asarray(sheet.thickness)
-        membrane = np.asarray(sheet.young) * thickness / (1.0 - poisson**2)
+        young, poisson, thickness, _ = self._arrays(mesh)
+        membrane = young * thickness / (1.0 - poisson**2)
         return membrane, membrane * thickness**2 / 12.0, poisson
 
 

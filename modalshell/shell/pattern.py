@@ -94,10 +94,17 @@ class SparsePattern:
     def product(self, data: Array, vectors: Array) -> Array:
         """Hessian by positions times vectors (3n,) or (3n, k), internal unknowns following at their minimum."""
         result = np.asarray(self.matrix(data) @ vectors)
-        if self.internal is None:
+        if self.internal is None or (scale := self._internal_scale(data)) == 0.0:
             return result
         coupling = self.coupling(data)
-        return np.asarray(result - coupling.T @ self.internal.solve(coupling @ vectors))
+        return np.asarray(result - coupling.T @ self.internal.solve(coupling @ vectors) / scale)
+
+    def _internal_scale(self, data: Array) -> float:
+        """The stiffness of the internal unknowns in ``data`` over their own; 0 where there is none."""
+        inner = self.internal
+        if inner is None or inner.count == 0:
+            return 0.0
+        return float(data[-inner.stiffness.nnz] / inner.stiffness.data[0])
 
     def condensed(self, data: Array, drop: float = 1e-15) -> sps.csr_array:
         """Hessian by positions (3n, 3n): the Schur complement, less entries below ``drop`` times the largest.
@@ -105,13 +112,13 @@ class SparsePattern:
         Far wider than the pattern, as every internal unknown follows its neighbours: entries fall off by about a factor
         of two an edge. For the solvers use :meth:`free_matrix` or :meth:`product`.
         """
-        if self.internal is None:
+        if self.internal is None or (scale := self._internal_scale(data)) == 0.0:
             return self.matrix(data).copy()  # its indices would be the pattern's own
         coupling = sps.csc_array(self.coupling(data))
         blocks = []
         least = drop * np.abs(data).max(initial=0.0)
         for start in range(0, coupling.shape[1], 300):
-            columns = self.internal.solve(coupling[:, start : start + 300].toarray())
+            columns = self.internal.solve(coupling[:, start : start + 300].toarray()) / scale
             columns[np.abs(columns) <= drop * np.abs(columns).max(initial=0.0)] = 0.0
             block = sps.csc_array(coupling.T @ sps.csc_array(columns))
             block.data[np.abs(block.data) <= least] = 0.0

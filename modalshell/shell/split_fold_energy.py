@@ -10,7 +10,6 @@ import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from modalshell.errors import OptionError
 from modalshell.kernels import split_folds as kernels
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import PerThread
@@ -199,9 +198,6 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
         """Values of its matrix [N s/m] on the pattern."""
-        if factor == 0.0:
-            return np.zeros(pattern.size)
-        raise OptionError(
-            "implicit steps of a shell of ms.Isotropic take no damping that follows strain rates yet (got a stiffness "
-            f"factor of {factor:g} s): use damping=(xi, 0), or a modal model"
-        )
+        # Added to a Hessian at x this shares its internal unknowns exactly; elsewhere Newton takes an approximate matrix,
+        # to the second order in the step.
+        return factor * self._material_part(slots, pattern, self._measured(x))
