@@ -13,6 +13,7 @@ LINE_LIMIT = 500
 # names one below it. "modalshell" itself (ROOT) stands for the names that modalshell/__init__.py hands out.
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
+    "interruption": set(),
     "outcome": set(),
     "sharing": set(),
     "symbolic": set(),
@@ -122,6 +123,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "crowd",
         "errors",
         "export",
+        "interruption",
         "measure",
         "mesh",
         "models",
