@@ -18,6 +18,7 @@ from modalshell.errors import (
     WorkerError,
 )
 from modalshell.export import load_trajectory, save_trajectory
+from modalshell.loads import LineForce, PointForce
 from modalshell.mesh import (
     TriangleMesh,
     cylinder_panel,
@@ -65,6 +66,7 @@ __all__ = [
     "FileFormatError",
     "FlightResult",
     "Flock",
+    "LineForce",
     "LinearModal",
     "LoadError",
     "Material",
@@ -77,6 +79,7 @@ __all__ = [
     "Model",
     "OptionError",
     "OrientationConstraint",
+    "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",

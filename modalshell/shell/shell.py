@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sps
@@ -12,7 +13,7 @@ from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import LoadError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import elements as sums
-from modalshell.shell.elements import ElementSet, element_sets
+from modalshell.shell.elements import ElementSet, Energy, element_sets
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import build_pattern
 from modalshell.shell.supports import held_vertices
@@ -34,6 +35,8 @@ class Shell:
     clamped : array_like of bool, shape (n,), or of int, optional
         Vertices that are held. To clamp an edge hold two rows of vertices: with one row the triangles next to it can
         hinge freely about the clamped edge.
+    energies : sequence of Energy, optional
+        Further energies besides those of the material.
 
     Attributes
     ----------
@@ -56,12 +59,24 @@ class Shell:
         If ``clamped`` has the wrong shape, names no such vertex, or holds every vertex.
     """
 
-    def __init__(self, mesh: TriangleMesh, material: Material, clamped: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        material: Material,
+        clamped: ArrayLike | None = None,
+        *,
+        energies: Sequence[Energy] = (),
+    ) -> None:
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         self.material = checked_kind("material", material, Material)
         self.rest_positions: Array = np.asarray(mesh.vertices)
         clamped = held_vertices(clamped, len(mesh.vertices))
-        self.elements: list[ElementSet] = element_sets(mesh, material, clamped)
+        self.energies = tuple(
+            checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
+            for energy in energies
+        )
+        further = [energy.elements(mesh) for energy in self.energies]
+        self.elements: list[ElementSet] = [*element_sets(mesh, material, clamped), *further]
         self._hold(clamped)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = mesh.shared_among_corners(face_mass)
@@ -82,7 +97,7 @@ class Shell:
     def with_elements(self, elements: list[ElementSet]) -> Shell:
         """The same vertices, masses and supports under other energies, such as those of springs."""
         other = copy.copy(self)
-        other.elements = elements
+        other.energies, other.elements = (), elements
         other._hold(self.clamped)
         return other
 
