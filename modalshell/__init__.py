@@ -47,6 +47,7 @@ from modalshell.models import (
 )
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
+from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
@@ -79,6 +80,7 @@ __all__ = [
     "Model",
     "OptionError",
     "OrientationConstraint",
+    "Outcome",
     "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",

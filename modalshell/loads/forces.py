@@ -11,6 +11,7 @@ from modalshell.errors import OptionError
 from modalshell.loads.base import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.selection import Selection, selected
+from modalshell.sharing import read_only_copy
 from modalshell.typing import Array, Vector
 
 
@@ -32,7 +33,7 @@ class PointForce(Load, key="point"):
     """
 
     def __init__(self, sel: Selection, force: Vector) -> None:
-        self.sel, self.vector = sel, checked_vectors("force", force, (3,))
+        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
 
     def force(self, mesh: TriangleMesh) -> Array:
         """Force on every vertex (n, 3) [N]; OptionError where ``sel`` selects no vertex of ``mesh``."""
@@ -57,7 +58,7 @@ class LineForce(Load, key="line"):
     """
 
     def __init__(self, sel: Selection, force: Vector) -> None:
-        self.sel, self.vector = sel, checked_vectors("force", force, (3,))
+        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
 
     def force(self, mesh: TriangleMesh) -> Array:
         """Force on every vertex (n, 3) [N]; OptionError where ``sel`` selects no edge of ``mesh``."""

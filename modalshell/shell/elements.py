@@ -5,8 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from types import ModuleType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,12 @@ class ElementSet:
         rest = np.empty(stencils.shape[0])
         kernel.measures(np.asarray(mesh.vertices), stencils, rest)
         return cls(name, kernel, stencils, rest, np.ascontiguousarray(weight))
+
+    def __getstate__(self) -> dict[str, Any]:  # a module cannot be pickled, its name can
+        return self.__dict__ | {"kernel": self.kernel.__name__}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, kernel=import_module(state["kernel"]))
 
     def resistance(self, factor: float) -> Array:
         """Weight of all damping that follows the elements' rates: ``factor`` [s] times the stiffness, and dashpots."""

@@ -36,3 +36,16 @@ def test_a_line_force_counts_by_length():
 def test_selections_that_fit_no_mesh_are_refused(load, message):
     with pytest.raises(ms.OptionError, match=message):
         load.force(MESH)
+
+
+def test_loads_act_in_statics_as_their_forces_do():
+    shell = ms.Shell(MESH, ms.Material(20.0, 20.0, 0.05, 0.2), MESH.vertices[:, 0] < 0.13)
+    loads = [ms.PointForce(END, (0.0, 0.0, -1e-4)), ms.LineForce(END, (0.0, 1e-3, 0.0))]
+    force = sum(load.force(MESH) for load in loads)
+    for model in (ms.DiscreteShell(shell), ms.ModalWarping(ms.solve_modes(shell, 4))):
+        by_loads, by_force = model.equilibrium(loads=loads), model.equilibrium(force=force)
+        np.testing.assert_array_equal(by_loads.positions, by_force.positions)
+        both = model.equilibrium(loads=loads[:1], force=loads[1].force(MESH))
+        np.testing.assert_allclose(both.positions, by_force.positions, atol=1e-12)
+        with pytest.raises(ms.OptionError, match="each of loads must be a Load"):
+            model.equilibrium(loads=[force])
