@@ -19,6 +19,7 @@ from modalshell.errors import (
     WorkerError,
 )
 from modalshell.export import load_trajectory, save_trajectory
+from modalshell.loads import LineForce, PointForce
 from modalshell.mesh import (
     TriangleMesh,
     cylinder_panel,
@@ -67,6 +68,7 @@ __all__ = [
     "FileFormatError",
     "FlightResult",
     "Flock",
+    "LineForce",
     "LinearModal",
     "LoadError",
     "Material",
@@ -80,6 +82,7 @@ __all__ = [
     "OptionError",
     "OrientationConstraint",
     "Outcome",
+    "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",
