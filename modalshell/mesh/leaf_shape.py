@@ -124,9 +124,7 @@ def _zip(
     return faces
 
 
-def _relaxed(
-    points: FloatArray, faces: IntArray, margin: FloatArray, *, anywhere: bool
-) -> tuple[FloatArray, IntArray]:
+def _relaxed(points: FloatArray, faces: IntArray, margin: FloatArray, *, anywhere: bool) -> tuple[FloatArray, IntArray]:
     """Move the interior points to the centroids of the triangles around them, 20 times, with Delaunay in between."""
     area = signed_areas(points, faces)
     edge = np.interp(points[:, 0], margin[:, 0], margin[:, 1])

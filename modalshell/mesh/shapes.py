@@ -61,8 +61,8 @@ def v_beam(
     cells : (int, int)
         Cells along, and across both flanges (even, so that the ridge lies on mesh edges).
     family : str
-        Mesh family of `flat_beam`. "equilateral", "lloyd" and "delaunay" mesh one flange and mirror it; the others are the
-        lattice of the developed sheet.
+        Mesh family of `flat_beam`. "equilateral", "lloyd" and "delaunay" mesh one flange and mirror it; the others
+        are the lattice of the developed sheet.
     """
     points, faces = developed_halves(length, width, cells, family)
     half_fold = 0.5 * np.radians(check_angle(fold, "fold", 180.0))

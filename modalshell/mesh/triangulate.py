@@ -37,7 +37,8 @@ def rectangle(length: float, width: float, cells: Sequence[int], family: str) ->
         odd columns shifted by half a cell, with extra vertices on the sides; equilateral where
         length / cells[0] = sqrt(3) / 2 width / cells[1]. "lloyd": those points, shifted at random (seed 0), after 20
         Lloyd iterations, Delaunay, boundary vertices at the spacing of the cells; nearly all have six neighbours.
-        "delaunay": as many points anywhere in the rectangle instead, which end with five to seven, rarely four or eight.
+        "delaunay": as many points anywhere in the rectangle instead, which end with five to seven, rarely four or
+        eight.
 
     Returns
     -------

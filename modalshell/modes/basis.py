@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from modalshell.mesh import TriangleMesh
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
+from modalshell.plugins import load_plugins
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Isotropic, Material, Shell
+from modalshell.shell.elements import ENERGIES
 from modalshell.typing import Array
 
 _FORMAT = 1
@@ -79,6 +82,7 @@ class Basis(ReadOnlyArrays):
             faces=shell.mesh.faces,
             clamped=shell.clamped,
             **{field.name: np.asarray(getattr(material, field.name)) for field in fields(material)},
+            energies=np.array(json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])),  # type: ignore[call-overload]
             eigenvalues=self.eigenvalues,
             modes=self.modes,
             rotations=self.rotations,
@@ -96,6 +100,7 @@ class Basis(ReadOnlyArrays):
         FileFormatError
             If the file is missing, damaged, or not a saved basis.
         """
+        load_plugins()
         try:
             data = read_npz(path)
             if int(data["modalshell_basis"]) != _FORMAT:
@@ -104,7 +109,10 @@ class Basis(ReadOnlyArrays):
             constants: dict[str, Any] = {field.name: data[field.name] for field in fields(kind)}
             if "correct_clamp" in constants:
                 constants["correct_clamp"] = bool(constants["correct_clamp"])
-            shell = Shell(TriangleMesh(data["vertices"], data["faces"]), kind(**constants), data["clamped"])
+            further = json.loads(str(data["energies"])) if "energies" in data else []
+            energies = [ENERGIES[key](**fields) for key, fields in further]
+            mesh = TriangleMesh(data["vertices"], data["faces"])
+            shell = Shell(mesh, kind(**constants), data["clamped"], energies=energies)
             values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
             shape = (shell.rest_positions.size, values.size)
             modes = checked_vectors("modes", data["modes"], shape)

@@ -20,6 +20,11 @@ class ElasticEnergy(ABC):
     def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
         """Pattern of the Hessian with the vertices ``free`` to move, and the slots of the elements in it."""
 
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether elements are damped by dashpots of their own."""
+        return False
+
     def held_slopes(self) -> Index:
         """Vertices about which the surface cannot turn, as the energy clamps an edge there."""
         return np.empty(0, dtype=np.int64)

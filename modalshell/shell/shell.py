@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sps
@@ -13,7 +14,7 @@ from modalshell.errors import LoadError, OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
-from modalshell.shell.elements import ElementSet, ElementSum, element_sets
+from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -34,6 +35,8 @@ class Shell(ReadOnlyArrays):
         Vertices that are held. To clamp an edge of a :class:`Material`'s shell hold two rows of vertices: with one row
         the triangles next to it can hinge freely about the clamped edge. An :class:`Isotropic` shell is clamped by
         one row: at every edge with both ends held.
+    energies : sequence of Energy, optional
+        Further energies besides those of the material.
 
     Attributes
     ----------
@@ -56,18 +59,30 @@ class Shell(ReadOnlyArrays):
         If ``clamped`` has the wrong shape, names no such vertex, or holds every vertex.
     """
 
-    def __init__(self, mesh: TriangleMesh, material: Material | Isotropic, clamped: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        material: Material | Isotropic,
+        clamped: ArrayLike | None = None,
+        *,
+        energies: Sequence[Energy] = (),
+    ) -> None:
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         if not isinstance(material, Material | Isotropic):
             raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
         self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
         clamped = held_vertices(clamped, len(mesh.vertices))
+        self.energies = tuple(
+            checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
+            for energy in energies
+        )
+        further = [energy.elements(mesh) for energy in self.energies]
         self._energy: ElasticEnergy
         if isinstance(material, Isotropic):
-            self._energy = SplitFoldEnergy(mesh, material, clamped)
+            self._energy = SplitFoldEnergy(mesh, material, clamped, further)
         else:
-            self._energy = ElementSum(element_sets(mesh, material, clamped), len(mesh.vertices))
+            self._energy = ElementSum([*element_sets(mesh, material, clamped), *further], len(mesh.vertices))
         self._hold(clamped)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = read_only(mesh.shared_among_corners(face_mass))
@@ -97,6 +112,7 @@ class Shell(ReadOnlyArrays):
     def with_elements(self, elements: list[ElementSet]) -> Shell:
         """The same vertices, masses and supports under other energies, such as those of springs."""
         other = copy.copy(self)
+        other.energies = ()
         other._energy = ElementSum(elements, len(self.rest_positions))
         other._hold(self.clamped)
         return other
@@ -190,7 +206,7 @@ class Shell(ReadOnlyArrays):
     @property
     def has_dashpots(self) -> bool:
         """Whether elements are damped by dashpots of their own, whatever the Rayleigh factors."""
-        return isinstance(self._energy, ElementSum) and any(e.viscosity is not None for e in self._energy.elements)
+        return self._energy.has_dashpots
 
     def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
         """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].

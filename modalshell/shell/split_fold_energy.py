@@ -14,6 +14,7 @@ from modalshell.kernels import split_folds as kernels
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import PerThread
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy
+from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
 from modalshell.shell.smoothed_membrane import membrane_elements, membrane_matrix
@@ -65,9 +66,14 @@ class SplitFoldEnergy(ElasticEnergy):
         The sheet.
     clamped : ndarray of bool, shape (n,)
         Held vertices: their edges are clamped.
+    further : list of ElementSet
+        Further energies, which are added.
     """
 
-    def __init__(self, mesh: TriangleMesh, material: Isotropic, clamped: NDArray[np.bool_]) -> None:
+    def __init__(
+        self, mesh: TriangleMesh, material: Isotropic, clamped: NDArray[np.bool_], further: list[ElementSet]
+    ) -> None:
+        self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
         folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, float(stiffness.mean()))
@@ -110,10 +116,16 @@ class SplitFoldEnergy(ElasticEnergy):
         """Pattern of the Hessian, and the slots of the elements in it."""
         folds = self._folds
         stencils = [folds.triangles, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
+        stencils += [e.stencils for e in self._further.elements]
         internal, share_slots = self._internal()
         pattern, slots = build_pattern(self._vertex_count, stencils, free, internal)
         share_slots = np.where(share_slots >= 0, pattern.indices.size + 3 * share_slots, -1)
         return pattern, [*slots, np.ascontiguousarray(share_slots)]
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether further energies are damped by dashpots of their own."""
+        return self._further.has_dashpots
 
     def held_slopes(self) -> Index:
         """Vertices of the edges that ghosts clamp."""
@@ -137,7 +149,8 @@ class SplitFoldEnergy(ElasticEnergy):
     def energy(self, x: Array) -> float:
         """Energy [J]."""
         state = self._measured(x)
-        return self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        value = self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        return value + self._further.energy(x)
 
     @staticmethod
     def _value(state: _State, couples: Array, tensions: Array) -> float:
@@ -147,7 +160,8 @@ class SplitFoldEnergy(ElasticEnergy):
         """Energy [J] and gradient (n, 3) [N]."""
         state = self._measured(x)
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
-        return self._value(state, couples, tensions), self._gradient(state, couples, tensions)
+        further, gradient = self._further.energy_gradient(x)
+        return self._value(state, couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
 
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
@@ -157,8 +171,14 @@ class SplitFoldEnergy(ElasticEnergy):
         couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
         total, gradient = self._value(state, couples, tensions), self._gradient(state, couples, tensions)
         data = self._material_part(slots, pattern, state)
+        others = self._further.elements
+        if others:
+            more = None if stresses is None else stresses[2:]
+            added = self._further.energy_gradient_hessian(slots[5:-1], pattern, x, geometric, more)
+            total, gradient = total + added[0], gradient + added[1]
+            data += added[2]
         if geometric == MIXED and stresses is not None:
-            couples, tensions = stresses
+            couples, tensions = stresses[:2]
         if geometric != GAUSS_NEWTON:
             projected = geometric == PROJECTED
             strides = pattern.strides
@@ -174,7 +194,7 @@ class SplitFoldEnergy(ElasticEnergy):
         factors = (folds.weights, folds.shares, folds.moments)
         tables = (folds.triangles, folds.folds, folds.places)
         kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
-        for e, place in zip(self._membrane, slots[3:-1], strict=True):
+        for e, place in zip(self._membrane, slots[3:5], strict=True):
             kernels.add_membrane(state.points, e.stencils, e.pairs, e.matrices, place, strides, data)
         data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
         return data
@@ -183,21 +203,25 @@ class SplitFoldEnergy(ElasticEnergy):
         """Stresses after ``step`` by the linearised measures."""
         state = self._measured(x)
         folds, stretches = self._rates(state, step)
-        return [self._shares.couples(state.folds + folds), self._tension @ (state.stretches + stretches)]
+        own = [self._shares.couples(state.folds + folds), self._tension @ (state.stretches + stretches)]
+        return own + self._further.linear_stresses(x, step)
 
     def linear_energy(self, x: Array, step: Array) -> float:
         """Energy [J] of the measures' rates along ``step``."""
         folds, stretches = self._rates(self._measured(x), step)
-        return 0.5 * float(folds @ self._shares.couples(folds) + stretches @ (self._tension @ stretches))
+        own = 0.5 * float(folds @ self._shares.couples(folds) + stretches @ (self._tension @ stretches))
+        return own + self._further.linear_energy(x, step)
 
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
         """Force (n, 3) [N] of stiffness-proportional damping."""
         state = self._measured(x)
         folds, stretches = self._rates(state, velocity)
-        return -factor * self._gradient(state, self._shares.couples(folds), self._tension @ stretches)
+        own = self._gradient(state, self._shares.couples(folds), self._tension @ stretches)
+        return self._further.damping_force(x, velocity, factor) - factor * own
 
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
         """Values of its matrix [N s/m] on the pattern."""
         # Added to a Hessian at x this shares its internal unknowns exactly; elsewhere Newton takes an approximate matrix,
         # to the second order in the step.
-        return factor * self._material_part(slots, pattern, self._measured(x))
+        own = factor * self._material_part(slots, pattern, self._measured(x))
+        return own + self._further.damping_matrix(slots[5:-1], pattern, x, factor)
