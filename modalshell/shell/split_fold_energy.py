@@ -221,7 +221,7 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
         """Values of its matrix [N s/m] on the pattern."""
-        # Added to a Hessian at x this shares its internal unknowns exactly; elsewhere Newton takes an approximate matrix,
+        # Added to a Hessian at x this shares its internal unknowns exactly; elsewhere Newton's matrix is approximate,
         # to the second order in the step.
         own = factor * self._material_part(slots, pattern, self._measured(x))
         return own + self._further.damping_matrix(slots[5:-1], pattern, x, factor)
