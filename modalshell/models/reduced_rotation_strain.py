@@ -14,6 +14,7 @@ from modalshell.models.base import MotionState
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.typing import Array, Index
+from modalshell.work import count_read
 
 _CANDIDATES = 2000
 _FEATURES = 96
@@ -127,6 +128,7 @@ class ReducedRotationStrain(TurnedTriangles):
 
     def displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the reduced surface."""
+        count_read(self._modal.nbytes + self._map.nbytes + self._expansion.nbytes)
         kernel.deformations(self._modal, q, self._buffer, self._sampled)
         self._amounts[: q.size] = q
         np.dot(self._map, self._sampled[0], out=self._amounts[q.size :])
