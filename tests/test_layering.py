@@ -128,6 +128,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "models",
         "modes",
         "motion",
+        "reduction",
         "run",
         "scene",
         "shell",
