@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from modalshell.compare.runs import ANSWER_FRAMES
+from modalshell.outcome import Outcome
 
 _HEADS = (
     *("rung", "elements", "solves", "kB read", "ms a frame", "statics [s]", "preprocessing [s]", "time to answer [s]"),
@@ -52,7 +53,7 @@ def percent(value: float | None, form: str = ".3g") -> str:
 
 def _notes(row: dict[str, Any]) -> str:
     """What went wrong, each kind once."""
-    wrong = list(dict.fromkeys(status.partition(":")[0] for status in row["statuses"] if status != "converged"))
+    wrong = list(dict.fromkeys(status for status in row["statuses"] if status != Outcome.CONVERGED))
     return "; ".join(wrong + ([f"motion: {row['motion']}"] if row["motion"] != "completed" else []))
 
 
