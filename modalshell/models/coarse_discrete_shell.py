@@ -211,7 +211,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | None = N
         changed = replace(
             given, stretch=given.stretch * membrane, shear=given.shear * membrane, flexure=given.flexure * flexure
         )
-        return Shell(mesh, changed, clamped)
+        return Shell(mesh, changed, clamped, energies=shell.energies)
 
     def excess(logarithm: float) -> float:
         return float(np.log(_lowest(stiffened(np.exp(logarithm), 1.0)) / goal))

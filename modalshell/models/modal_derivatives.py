@@ -91,12 +91,6 @@ class ModalDerivatives(Model):
             self.cubature = train(self.basis, self.energy, default_loads(self.basis) if loads is None else loads, most)
             self.energy = self.cubature.energy
 
-    @property
-    def cubature_elements(self) -> tuple[int, int, int]:
-        """Triangles, edges and hinges that the energy sums over."""
-        triangles, edges, hinges = (elements.rest.size for elements in self.energy.elements)
-        return triangles, edges, hinges
-
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Coordinates (r,) of the mass-weighted projection of ``positions`` (n, 3)."""
         displacement = self.shell.checked_positions(positions) - self.shell.rest_positions
