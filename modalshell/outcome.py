@@ -58,3 +58,30 @@ def gravest(*outcomes: Outcome) -> Outcome:
     """The gravest of some outcomes."""
     order = list(Outcome)
     return max(outcomes, key=order.index)
+
+
+_IN_WORDS = {
+    "runs away": Outcome.RUNS_AWAY,
+    "diverged": Outcome.DIVERGED,
+    "wound up": Outcome.WOUND_UP,
+    "at no minimum": Outcome.UNSTABLE,
+    "not converged": Outcome.NOT_CONVERGED,
+    "no equilibrium": Outcome.NO_EQUILIBRIUM,
+    "no fixed point": Outcome.NO_FIXED_POINT,
+    "unstable": Outcome.UNSTABLE,
+    "bounded cycle": Outcome.CYCLING,
+    "out of reach": Outcome.OUT_OF_REACH,
+    "constraints were missed": Outcome.CONSTRAINTS_MISSED,
+    "steps did not converge": Outcome.STEPS_NOT_CONVERGED,
+}
+"""What earlier versions wrote, the gravest first: a status of theirs was a sentence that could name several."""
+
+
+def outcome_in_words(status: str) -> Outcome:
+    """Outcome that a stored status names: a member's own name, or a sentence of version 0.1 and before.
+
+    Only files of earlier versions need this. A sentence that names none is taken for "not converged".
+    """
+    if status in list(Outcome):
+        return Outcome(status)
+    return next((outcome for words, outcome in _IN_WORDS.items() if words in status), Outcome.NOT_CONVERGED)

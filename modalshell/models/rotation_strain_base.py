@@ -15,6 +15,7 @@ from modalshell.kernels.frame import TILE
 from modalshell.models.base import Equilibrium, MotionState
 from modalshell.models.modal import Integrator, ModalModel
 from modalshell.modes import Basis
+from modalshell.outcome import Outcome
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
 
@@ -108,9 +109,9 @@ class TurnedTriangles(ModalModel):
         """Largest rotation angle of a triangle [rad] at q."""
         return float(kernel.largest_turn(self._modal, q, self._buffer))
 
-    def fault(self, state: MotionState) -> str | None:
+    def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up: a triangle turned by more than 2 pi."""
-        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def equilibrium(
         self,

@@ -16,6 +16,7 @@ from modalshell.kernels import rotations
 from modalshell.models.base import Equilibrium, MotionState
 from modalshell.models.modal import Integrator, ModalModel
 from modalshell.modes import Basis
+from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
@@ -188,9 +189,9 @@ class ModalWarping(ModalModel):
             solved, status = False, "unstable: a fixed point that damped motion leaves"
         return Statics(q, residual, iterations, solved, status)
 
-    def fault(self, state: MotionState) -> str | None:
+    def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up: a vertex turned by more than 2 pi."""
-        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def _balance(self, y: Array, load: Array, root: Array) -> Array:
         """Out-of-balance ``y - p / sqrt(lambda)``."""
