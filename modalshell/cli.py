@@ -14,6 +14,7 @@ import numpy as np
 from cyclopts import App, CycloptsError, Parameter
 from rich.console import Console
 from rich.markdown import Markdown
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -25,6 +26,7 @@ from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.models.modal import ModalModel
 from modalshell.outcome import Outcome
+from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.reproduce import chosen_studies
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
@@ -310,8 +312,6 @@ def modes(
     out: Annotated[Path, Parameter(help="Folder for the picture and the basis.")] = Path("results"),
 ) -> None:
     """Print the natural frequencies of a mesh and draw its mode shapes."""
-    from modalshell.render import ShadedSurface, View, draw_views
-
     built = (shell or _ShellOptions()).build(mesh)
     make_folder(out)
     basis = ms.solve_modes(built, count)
@@ -338,7 +338,7 @@ def doctor() -> None:
     """Show what this machine brings: versions, solvers, threads, what draws, and which extras are missing."""
     table = Table("what", "found", "what would better it")
     for reading in examine():
-        table.add_row(reading.name, reading.value, reading.hint)
+        table.add_row(reading.name, escape(reading.value), escape(reading.hint))
     _console.print(table)
 
 

@@ -24,6 +24,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.measure import displacement_error
 from modalshell.models.base import Damping
+from modalshell.models.full import FullModel
 from modalshell.provenance import run_record
 from modalshell.springs import shell_springs
 from modalshell.study import StudyResult, load_script
@@ -123,7 +124,7 @@ def compared(
     return found, answer.positions
 
 
-def step_seconds(model: ms.DiscreteShell, answer: Any, gravity: float) -> float:
+def step_seconds(model: FullModel, answer: Any, gravity: float) -> float:
     """Median seconds of a step from the answer, under a load that pushes it on."""
     state, times = model.start_motion(answer.positions), []
     load = model.shell.gravity_force((0.0, 0.0, -1.1 * gravity))

@@ -34,6 +34,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.errors import ModalShellError
 from modalshell.models import Damping, Model
+from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel
 from modalshell.modes import largest_eigenvalue
 from modalshell.motion import Motion, Trajectory, stability
@@ -239,7 +240,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     row = next(one for one in models.ROWS if one.name == name)
     model = models.model_of(name, models.BASE.ratio, models.BASE.aspect, models.BASE.fold)
     damping, count = models.BASE.rayleigh, 300 if quick else 900
-    if isinstance(model, ms.DiscreteShell):
+    if isinstance(model, FullModel):
         return full_limits(row, model, count)
     if isinstance(model, ms.RigidShell):
         return [limits.entry(name, "longest step of a spin of 2 rad/s", "s", *limits.spin_step(model, 2.0))]
@@ -279,7 +280,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     return found
 
 
-def full_limits(row: models.Row, model: ms.DiscreteShell, count: int) -> list[dict[str, Any]]:
+def full_limits(row: models.Row, model: FullModel, count: int) -> list[dict[str, Any]]:
     """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
     omega = float(np.sqrt(largest_eigenvalue(model.shell)))
     if row.theory == "implicit":

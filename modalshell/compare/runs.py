@@ -14,7 +14,8 @@ from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
 from modalshell.errors import SolverError
 from modalshell.mesh import TriangleMesh
-from modalshell.models import CoarseDiscreteShell, DiscreteShell, Equilibrium, ModalDerivatives, Model
+from modalshell.models import CoarseDiscreteShell, Equilibrium, ModalDerivatives, Model
+from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.timings import Stopwatch
@@ -192,7 +193,7 @@ def timed_frames(model: Model, case: Case) -> tuple[float, str]:
 def lowest_eigenvalue(model: Model, answer: Equilibrium, load: Array) -> float | None:
     """Lowest squared angular frequency [1/s^2] of ``model`` about its answer under ``load``; None if it cannot tell."""
     try:
-        if isinstance(model, DiscreteShell):
+        if isinstance(model, FullModel):
             return lowest_tangent_eigenvalue(model.shell, answer.positions)
         if isinstance(model, CoarseDiscreteShell):
             coarse = model.coarse

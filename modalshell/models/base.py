@@ -14,7 +14,7 @@ from modalshell.checks import checked_vectors, finite_answer
 from modalshell.errors import OptionError
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,8 @@ class Model(ABC):
     shell: Shell
     in_shell_frame = False
     """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
+    takes_constraints = False
+    """Whether position and orientation constraints can be asked of it."""
 
     @abstractmethod
     def equilibrium(
@@ -148,6 +150,10 @@ class Model(ABC):
         targets: Sequence[ResolvedTarget],  # noqa: ARG002
     ) -> tuple[MotionState, Array]:
         """Move ``state``, a step of ``dt`` after ``before``, onto the targets; also returns each one's residual."""
+        raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+
+    def holding(self, vertices: Index) -> Model:  # noqa: ARG002 (for models in the world's frame)
+        """The same model with further vertices held, which is how models in the world's frame meet constraints."""
         raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
 
     def elastic_energy(self, state: MotionState) -> float:

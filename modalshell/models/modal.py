@@ -48,6 +48,7 @@ class ModalModel(Model):
     """
 
     in_shell_frame = True
+    takes_constraints = True
 
     def __init__(self, basis: Basis, *, integrator: Integrator = "implicit_euler") -> None:
         checked_choice("integrator", integrator, ("implicit_euler", "implicit_midpoint"))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from functools import partial
+from typing import Literal, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +14,8 @@ from modalshell.checks import checked_choice, checked_count, checked_kind, check
 from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError
 from modalshell.models.base import Damping, Equilibrium, MotionState, total_load
-from modalshell.models.discrete_shell import DiscreteShell, Integrator
+from modalshell.models.full import FullModel, Integrator
+from modalshell.sharing import PerThread
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
@@ -28,7 +30,8 @@ _NEAR = 1e-4
 """Out-of-balance force over the load from which Newton's method goes on."""
 
 
-class SpringSheet(DiscreteShell):
+@final
+class SpringSheet(FullModel):
     """Springs in place of the shell's energies; statics, integrators and constraints are those of DS.
 
     Springs along the edges resist stretch and shear as those of a discrete shell do, less the area energy. Springs
@@ -44,14 +47,14 @@ class SpringSheet(DiscreteShell):
     springs : Springs, optional
         Between the mesh's vertices; those of :func:`modalshell.springs.shell_springs` without it.
     integrator : {"implicit", "linear_implicit", "explicit", "verlet"}
-        As for :class:`DiscreteShell`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
+        As for :class:`FullModel`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
     solver : {"factor", "cg"}
         How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
     iterations : int
         Most conjugate-gradient iterations in a step.
     allow_unstable_step, step_tolerance, backend
-        As for :class:`DiscreteShell`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
+        As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
 
     Attributes
     ----------
@@ -96,7 +99,7 @@ class SpringSheet(DiscreteShell):
         )
         self.solver: Literal["factor", "cg"] = solver
         self.iterations = checked_count("iterations", iterations)
-        self._stepper: ImplicitSprings | None = None
+        self._stepper = PerThread(partial(ImplicitSprings, self.springs, shell.mass, shell.clamped))
 
     def holding(self, vertices: Index) -> SpringSheet:
         """The same model, with further vertices held."""
@@ -145,7 +148,7 @@ class SpringSheet(DiscreteShell):
         dt, damping = 0.1 * time, Damping(0.2 / time)
         state = self.start_motion(None if start is None else shell.checked_positions(start))
         for count in range(1, _RELAXING + 1):
-            state, solved = DiscreteShell._linear_implicit(self, state, dt, problem.load, damping, None)
+            state, solved = super()._linear_implicit(state, dt, problem.load, damping, None)
             if not solved or not np.isfinite(state.coordinates).all():
                 return None, count
             if float(np.linalg.norm(problem.residual(state.coordinates))) <= _NEAR * problem.scale:
@@ -164,10 +167,7 @@ class SpringSheet(DiscreteShell):
     ) -> tuple[MotionState, bool]:
         if self.solver == "factor":
             return super()._linear_implicit(state, dt, load, damping, held)
-        shell = self.shell
-        if self._stepper is None:
-            self._stepper = ImplicitSprings(self.springs, shell.mass, shell.clamped)
-        stepper = self._stepper
+        stepper = self._stepper()
         stepper.place(state.coordinates, state.rates, state.carried)
         with self.costs.part("conjugate gradients"):
             found = stepper.step(

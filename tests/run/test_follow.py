@@ -1,6 +1,5 @@
 """Following runs from another process: whole frames only, the newest one, and neither side minds the other's death."""
 
-import json
 import os
 import shutil
 import signal
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.atomic_io import read_record, write_record
 from modalshell.cli import main
 from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
@@ -327,9 +327,9 @@ def test_results_of_earlier_times_are_shown(finished, follower, tmp_path):
 def test_records_of_earlier_versions_are_shown(finished, follower, tmp_path):
     shutil.copytree(finished[0].parent / "out", tmp_path / "out")
     path = tmp_path / "out" / "beam.json"
-    record = json.loads(path.read_text())
+    record = read_record(path)
     del record["message"]
-    path.write_text(json.dumps(record | {"status": "completed, but wound up at 0.1 s"}))
+    write_record(path, record | {"status": "completed, but wound up at 0.1 s"})
     one = follower(tmp_path / "out")
     one.wait(0.0)
     assert (one.state, one.outcome) == ("finished", Outcome.WOUND_UP)

@@ -17,6 +17,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 
 _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"
