@@ -27,12 +27,11 @@ from modalshell.errors import ModalShellError, OptionError
 from modalshell.models.modal import ModalModel
 from modalshell.outcome import Outcome
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.reproduce import chosen_studies
+from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
 from modalshell.scene import MODELS
 from modalshell.selection import select_vertices
-from modalshell.study import load_script
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 
@@ -211,13 +210,8 @@ def bench(
     quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
 ) -> None:
     """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
-    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps", "crowd", "flock")
-    if only is not None and only not in names:
-        raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
-    make_folder(out)
-    run = load_script("studies/benchmarks", "run").main
     with _progress("benchmarks") as on_step:
-        written = run(out, quick=quick, only=only, on_step=on_step)
+        written = run_benchmarks(out, quick=quick, only=only, on_step=on_step)
     _console.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     for path in written:
         print(path)
@@ -288,12 +282,14 @@ def simulate(
     make_folder(out)
     if static:
         answer = chosen.equilibrium(gravity=gravity)
-        print(f"{chosen.name}: {answer.status}, {answer.iterations} iterations, residual {answer.residual:.1e}")
+        told = answer.outcome.with_message(answer.message)
+        print(f"{chosen.name}: {told}, {answer.iterations} iterations, residual {answer.residual:.1e}")
         found = ms.Trajectory.still(answer, built, built.gravity_force(gravity))
     else:
         with _progress(f"{chosen.name} steps") as on_step:
             found = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)
-        print(f"{chosen.name}: {found.message}, {len(found.times)} frames in {found.seconds:.3g} s")
+        told = found.outcome.with_message(found.message)
+        print(f"{chosen.name}: {told}, {len(found.times)} frames in {found.seconds:.3g} s")
     formats = ["npz", "png" if static else "mp4"]
     title = f"{mesh.stem}, {chosen.name}"
     with _progress("film") as on_frame:

@@ -53,6 +53,10 @@ class Outcome(StrEnum):
         """Whether the answer can be used without a caveat."""
         return self in (Outcome.CONVERGED, Outcome.COMPLETED)
 
+    def with_message(self, message: str) -> str:
+        """The outcome for a reader, with the sentence about it where there is one."""
+        return f"{self}: {message}" if message else str(self)
+
 
 def gravest(*outcomes: Outcome) -> Outcome:
     """The gravest of some outcomes."""
@@ -77,11 +81,12 @@ _IN_WORDS = {
 """What earlier versions wrote, the gravest first: a status of theirs was a sentence that could name several."""
 
 
-def outcome_in_words(status: str) -> Outcome:
-    """Outcome that a stored status names: a member's own name, or a sentence of version 0.1 and before.
+def read_outcome(status: str, message: str | None) -> tuple[Outcome, str]:
+    """Outcome and message of a file, where earlier versions (``message`` None) wrote one sentence as the status.
 
-    Only files of earlier versions need this. A sentence that names none is taken for "not converged".
+    A sentence that names no known outcome is taken for "not converged".
     """
     if status in list(Outcome):
-        return Outcome(status)
-    return next((outcome for words, outcome in _IN_WORDS.items() if words in status), Outcome.NOT_CONVERGED)
+        return Outcome(status), message or ""
+    found = next((outcome for words, outcome in _IN_WORDS.items() if words in status), Outcome.NOT_CONVERGED)
+    return found, status if message is None else message

@@ -41,9 +41,12 @@ from modalshell.motion import Motion, Trajectory, stability
 from modalshell.motion.recorder import Recorder
 from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult, call_script, load_script
+from modalshell.study import StudyResult
+from studies import stability_limits as limits
+from studies import stability_models as models
+from studies.stability_page import page
 
-limits, models = (load_script("studies", f"stability_{name}") for name in ("limits", "models"))
+FIGURES = ("stability_atlas",)
 
 TOLERANCE = 0.1
 FEWEST, MOST = 40, 80
@@ -338,9 +341,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         # The dearest first, so that two processes end together.
         order = names[::-1]
         with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-            futures = {
-                name: pool.submit(call_script, "studies", "stability_atlas", "work", name, quick) for name in order
-            }
+            futures = {name: pool.submit(work, name, quick) for name in order}
             for name in order:
                 done[name] = futures[name].result()
                 if on_step is not None:
@@ -364,4 +365,4 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 def table(result: StudyResult) -> str:
     """Where each row works and what ends it, in words; then every limit that has a theory beside its measurement."""
-    return str(load_script("studies", "stability_page").page(result))
+    return page(result)

@@ -15,7 +15,7 @@ from modalshell.atomic_io import read_header, read_member, write_atomically
 from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
 from modalshell.motion import Trajectory
-from modalshell.outcome import outcome_in_words
+from modalshell.outcome import read_outcome
 
 _FORMAT = 2
 _WITHOUT_MESSAGE = 1
@@ -90,15 +90,14 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
             mark = int(read_member(archive, _MARK))
             if mark not in (_WITHOUT_MESSAGE, _FORMAT):
                 raise ValueError(f"format {mark} (this version reads up to {_FORMAT})")
-            names = {name: _NAMES.get(name, name) for name in (*_SMALL, *_SCALARS)}
-            if mark == _WITHOUT_MESSAGE:
-                names["message"] = "status"
-            values = {name: read_member(archive, stored) for name, stored in names.items()}
+            names = [name for name in (*_SMALL, *_SCALARS) if mark == _FORMAT or name != "message"]
+            values = {name: read_member(archive, _NAMES.get(name, name)) for name in names}
             positions = _mapped(file, archive, verify)
             checked = positions if _verifies(verify, positions.nbytes) else positions[:0]
         _check_shapes(values, positions)
         _check_numbers(values, checked)
-        outcome = outcome_in_words(str(values["status"]))
+        message = str(values["message"]) if "message" in values else None
+        outcome, message = read_outcome(str(values["status"]), message)
         unconverged, seconds = int(values["unconverged_steps"]), float(values["seconds"])
     except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
         raise FileFormatError(f"cannot read a saved trajectory from {file}: {shortened(str(error))}") from error
@@ -106,7 +105,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     return Trajectory(
         positions=positions,
         outcome=outcome,
-        message=str(values["message"]),
+        message=message,
         unconverged_steps=unconverged,
         seconds=seconds,
         **arrays,
@@ -165,7 +164,8 @@ def _check_shapes(values: dict[str, NDArray[Any]], positions: NDArray[np.floatin
         "unconverged_steps": (),
         "seconds": (),
     }
-    for name, shape in expected.items():
+    for name in values:
+        shape = expected[name]
         got = values[name].shape
         fits = len(got) == len(shape) and all(want in (None, size) for size, want in zip(got, shape, strict=True))
         if not fits:

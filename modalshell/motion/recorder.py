@@ -27,6 +27,7 @@ _RUN_AWAY = 100.0
 """Energy over that which the load has put in, from which motion that still gathers it runs away."""
 _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
+_FAULTS = {Outcome.WOUND_UP: "a part of the shell turned by more than 2 pi"}
 
 
 def step_count(duration: float, dt: float) -> int:
@@ -144,17 +145,17 @@ class Recorder:
         )
 
     def verdict(self) -> tuple[Outcome, str]:
-        """The outcome, the gravest of those that hold, and a sentence that names all of them with their numbers."""
+        """The outcome, the gravest of those that hold, and a sentence that names them all, "" if nothing is wrong."""
         motion = self.motion
         if not motion.finite:
-            return Outcome.DIVERGED, f"diverged at {motion.time:.6g} s: positions left the finite numbers"
+            return Outcome.DIVERGED, f"positions left the finite numbers at {motion.time:.6g} s"
         found: dict[Outcome, str] = {}
         if self.fault is not None:
-            found[self.fault] = f"{self.fault} at {self.fault_time:.6g} s"
+            found[self.fault] = f"{_FAULTS[self.fault]} at {self.fault_time:.6g} s"
         if self._runs_away():
-            found[Outcome.RUNS_AWAY] = "runs away: its energy grows on and on, far beyond the work of the load"
+            found[Outcome.RUNS_AWAY] = "its energy grows on and on, far beyond the work of the load"
         elif self._cycles():
-            found[Outcome.CYCLING] = "cycling: the motion does not settle although it is damped"
+            found[Outcome.CYCLING] = "the motion does not settle although it is damped"
         size = float(np.ptp(motion.model.shell.rest_positions, axis=0).max())
         missed = float(np.max(self.residuals, initial=0.0))
         if missed > CONSTRAINT_MET * max(size, 1.0):
@@ -162,8 +163,7 @@ class Recorder:
         if motion.unconverged:
             words = f"{motion.unconverged} of {motion.count} steps did not converge"
             found[Outcome.STEPS_NOT_CONVERGED] = words
-        outcome = gravest(Outcome.COMPLETED, *found)
-        return outcome, "; ".join(found.values()) or str(outcome)
+        return gravest(Outcome.COMPLETED, *found), "; ".join(found.values())
 
     @property
     def _steady(self) -> bool:

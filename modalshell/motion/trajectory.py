@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from modalshell.models import Equilibrium
-from modalshell.outcome import Outcome, outcome_in_words
+from modalshell.outcome import Outcome
 from modalshell.shell import Shell
 from modalshell.typing import Array
 
@@ -29,7 +29,7 @@ class Trajectory:
         How the motion ended, the gravest outcome where several hold; an equilibrium's own for a static answer. A motion
         that diverges keeps the frames up to there; any other one is kept whole.
     message : str
-        A sentence that names everything that holds, with numbers and times.
+        A sentence that names everything that is wrong, with numbers and times; empty if nothing is.
     unconverged_steps : int
         Steps whose own solver did not converge.
     seconds : float
@@ -69,8 +69,8 @@ class Trajectory:
         return cls(
             times=np.zeros(1),
             positions=answer.positions[None].astype(dtype),
-            outcome=outcome_in_words(answer.status),
-            message=answer.status,
+            outcome=answer.outcome,
+            message=answer.message,
             unconverged_steps=int(not answer.converged),
             seconds=answer.seconds,
             energies=np.array([energies]),

@@ -14,7 +14,7 @@ from modalshell.atomic_io import read_record
 from modalshell.checks import checked_number
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
-from modalshell.outcome import Outcome, outcome_in_words
+from modalshell.outcome import Outcome, read_outcome
 from modalshell.run.frame_reader import FrameReader
 from modalshell.scene import load_scene
 from modalshell.typing import Array
@@ -49,7 +49,7 @@ class RunFollower:
     outcome : Outcome or None
         The finished run's own, such as "completed"; "stopped" of a stopped one; None before.
     message : str
-        The finished run's own sentence about it; "" before.
+        The finished run's own sentence about what is wrong; "" if nothing is.
     index, time, positions
         Number of the newest frame, its time [s] and positions (n, 3) [m].
     rest_positions, faces, held, gravity
@@ -114,7 +114,9 @@ class RunFollower:
         """One line: name, frame, time, state."""
         if self.index < 0:
             return f"{self.name or self._given}; {self.state}"
-        state = f"{self.state}: {self.message}" if self.state == "finished" else self.state
+        state: str = self.state
+        if state == "finished" and self.outcome is not None:
+            state += f": {self.outcome.with_message(self.message)}"
         parts = [self.name, f"frame {self.index}", f"t = {self.time:.6g} s", state]
         return "; ".join([*parts, "restarted"] if self.restarts else parts)
 
@@ -161,9 +163,8 @@ class RunFollower:
             self.state, self.outcome = "stopped", Outcome.STOPPED
 
     def _finish(self, record: dict[str, Any]) -> None:
-        status = str(record.get("status"))
-        self.state, self.outcome = "finished", outcome_in_words(status)
-        self.message = str(record.get("message", status))  # earlier versions wrote the sentence as their status
+        self.state = "finished"
+        self.outcome, self.message = read_outcome(str(record.get("status")), record.get("message"))
 
     def _take_results(self, path: Path, identity: dict[str, Any]) -> bool:
         try:

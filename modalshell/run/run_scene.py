@@ -57,7 +57,7 @@ class SceneResult:
         """One line on how it went."""
         run = self.trajectory
         kept = f", {self.resumed} of them from an earlier run" if self.resumed else ""
-        return f"{run.message}, {len(run.times)} frames in {run.seconds:.3g} s{kept}"
+        return f"{run.outcome.with_message(run.message)}, {len(run.times)} frames in {run.seconds:.3g} s{kept}"
 
 
 def run_scene(

@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from modalshell.atomic_io import make_folder, write_bytes
 from modalshell.lock import hold
-from modalshell.outcome import Outcome, outcome_in_words
+from modalshell.outcome import Outcome, read_outcome
 from modalshell.sweep.case import CaseResult
 
 _ENDINGS = {
@@ -80,7 +80,7 @@ def _decoded(text: bytes) -> CaseResult:
     """The result, also as earlier versions wrote it: outcomes of the process, and a sentence for a status."""
     plain = msgspec.json.decode(text)
     if isinstance(plain, dict) and "status" in plain:
-        told, plain["message"] = plain["outcome"], plain["status"]
-        plain["outcome"] = _ENDINGS[told] if told in _ENDINGS else outcome_in_words(plain["message"])
+        outcome, message = read_outcome(plain["status"], None)
+        plain |= {"outcome": _ENDINGS.get(plain["outcome"], outcome), "message": message}
         plain["info"] = plain.pop("made", {})
     return msgspec.convert(plain, CaseResult)

@@ -197,7 +197,7 @@ def test_motion_that_leaves_the_model_is_named():
     model = ms.RotationStrain(strip_basis(1.0))
     motion = run(model, 1000.0, (0.0, 0.0), store_every=1)
     assert motion.outcome in (Outcome.WOUND_UP, Outcome.RUNS_AWAY, Outcome.DIVERGED)
-    assert re.search(r"(wound up|diverged) at [\d.]+ s", motion.message)
+    assert re.search(r"at [\d.]+ s", motion.message)
     assert np.isfinite(motion.positions).all()
     assert np.isfinite(motion.energies).all()
 
@@ -209,7 +209,7 @@ def test_motion_that_leaves_the_finite_numbers_is_named(basis):
     motion = ms.simulate(model, duration=2000 * dt, dt=dt, gravity=gravity_at(1.0, basis.shell))
     assert motion.outcome is Outcome.DIVERGED
     assert motion.status == "diverged"
-    assert re.fullmatch(r"diverged at [\d.e-]+ s: positions left the finite numbers", motion.message)
+    assert re.fullmatch(r"positions left the finite numbers at [\d.e-]+ s", motion.message)
     assert np.isfinite(motion.positions).all()
 
 
@@ -247,7 +247,7 @@ def test_decay_rate_is_unknown_for_rigid_modes_and_full_models():
 def test_cycles_are_named_under_either_damping(basis, gamma, factors):
     motion = run(ms.ModalWarping(basis), gamma, factors, steps=6000, store_every=3)
     assert motion.outcome is Outcome.CYCLING
-    assert motion.message == "cycling: the motion does not settle although it is damped"
+    assert motion.message == "the motion does not settle although it is damped"
 
 
 @pytest.mark.parametrize("gamma", [44.0, 49.0])
@@ -293,12 +293,13 @@ def test_winding_up_is_named_with_its_time(basis):
     """Driven there by a strong load, or started there."""
     driven = run(ms.ModalWarping(basis), 1000.0, (0.2, 0.0), steps=300, store_every=1)
     assert driven.outcome is Outcome.WOUND_UP
-    assert driven.message.startswith("wound up at 0.")
+    assert driven.message.startswith("a part of the shell turned by more than 2 pi at 0.")
     model = ms.ModalWarping(basis)
     q = np.zeros(basis.count)
     q[0] = 2.2 * np.pi / np.linalg.norm(basis.rotations[:, 0].reshape(-1, 3), axis=1).max()
     start = basis.shell.rest_positions + (basis.modes @ q).reshape(-1, 3)
-    assert "wound up at 0 s" in run(model, 0.0, (1.0, 0.0), steps=30, start=start).message
+    wound = run(model, 0.0, (1.0, 0.0), steps=30, start=start)
+    assert (wound.status, wound.message) == ("wound up", "a part of the shell turned by more than 2 pi at 0 s")
     q *= 0.9
     start = basis.shell.rest_positions + (basis.modes @ q).reshape(-1, 3)
     assert run(model, 0.0, (1.0, 0.0), steps=30, start=start).status == "completed"

@@ -333,7 +333,7 @@ def test_records_of_earlier_versions_are_shown(finished, follower, tmp_path):
     one = follower(tmp_path / "out")
     one.wait(0.0)
     assert (one.state, one.outcome) == ("finished", Outcome.WOUND_UP)
-    assert one.status().endswith("finished: completed, but wound up at 0.1 s")
+    assert one.status().endswith("finished: wound up: completed, but wound up at 0.1 s")
 
 
 def test_deleted_frames_leave_a_stopped_run(finished, follower, tmp_path):
