@@ -51,7 +51,7 @@ def as_vertices(vertices: ArrayLike) -> FloatArray:
     if away > FARTHEST * size:
         raise MeshError(
             f"the mesh is {size:.3g} m long and lies {away:.3g} m from the origin, where rounding has taken its shape "
-            f"(got {away / size:.1g} of its lengths, at most {FARTHEST:g}): subtract its mean position, vertices.mean(axis=0)"
+            f"(got {away / size:.1g} of its lengths, at most {FARTHEST:g}): subtract its mean position"
         )
     return result
 
