@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from modalshell.shell.extended import Extended
 from modalshell.shell.pattern import SparsePattern
 from modalshell.typing import Array, Index
 
@@ -45,6 +46,14 @@ class ElasticEnergy(ABC):
 
         ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``) and PROJECTED.
         """
+
+    @abstractmethod
+    def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] at ``rest + displacement``, both (n, 3) [m], in extended precision."""
+
+    def shifted(self, origin: Array) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
+        """The same energy of positions from which ``origin`` (3,) [m] has been taken."""
+        return self
 
     @abstractmethod
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:

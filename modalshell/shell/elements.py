@@ -16,9 +16,11 @@ from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy
+from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import SparsePattern, build_pattern
 from modalshell.typing import Array, Index
+from modalshell.work import count_elements
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +104,19 @@ def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.boo
     ]
 
 
+def _size(elements: Sequence[ElementSet]) -> int:
+    return sum(e.rest.size for e in elements)
+
+
 def energy(elements: Sequence[ElementSet], x: Array) -> float:
     """Energy [J] of all sets at positions ``x`` (n, 3); not finite at collapsed elements."""
+    count_elements(_size(elements))
     return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in elements))
 
 
 def energy_gradient(elements: Sequence[ElementSet], x: Array) -> tuple[float, Array]:
     """Energy [J] and gradient (n, 3) [N] in one pass."""
+    count_elements(_size(elements))
     gradient = np.zeros_like(x)
     total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in elements)
     return float(total), gradient
@@ -126,6 +134,7 @@ def energy_gradient_hessian(
 
     ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
     """
+    count_elements(_size(elements))
     gradient = np.zeros_like(x)
     data = np.zeros(pattern.size)
     total = 0.0
@@ -139,6 +148,7 @@ def energy_gradient_hessian(
 
 def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> list[Array]:
     """Stress of every element after ``step`` (n, 3) by the measures linearised at ``x``."""
+    count_elements(_size(elements))
     stresses = []
     for e in elements:
         stress = np.empty(e.rest.size)
@@ -185,6 +195,16 @@ class ElementSum(ElasticEnergy):
     ) -> tuple[float, Array, Array]:
         """Energy, gradient and Hessian values."""
         return energy_gradient_hessian(self.elements, slots, pattern, x, geometric, stresses)
+
+    def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] in extended precision."""
+        total = np.zeros(displacement.shape, dtype=np.longdouble)
+        for e in self.elements:
+            change, slope = measure_changes(e.kernel, e.stencils, rest, displacement)
+            stored = np.empty(len(e.stencils))
+            e.kernel.measures(rest, e.stencils, stored)
+            add_forces(e.stencils, 2.0 * e.weight * (change + (stored - e.rest)), slope, total)
+        return total
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""

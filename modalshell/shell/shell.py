@@ -15,6 +15,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
+from modalshell.shell.extended import Extended
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -117,6 +118,27 @@ class Shell(ReadOnlyArrays):
         other._hold(self.clamped)
         return other
 
+    @property
+    def size(self) -> float:
+        """Longest side of the box around the rest shape [m]."""
+        return float(np.ptp(self.rest_positions, axis=0).max())
+
+    def centred(self) -> tuple[Shell, Array]:
+        """The same shell about the origin, and where its origin was (3,) [m]; itself where it is near the origin.
+
+        Far away the rounding of coordinates would be felt. The shift is by whole multiples of a power of two, so that
+        not a bit of the shape is lost.
+        """
+        grid = 4.0 * 2.0 ** np.ceil(np.log2(self.size))
+        origin = grid * np.round(0.5 * (self.rest_positions.min(axis=0) + self.rest_positions.max(axis=0)) / grid)
+        if not origin.any():
+            return self, origin
+        other = copy.copy(self)
+        other.rest_positions = self.rest_positions - origin
+        other.rest_positions.flags.writeable = False
+        other._energy = self._energy.shifted(origin)
+        return other, origin
+
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
 
@@ -180,6 +202,10 @@ class Shell(ReadOnlyArrays):
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N] in one pass."""
         return self._energy.energy_gradient(x)
+
+    def extended_gradient(self, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] in extended precision, at displacements (n, 3) [m] from the rest shape."""
+        return self._energy.extended_gradient(self.rest_positions, displacement)
 
     def energy_gradient_hessian(
         self, x: Array, geometric: int, stresses: list[Array] | None = None

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import functools
+from dataclasses import replace
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -11,15 +13,18 @@ import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from modalshell.kernels import split_folds as kernels
+from modalshell.kernels.generated import flexure
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import PerThread
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum
+from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
 from modalshell.shell.smoothed_membrane import membrane_elements, membrane_matrix
 from modalshell.shell.split_folds import SplitFolds, split_folds
 from modalshell.typing import Array, Index
+from modalshell.work import count_elements
 
 
 @final
@@ -93,6 +98,7 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def _measured(self, x: Array) -> _State:
         points, hinges = self._points(x), self._folds.hinges
+        count_elements(len(hinges) + len(self._edges))
         angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
         kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
         kernels.half_squares(points, self._edges, self._rest_squares, stretches)
@@ -198,6 +204,29 @@ class SplitFoldEnergy(ElasticEnergy):
             kernels.add_membrane(state.points, e.stencils, e.pairs, e.matrices, place, strides, data)
         data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
         return data
+
+    def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] in extended precision: of the measures, as the constant matrices do not cancel."""
+        still = self._measured(rest)
+        ghosts = np.zeros((len(self._folds.ghosts), 3), dtype=np.longdouble)
+        moved: Extended = np.concatenate([displacement, ghosts])
+        hinges = self._folds.hinges
+        change, slope = measure_changes(flexure, hinges, still.points, moved)
+        total = np.zeros(moved.shape, dtype=np.longdouble)
+        add_forces(hinges, self._shares.couples(still.folds + change.astype(np.float64)), slope, total)
+        first, second = self._edges.T
+        edges, steps = still.points[second] - still.points[first].astype(np.longdouble), moved[second] - moved[first]
+        stretches = np.sum((edges + 0.5 * steps) * steps, axis=1)
+        forces = (self._tension @ (still.stretches + stretches.astype(np.float64)))[:, None] * (edges + steps)
+        np.add.at(total, second, forces)
+        np.add.at(total, first, -forces)
+        return total[: len(rest)] + self._further.extended_gradient(rest, displacement)
+
+    def shifted(self, origin: Array) -> ElasticEnergy:
+        """The same energy with its ghosts moved as the positions are."""
+        other = copy.copy(self)
+        other._folds = replace(self._folds, ghosts=self._folds.ghosts - origin)
+        return other
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""
