@@ -274,7 +274,7 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     mass = np.repeat(shell.mass, 3)
     # Internal unknowns do not take part in rigid motions. Vertices that share an element with a clamped edge do resist.
     stiffness = shell.pattern.matrix(data)
-    clamped = (3 * shell.held_slopes[:, None] + np.arange(3)).ravel()
+    clamped = (3 * shell.held_slopes()[:, None] + np.arange(3)).ravel()
     forces = stiffness @ fields
     forces[stiffness[clamped].indices] = 0.0
     return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())

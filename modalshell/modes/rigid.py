@@ -38,7 +38,7 @@ def rigid_motions(shell: Shell) -> Array:
         if held.any():
             _, values, right = np.linalg.svd(np.linalg.qr(motions[held].reshape(-1, 6), mode="r"))
             rank = int(np.count_nonzero(values > 1e-6 * values[0]))
-            if rank == 6 or np.isin(shell.held_slopes, vertices).any():
+            if rank == 6 or np.isin(shell.held_slopes(), vertices).any():
                 continue
             motions = motions @ right[rank:].T
         whole = np.zeros((positions.shape[0], 3, motions.shape[2]))

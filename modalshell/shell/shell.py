@@ -216,7 +216,6 @@ class Shell(ReadOnlyArrays):
         """
         return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
 
-    @property
     def held_slopes(self) -> Index:
         """Vertices of clamped edges, about which the surface cannot turn; none of a discrete shell."""
         return self._energy.held_slopes()
