@@ -231,6 +231,10 @@ class Model(ABC):
         """What is wrong with a state that has left what the model can describe; None if nothing is."""
         return None
 
+    def is_saddle(self, state: MotionState) -> bool:  # noqa: ARG002 (for models that can tell)
+        """Whether the smallest push leads away from a state that is at rest under a dead load."""
+        return False
+
     def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)
         """Raise OptionError if this model cannot step by ``dt``."""
 

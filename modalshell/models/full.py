@@ -8,20 +8,24 @@ from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
+from scipy.sparse.linalg import ArpackError
 
 from modalshell.checks import checked_choice, checked_kind, checked_number
 from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.errors import OptionError, SolverError
 from modalshell.models.base import Damping, Equilibrium, Model, MotionState
 from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue
-from modalshell.shell import Shell
+from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.full import equilibrium, scale_of
-from modalshell.statics.newton import NewtonResult, Potential, solve
+from modalshell.statics.newton import NewtonResult, Potential, lowest_curvature, solve
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
 from modalshell.timings import Timings
 from modalshell.typing import Array, Index
+
+_ROUNDING = 1e-10
+"""Share of the mean diagonal entry of a Hessian below which an eigenvalue counts as zero."""
 
 Integrator = Literal["implicit", "linear_implicit", "explicit", "verlet"]
 
@@ -150,6 +154,18 @@ class FullModel(Model):
         if self.shell.has_dashpots:
             c += largest_eigenvalue(self.shell, self.shell.damping_matrix(self.shell.rest_positions, 0.0))
         return float((np.sqrt(c**2 + 4.0 * squared) - c) / squared)
+
+    def is_saddle(self, state: MotionState) -> bool:
+        """Whether the potential curves down in some direction; never said of a shell that nothing holds."""
+        if not self.shell.clamped.any():
+            return False
+        problem = self._statics(np.zeros_like(state.coordinates))
+        if problem.definite_factor(problem.linearise(state.coordinates, EXACT)[1]) is not None:
+            return False
+        try:
+            return lowest_curvature(problem, state.coordinates)[0] < -_ROUNDING
+        except (SolverError, ArpackError):
+            return False
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse an explicit step above the stability estimate."""

@@ -325,6 +325,19 @@ def test_running_away_is_named_before_the_numbers_end(basis):
         assert np.isfinite(motion.energies).all()
 
 
+@pytest.mark.parametrize(("factor", "outcome"), [(0.5, Outcome.COMPLETED), (5.0, Outcome.UNSTABLE)])
+def test_a_straight_column_that_stays_straight_is_named(factor, outcome):
+    """Nothing pushes it aside, so that motion keeps its symmetry; it buckles near 7.84 D over density and length^3."""
+    mesh = ms.flat_beam(cells=(20, 2))
+    shell = ms.Shell(mesh, ms.Material(200.0, 200.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.08)
+    model = ms.DiscreteShell(shell)
+    buckling = gravity_at(7.84, shell)[2]
+    motion = ms.simulate(model, duration=3.0, dt=STEP, gravity=(factor * buckling, 0, 0), damping=(0.5, 0.001))
+    assert np.abs(motion.positions[..., 2]).max() == 0.0
+    assert motion.outcome is outcome
+    assert ("saddle" in motion.message) == (outcome is Outcome.UNSTABLE)
+
+
 def test_free_fall_does_not_run_away():
     mesh = ms.flat_beam(cells=(6, 2))
     shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
