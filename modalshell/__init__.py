@@ -31,10 +31,13 @@ from modalshell.mesh import (
 )
 from modalshell.models import (
     CoarseDiscreteShell,
+    Damping,
     DiscreteShell,
+    Equilibrium,
     LinearModal,
     ModalDerivatives,
     ModalWarping,
+    Model,
     ReducedRotationStrain,
     RigidShell,
     RotationStrain,
@@ -43,7 +46,9 @@ from modalshell.models import (
 )
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
-from modalshell.run import SceneResult, run_scene
+from modalshell.outcome import Outcome
+from modalshell.reduction.warp_frame import WarpFrame
+from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Material, Shell
 from modalshell.sweep import SweepResult, run_sweep
@@ -55,8 +60,11 @@ __all__ = [
     "Basis",
     "CoarseDiscreteShell",
     "Crowd",
+    "Damping",
     "DiscreteShell",
+    "Equilibrium",
     "FileFormatError",
+    "FlightResult",
     "Flock",
     "LinearModal",
     "LoadError",
@@ -67,12 +75,15 @@ __all__ = [
     "ModalShellError",
     "ModalShellWarning",
     "ModalWarping",
+    "Model",
     "OptionError",
     "OrientationConstraint",
+    "Outcome",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",
     "RotationStrain",
+    "RunFollower",
     "Scene",
     "SceneError",
     "SceneResult",
@@ -85,6 +96,7 @@ __all__ = [
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
+    "WarpFrame",
     "WorkerError",
     "advise",
     "coarse_shell",

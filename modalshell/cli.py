@@ -14,6 +14,7 @@ import numpy as np
 from cyclopts import App, CycloptsError, Parameter
 from rich.console import Console
 from rich.markdown import Markdown
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
@@ -24,12 +25,12 @@ from modalshell.compare import MODES
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.models.modal import ModalModel
-from modalshell.reproduce import chosen_studies
+from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
 from modalshell.scene import MODELS
 from modalshell.selection import select_vertices
-from modalshell.study import load_script
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 
@@ -200,13 +201,8 @@ def bench(
     quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
 ) -> None:
     """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
-    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps", "crowd", "flock")
-    if only is not None and only not in names:
-        raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
-    make_folder(out)
-    run = load_script("studies/benchmarks", "run").main
     with _progress("benchmarks") as on_step:
-        written = run(out, quick=quick, only=only, on_step=on_step)
+        written = run_benchmarks(out, quick=quick, only=only, on_step=on_step)
     _console.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     for path in written:
         print(path)
@@ -300,8 +296,6 @@ def modes(
     out: Annotated[Path, Parameter(help="Folder for the picture and the basis.")] = Path("results"),
 ) -> None:
     """Print the natural frequencies of a mesh and draw its mode shapes."""
-    from modalshell.render import ShadedSurface, View, draw_views
-
     built = (shell or _ShellOptions()).build(mesh)
     make_folder(out)
     basis = ms.solve_modes(built, count)
@@ -328,7 +322,7 @@ def doctor() -> None:
     """Show what this machine brings: versions, solvers, threads, what draws, and which extras are missing."""
     table = Table("what", "found", "what would better it")
     for reading in examine():
-        table.add_row(reading.name, reading.value, reading.hint)
+        table.add_row(reading.name, escape(reading.value), escape(reading.hint))
     _console.print(table)
 
 

@@ -11,13 +11,19 @@ from dataclasses import dataclass
 
 from modalshell.errors import ModalShellWarning
 from modalshell.modes.factorisation import available_backends
-from modalshell.render.backend import APT_LINE, choose_backend
+from modalshell.render.backend import choose_backend, drawing_hint
 
-_CORE = ("numpy", "scipy", "numba", "sympy", "trimesh", "pyvista", "matplotlib")
+_CORE = ("numpy", "scipy", "numba", "trimesh", "matplotlib")
 _EXTRAS = {
     "cholmod": ("sksparse", "fastest factorisations, least memory; wants SuiteSparse's headers to build"),
     "pardiso": ("pypardiso", "faster factorisations than SciPy's own on x86-64"),
+    "vtk": ("pyvista", "windows to play scenes in, files for ParaView, pictures by OpenGL"),
     "web": ("trame", "scenes played in a browser"),
+    "gpu": ("warp", "springs and crowds on a GPU"),
+    "mpi": ("petsc4py", "one sheet of springs over several processes"),
+    "cluster": ("distributed", "sweeps over several machines"),
+    "parquet": ("pyarrow", "the summary of a sweep as Parquet"),
+    "symbolic": ("sympy", "generating the energies' kernels anew"),
 }
 
 
@@ -71,4 +77,4 @@ def _drawing() -> Reading:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModalShellWarning)
         renders = choose_backend() == "pyvista"
-    return Reading("drawing", "PyVista" if renders else "built-in rasteriser", "" if renders else APT_LINE)
+    return Reading("drawing", "PyVista" if renders else "built-in rasteriser", "" if renders else drawing_hint())

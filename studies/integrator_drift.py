@@ -26,6 +26,8 @@ from modalshell.motion import Motion
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult
 
+FIGURES = ("integrator_drift",)
+
 LENGTH, WIDTH = 1.0, 0.2
 FLEXURE, DENSITY, MODES = 0.05, 0.2, 8
 MEMBRANE = {"v_beam": 20.0, "strip": 200.0}

@@ -24,9 +24,12 @@ import numpy as np
 import modalshell as ms
 from modalshell.measure import displacement_error
 from modalshell.models.base import Damping
+from modalshell.models.full import FullModel
 from modalshell.provenance import run_record
 from modalshell.springs import shell_springs
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
+
+FIGURES = ("sheet_vs_shell",)
 
 FOLDS = (0.05, 0.2, 0.8)
 """Reference changes of the fold angle [rad]."""
@@ -79,7 +82,7 @@ def cases(name: str, gammas: tuple[float, ...], quick: bool) -> Iterator[tuple[m
     mesh = mesh_of(name, quick)
     columns = np.unique(mesh.vertices[:, 0].round(9))
     clamped = mesh.vertices[:, 0] < 0.5 * (columns[1] + columns[2])
-    per_gravity = load_script("studies", "v_beam_accuracy").gamma_per_gravity
+    per_gravity = ms.measure.gamma_per_gravity
     if name in ("v_beam", "panel"):
         shell = ms.Shell(mesh, ms.Material(**SOFT, density=DENSITY), clamped)
         unit = per_gravity(shell)
@@ -123,7 +126,7 @@ def compared(
     return found, answer.positions
 
 
-def step_seconds(model: ms.DiscreteShell, answer: Any, gravity: float) -> float:
+def step_seconds(model: FullModel, answer: Any, gravity: float) -> float:
     """Median seconds of a step from the answer, under a load that pushes it on."""
     state, times = model.start_motion(answer.positions), []
     load = model.shell.gravity_force((0.0, 0.0, -1.1 * gravity))

@@ -34,14 +34,18 @@ import numpy as np
 import modalshell as ms
 from modalshell.errors import ModalShellError
 from modalshell.models import Damping, Model
+from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel
 from modalshell.modes import largest_eigenvalue
 from modalshell.motion import Motion, Trajectory, stability
 from modalshell.motion.simulate import Observer
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult, call_script, load_script
+from modalshell.study import StudyResult
+from studies import stability_limits as limits
+from studies import stability_models as models
+from studies.stability_page import page
 
-limits, models = (load_script("studies", f"stability_{name}") for name in ("limits", "models"))
+FIGURES = ("stability_atlas",)
 
 TOLERANCE = 0.1
 FEWEST, MOST = 40, 80
@@ -243,7 +247,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     row = next(one for one in models.ROWS if one.name == name)
     model = models.model_of(name, models.BASE.ratio, models.BASE.aspect, models.BASE.fold)
     damping, count = models.BASE.rayleigh, 300 if quick else 900
-    if isinstance(model, ms.DiscreteShell):
+    if isinstance(model, FullModel):
         return full_limits(row, model, count)
     if isinstance(model, ms.RigidShell):
         return [limits.entry(name, "longest step of a spin of 2 rad/s", "s", *limits.spin_step(model, 2.0))]
@@ -283,7 +287,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     return found
 
 
-def full_limits(row: models.Row, model: ms.DiscreteShell, count: int) -> list[dict[str, Any]]:
+def full_limits(row: models.Row, model: FullModel, count: int) -> list[dict[str, Any]]:
     """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
     omega = float(np.sqrt(largest_eigenvalue(model.shell)))
     if row.theory == "implicit":
@@ -341,9 +345,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         # The dearest first, so that two processes end together.
         order = names[::-1]
         with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-            futures = {
-                name: pool.submit(call_script, "studies", "stability_atlas", "work", name, quick) for name in order
-            }
+            futures = {name: pool.submit(work, name, quick) for name in order}
             for name in order:
                 done[name] = futures[name].result()
                 if on_step is not None:
@@ -367,4 +369,4 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 def table(result: StudyResult) -> str:
     """Where each row works and what ends it, in words; then every limit that has a theory beside its measurement."""
-    return str(load_script("studies", "stability_page").page(result))
+    return page(result)

@@ -22,6 +22,7 @@ from scipy.linalg import eigh
 
 import modalshell as ms
 from modalshell.models import Damping, MotionState
+from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel
 from modalshell.motion import stability
 from modalshell.springs import GridVerlet, SheetGrid
@@ -194,7 +195,7 @@ def oscillation(model: ms.LinearModal, dt: float, mode: int, count: int) -> tupl
 # ---- full models
 
 
-def explicit_step(model: ms.DiscreteShell, damping: Damping, count: int) -> tuple[float, float | None]:
+def explicit_step(model: FullModel, damping: Damping, count: int) -> tuple[float, float | None]:
     """Longest stable step [s] of explicit Euler or Verlet at rest: theory, and by disturbing the rest shape."""
     theory, shell = model.stable_step(damping), model.shell
     rest = shell.rest_positions
@@ -215,7 +216,7 @@ def explicit_step(model: ms.DiscreteShell, damping: Damping, count: int) -> tupl
     return theory, bisect(stable, 0.5 * theory, 2.0 * theory)
 
 
-def stiffest_mode(model: ms.DiscreteShell, dt: float, damping: Damping) -> tuple[float, float]:
+def stiffest_mode(model: FullModel, dt: float, damping: Damping) -> tuple[float, float]:
     """Factor by which a step of implicit Euler shrinks small motion of the stiffest mode: theory, and measured."""
     shell = model.shell
     rest, free = shell.rest_positions, shell.free_unknowns

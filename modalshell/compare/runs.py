@@ -6,25 +6,19 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.linalg
 
 from modalshell import measure
 from modalshell.compare.candidates import Candidate, Workshop
 from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
-from modalshell.errors import SolverError
 from modalshell.mesh import TriangleMesh
-from modalshell.models import CoarseDiscreteShell, DiscreteShell, Equilibrium, ModalDerivatives, Model
-from modalshell.models.modal import ModalModel
-from modalshell.modes import lowest_tangent_eigenvalue
+from modalshell.models import Equilibrium, Model
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
 
 _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
 _FRAME_BUDGET = 4.0
 """Seconds after which no more frames are timed."""
-_TURN = 1e-5
-"""Turn [rad] over which a modal force is differenced."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +121,7 @@ def measure_row(
     frequency = None
     if known and answers[known[-1]].converged:
         factor = path.factors[known[-1]]
-        found = lowest_eigenvalue(model, answers[known[-1]], factor * case.load)
+        found = model.tangent_eigenvalue(answers[known[-1]], factor * case.load)
         frequency = None if found is None else float(np.sqrt(max(found, 0.0) / path.lowest))
     missed = any(not answers[k].converged for k in known) or motion.startswith("diverged")
     return Row(
@@ -187,34 +181,3 @@ def timed_frames(model: Model, case: Case) -> tuple[float, str]:
                 break
     motion = f"{failed} of {count + 1} steps did not converge" if failed else "completed"
     return 1000.0 * float(np.median(times)), motion
-
-
-def lowest_eigenvalue(model: Model, answer: Equilibrium, load: Array) -> float | None:
-    """Lowest squared angular frequency [1/s^2] of ``model`` about its answer under ``load``; None if it cannot tell."""
-    try:
-        if isinstance(model, DiscreteShell):
-            return lowest_tangent_eigenvalue(model.shell, answer.positions)
-        if isinstance(model, CoarseDiscreteShell):
-            coarse = model.coarse
-            return lowest_tangent_eigenvalue(coarse.shell, coarse.equilibrium(force=model.handed_down(load)).positions)
-    except SolverError:  # singular to the last bit
-        return 0.0
-    if answer.coordinates is None:
-        return None
-    if isinstance(model, ModalDerivatives):
-        return float(scipy.linalg.eigvalsh(model.energy.hessian(answer.coordinates)[2], subset_by_index=(0, 0))[0])
-    if isinstance(model, ModalModel):
-        return float(scipy.linalg.eigvals(modal_tangent(model, answer.coordinates, load)).real.min())
-    return None
-
-
-def modal_tangent(model: ModalModel, q: Array, load: Array) -> Array:
-    """``Lambda - dp/dq`` (m, m) [1/s^2] at q (m,) by central differences; not symmetric where p has no potential."""
-    tangent = np.diag(model.basis.eigenvalues)
-    turns = np.abs(model.basis.rotations).max(axis=0)
-    for k in range(q.size):
-        step = np.zeros_like(q)
-        step[k] = _TURN / max(float(turns[k]), 1e-300)
-        ahead, behind = (model.modal_force(q + sign * step, load) for sign in (1.0, -1.0))
-        tangent[:, k] -= (ahead - behind) / (2.0 * step[k])
-    return tangent

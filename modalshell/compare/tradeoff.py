@@ -16,6 +16,7 @@ from modalshell.atomic_io import read_npz, write_text
 from modalshell.checks import checked_count, checked_vectors, shortened, shown, vector_count
 from modalshell.compare.candidates import MODES, Workshop, candidates
 from modalshell.compare.case import Case, CoarseMesh, make_case
+from modalshell.compare.draw import draw_fronts, draw_shapes
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import markdown_table
 from modalshell.compare.runs import Row, measure_row
@@ -101,8 +102,6 @@ class Tradeoff:
 
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write ``NAME_tradeoff`` as JSON, NPZ, Markdown and pictures into ``folder``; return the paths."""
-        from modalshell.compare.draw import draw_fronts, draw_shapes
-
         stem = f"{self.case.name}_tradeoff"
         arrays = {f"row_{k}": row.positions for k, row in enumerate(self.rows)}
         arrays |= {"faces": np.asarray(self.case.shell.mesh.faces), "rest": self.case.shell.rest_positions}

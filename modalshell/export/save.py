@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from modalshell.errors import OptionError
@@ -12,6 +13,13 @@ from modalshell.export.vtk import save_pvd, save_vtkhdf
 from modalshell.motion import Trajectory
 
 _SUFFIXES = (".npz", ".vtkhdf", ".pvd")
+
+
+def check_formats(formats: Iterable[str]) -> None:
+    """Raise OptionError where a format needs VTK and VTK is not installed."""
+    wanted = {"vtkhdf", "pvd"} & set(formats)
+    if wanted and importlib.util.find_spec("vtkmodules") is None:
+        raise OptionError(f"{sorted(wanted)[0]} files need VTK, which is not installed: pip install 'modalshell[vtk]'")
 
 
 def save_trajectory(
@@ -37,7 +45,7 @@ def save_trajectory(
     Raises
     ------
     OptionError
-        For another suffix, or if VTK files are asked of a trajectory without faces.
+        For another suffix, or if VTK files are asked of a trajectory without faces, or VTK is not installed.
     FileFormatError
         If VTK cannot write.
     """
@@ -48,4 +56,5 @@ def save_trajectory(
         return save_archive(run, target)
     if len(run.faces) == 0:
         raise OptionError("VTK files need the triangles: give the trajectory its faces (simulate does)")
+    check_formats([target.suffix[1:]])
     return (save_vtkhdf if target.suffix == ".vtkhdf" else save_pvd)(run, target, on_frame)

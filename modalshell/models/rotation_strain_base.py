@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import Equilibrium, MotionState
+from modalshell.models.base import MotionState
 from modalshell.models.modal import Integrator, ModalModel
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
@@ -44,7 +41,9 @@ class TurnedTriangles(ModalModel):
     """A modal model whose displacements are linear in q and in ``F_t = exp([w_t(q)]) (I + S_t(q))`` of triangles.
 
     So is the work of a load, ``f . u(q)``: its adjoint is found once a load, and its derivatives are sums over
-    triangles.
+    triangles. Statics minimises ``q . Lambda q / 2 - f . u(q)`` in the elastic modes, rigid ones staying at zero;
+    ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. With constraints, the least modal work
+    that meets them.
 
     Parameters
     ----------
@@ -59,7 +58,6 @@ class TurnedTriangles(ModalModel):
     def __init__(self, basis: Basis, modal: Array, integrator: Integrator) -> None:
         super().__init__(basis, integrator=integrator)
         self._modal = modal
-        self._buffer = np.zeros(kernel.WORK)
         self._faced: LoadAdjoint | None = None
         self._patches: dict[bytes, list[LoadAdjoint]] = {}
 
@@ -79,54 +77,40 @@ class TurnedTriangles(ModalModel):
         """Second derivatives (m, m) of the work ``f . u(q)``."""
         gradients = self._face(load).gradients
         hessian = np.zeros((q.size, q.size))
-        kernel.add_curvature(self._modal, gradients, q, self._buffer, np.empty((15, TILE)), hessian)
+        kernel.add_curvature(self._modal, gradients, q, np.empty(kernel.WORK), np.empty((15, TILE)), hessian)
         return hessian
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), exactly."""
         key = vertices.tobytes()
-        if key not in self._patches:
+        adjoints = self._patches.get(key)
+        if adjoints is None:
             if len(self._patches) == _PATCHES_KEPT:
                 self._patches.clear()
             load = np.zeros((3, *self.shell.rest_positions.shape))
             load[np.arange(3)[:, None], vertices, np.arange(3)[:, None]] = 1.0 / len(vertices)
-            self._patches[key] = [self._adjoint(push) for push in load]
-        moved, jacobian = zip(*(self._work_of(adjoint, q) for adjoint in self._patches[key]), strict=True)
+            adjoints = self._patches[key] = [self._adjoint(push) for push in load]
+        moved, jacobian = zip(*(self._work_of(adjoint, q) for adjoint in adjoints), strict=True)
         return self.shell.rest_positions[vertices].mean(axis=0) + np.array(moved), np.array(jacobian)
 
     def _work_of(self, adjoint: LoadAdjoint, q: Array) -> tuple[float, Array]:
         force = adjoint.constant.copy()
-        work = kernel.potential(self._modal, adjoint.gradients, q, self._buffer, force)
+        work = kernel.potential(self._modal, adjoint.gradients, q, np.empty(kernel.WORK), force)
         return float(work + adjoint.constant @ q), force
 
     def _face(self, load: Array) -> LoadAdjoint:
-        if self._faced is None or not np.array_equal(load, self._faced.load):
-            self._faced = self._adjoint(load)
-        return self._faced
+        adjoint = self._faced  # read once: another thread may face another load meanwhile
+        if adjoint is None or not np.array_equal(load, adjoint.load):
+            adjoint = self._faced = self._adjoint(load)
+        return adjoint
 
     def largest_turn(self, q: Array) -> float:
         """Largest rotation angle of a triangle [rad] at q."""
-        return float(kernel.largest_turn(self._modal, q, self._buffer))
+        return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
 
     def fault(self, state: MotionState) -> str | None:
         """Say where the state has wound up: a triangle turned by more than 2 pi."""
         return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
-
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,
-        constraints: Sequence[Constraint] | None = None,
-    ) -> Equilibrium:
-        """Minimise ``q . Lambda q / 2 - f . u(q)`` from rest, or from ``start``, in the elastic modes.
-
-        ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Rigid modes stay at zero. An answer in
-        which a triangle has turned by more than 2 pi is "wound up": not on the branch from rest. With ``constraints``,
-        the least modal work that meets them.
-        """
-        return self._statics(gravity, force, start, constraints)
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         return least_potential(self, load, start)

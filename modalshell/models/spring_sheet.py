@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import Literal
+from functools import partial
+from typing import Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, shown
-from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError
-from modalshell.models.base import Damping, Equilibrium, MotionState, total_load
-from modalshell.models.discrete_shell import DiscreteShell, Integrator
+from modalshell.models.base import Damping, MotionState
+from modalshell.models.full import FullModel, Integrator
+from modalshell.sharing import PerThread
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
 from modalshell.springs.springs import Springs
-from modalshell.statics.newton import Potential, is_minimum, mixed_newton
-from modalshell.timings import Stopwatch
+from modalshell.statics.newton import NewtonResult, Potential, is_minimum, mixed_newton
 from modalshell.typing import Array, Index
 
 _RELAXING = 2000
@@ -28,7 +25,8 @@ _NEAR = 1e-4
 """Out-of-balance force over the load from which Newton's method goes on."""
 
 
-class SpringSheet(DiscreteShell):
+@final
+class SpringSheet(FullModel):
     """Springs in place of the shell's energies; statics, integrators and constraints are those of DS.
 
     Springs along the edges resist stretch and shear as those of a discrete shell do, less the area energy. Springs
@@ -44,14 +42,14 @@ class SpringSheet(DiscreteShell):
     springs : Springs, optional
         Between the mesh's vertices; those of :func:`modalshell.springs.shell_springs` without it.
     integrator : {"implicit", "linear_implicit", "explicit", "verlet"}
-        As for :class:`DiscreteShell`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
+        As for :class:`FullModel`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
     solver : {"factor", "cg"}
         How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
     iterations : int
         Most conjugate-gradient iterations in a step.
     allow_unstable_step, step_tolerance, backend
-        As for :class:`DiscreteShell`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
+        As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
 
     Attributes
     ----------
@@ -96,7 +94,7 @@ class SpringSheet(DiscreteShell):
         )
         self.solver: Literal["factor", "cg"] = solver
         self.iterations = checked_count("iterations", iterations)
-        self._stepper: ImplicitSprings | None = None
+        self._stepper = PerThread(partial(ImplicitSprings, self.springs, shell.mass, shell.clamped))
 
     def holding(self, vertices: Index) -> SpringSheet:
         """The same model, with further vertices held."""
@@ -111,41 +109,33 @@ class SpringSheet(DiscreteShell):
             backend=self._factoriser.backend,
         )
 
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,
-        constraints: Sequence[Constraint] | None = None,
-    ) -> Equilibrium:
+    def _free_statics(self, load: Array, start: Array | None) -> NewtonResult:
         """As of DS; where Newton fails the sheet is let swing out first, then Newton goes on from there.
 
         The energies of flat sheets are quartic in bending, with minima that Newton's steps miss.
         """
-        watch, before = Stopwatch(), dict(self.costs)
-        found = super().equilibrium(gravity=gravity, force=force, start=start, constraints=constraints)
-        problem = self._statics(total_load(self.shell, gravity, force))
-        if found.converged or constraints or problem.scale == 0.0:
+        found = super()._free_statics(load, start)
+        problem = self._statics(load)
+        if found.converged or problem.scale == 0.0:
             return found
-        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-            relaxed, steps = self._relaxed(problem, start)
-        spent = found.iterations + steps
+        relaxed, steps = self._relaxed(problem, start)
+        found.iterations += steps
         if relaxed is not None:
             result = mixed_newton(problem, relaxed, problem.scale)
             if is_minimum(problem, result):
-                return self._answer(result, watch, spent, before)
-        return replace(found, iterations=spent, seconds=watch(), costs=self.costs.since(before))
+                result.iterations = found.iterations + result.iterations
+                return result
+        return found
 
-    def _relaxed(self, problem: Potential, start: ArrayLike | None) -> tuple[Array | None, int]:
+    def _relaxed(self, problem: Potential, start: Array | None) -> tuple[Array | None, int]:
         """Positions near rest, or None, and the implicit steps there, each a tenth of the time of a fall through."""
         shell = self.shell
         acceleration = problem.scale / float(np.linalg.norm(shell.mass[shell.free]))
         time = float(np.sqrt(np.linalg.norm(np.ptp(shell.rest_positions, axis=0)) / acceleration))
         dt, damping = 0.1 * time, Damping(0.2 / time)
-        state = self.start_motion(None if start is None else shell.checked_positions(start))
+        state = self.start_motion(start)
         for count in range(1, _RELAXING + 1):
-            state, solved = DiscreteShell._linear_implicit(self, state, dt, problem.load, damping, None)
+            state, solved = super()._linear_implicit(state, dt, problem.load, damping, None)
             if not solved or not np.isfinite(state.coordinates).all():
                 return None, count
             if float(np.linalg.norm(problem.residual(state.coordinates))) <= _NEAR * problem.scale:
@@ -164,10 +154,7 @@ class SpringSheet(DiscreteShell):
     ) -> tuple[MotionState, bool]:
         if self.solver == "factor":
             return super()._linear_implicit(state, dt, load, damping, held)
-        shell = self.shell
-        if self._stepper is None:
-            self._stepper = ImplicitSprings(self.springs, shell.mass, shell.clamped)
-        stepper = self._stepper
+        stepper = self._stepper()
         stepper.place(state.coordinates, state.rates, state.carried)
         with self.costs.part("conjugate gradients"):
             found = stepper.step(

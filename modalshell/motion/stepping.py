@@ -12,7 +12,7 @@ from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import HeldPatch, checked_constraints, held_patches
 from modalshell.errors import OptionError, SupportError
-from modalshell.models import Damping, DiscreteShell, Model, MotionState
+from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget, total_load
 from modalshell.motion.supports import Pose, SupportPath
 from modalshell.typing import Array
@@ -70,7 +70,7 @@ class Motion:
         self.supports = supports
         self.constraints = checked_constraints(constraints, shell)
         self._patches: list[HeldPatch] = []
-        if self.constraints and isinstance(model, DiscreteShell):
+        if self.constraints and not model.in_shell_frame:
             self._patches = held_patches(self.constraints, shell)
             model = model.holding(np.concatenate([patch.vertices for patch in self._patches]))
         self.model = model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -17,6 +18,7 @@ Backend = Literal["pyvista", "matplotlib"]
 RENDERER_VARIABLE = "MODALSHELL_RENDERER"
 WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 APT_LINE = "apt-get install libegl1 libgl1-mesa-dri"
+INSTALL_LINE = "pip install 'modalshell[vtk]'"
 PROBE_SECONDS = 60.0
 
 _PROBE = """
@@ -75,6 +77,8 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
                     "modalshell find out which of them draws here"
                 )
             return cast(Backend, named)
+        if not vtk_installed():
+            return "matplotlib"
         if not os.environ.get(WINDOW_VARIABLE, "unset"):
             # VTK takes an empty value for the name of a window, finds none and crashes.
             del os.environ[WINDOW_VARIABLE]
@@ -94,6 +98,16 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
         stacklevel=2,
     )
     return "matplotlib"
+
+
+def vtk_installed() -> bool:
+    """Tell whether PyVista, and with it VTK, is installed (extra ``vtk``)."""
+    return importlib.util.find_spec("pyvista") is not None
+
+
+def drawing_hint() -> str:
+    """Return the command that would let PyVista draw here."""
+    return APT_LINE if vtk_installed() else INSTALL_LINE
 
 
 def opens_windows(*, timeout: float = PROBE_SECONDS) -> bool:

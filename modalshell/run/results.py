@@ -9,6 +9,7 @@ import numpy as np
 
 from modalshell.export import save_trajectory
 from modalshell.motion import Trajectory
+from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.typing import Progress
 
 _FILM_RATE = 60.0
@@ -28,8 +29,6 @@ def write_results(
 
 
 def _write(run: Trajectory, path: Path, title: str, on_step: Progress | None) -> Path:
-    from modalshell.render import ShadedSurface, View, draw_views, write_film
-
     if path.suffix == ".png":
         surface = ShadedSurface(run.positions[-1], run.faces, smooth=True)
         rest = ShadedSurface(run.rest_positions, run.faces, color="#999999", style="outline")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalshell.atomic_io import read_record, write_record
 from modalshell.errors import FileFormatError, OptionError
-from modalshell.export import load_trajectory
+from modalshell.export import check_formats, load_trajectory
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.simulate import Observer, step_count, stored_steps
 from modalshell.provenance import run_record
@@ -94,6 +94,7 @@ def run_scene(
         If the folder holds frames of another run under this name, or another process is at work there.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
+    check_formats(declared.output.formats)
     folder = Path(declared.output.folder if out is None else out)
     shell = declared.build_shell()
     identity = run_identity(declared, shell)

@@ -17,7 +17,7 @@ from modalshell.models import (
     RotationStrain,
     SpringSheet,
 )
-from modalshell.models.discrete_shell import Integrator as FullIntegrator
+from modalshell.models.full import Integrator as FullIntegrator
 from modalshell.models.modal import Integrator
 from modalshell.modes import Basis, solve_modes
 from modalshell.scene.tables import Count, Table

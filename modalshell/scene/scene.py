@@ -18,9 +18,8 @@ from modalshell.constraints.constraints import checked_constraints
 from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
-from modalshell.models import DiscreteShell, Equilibrium, Model
+from modalshell.models import Equilibrium, Model
 from modalshell.models.base import total_load
-from modalshell.models.modal import ModalModel
 from modalshell.modes import solve_modes
 from modalshell.motion import Motion, SupportPath
 from modalshell.scene import tables
@@ -124,7 +123,7 @@ class Scene:
         path, force, constraints = self.build_loading(shell)
         with located(self.file, "model", self.model):
             model = self.model.build(shell)
-        if constraints and not isinstance(model, ModalModel | DiscreteShell):
+        if constraints and not model.takes_constraints:
             raise SceneError(f"{self.file}: constraints: {model.name} takes none; use a modal model or ds")
         return BuiltScene(self, shell, model, force, path, constraints)
 

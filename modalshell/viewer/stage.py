@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
 from modalshell.render import choose_backend
-from modalshell.render.backend import APT_LINE
+from modalshell.render.backend import drawing_hint
 from modalshell.render.camera import frame_points
 from modalshell.render.painter import LIGHTS, LINE_WIDTH
 from modalshell.render.scene import DEFAULT_CAMERA, ShadedSurface
@@ -174,4 +174,4 @@ class Stage:
 def demand_opengl() -> None:
     """Raise OptionError where PyVista draws nothing: the viewer has no slower way to draw."""
     if choose_backend() != "pyvista":
-        raise OptionError(f"the viewer needs OpenGL, which draws nothing here; on Debian or Ubuntu: {APT_LINE}")
+        raise OptionError(f"the viewer needs OpenGL, which draws nothing here: {drawing_hint()}")

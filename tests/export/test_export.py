@@ -1,3 +1,4 @@
+import importlib.util
 import zipfile
 from dataclasses import replace
 
@@ -6,6 +7,7 @@ import pytest
 import pyvista
 
 import modalshell as ms
+from modalshell.export import check_formats
 
 
 @pytest.fixture(scope="module")
@@ -166,3 +168,11 @@ def test_what_cannot_be_saved_is_refused(run, tmp_path):
         ms.save_trajectory(run, tmp_path / "run.xyz")
     with pytest.raises(ms.OptionError, match="faces"):
         ms.save_trajectory(replace(run, faces=run.faces[:0]), tmp_path / "run.pvd")
+
+
+def test_without_vtk_its_formats_are_refused_before_the_run(monkeypatch):
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "vtkmodules" else find_spec(name))
+    with pytest.raises(ms.OptionError, match=r"pvd files need VTK.*modalshell\[vtk\]"):
+        check_formats(["npz", "pvd"])
+    check_formats(["npz", "mp4", "png"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import pytest
 
 from modalshell.errors import ModalShellWarning, OptionError
 from modalshell.render import ShadedSurface, View, choose_backend, draw_views, write_film
-from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
+from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE, drawing_hint
 from modalshell.render.camera import frame_points
 
 CRASH = (sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
@@ -76,6 +77,14 @@ def rim(ink: np.ndarray, width: int) -> np.ndarray:
 
 
 # ---- which back end ----
+
+
+@pytest.mark.usefixtures("unprobed")
+def test_without_pyvista_the_rasteriser_draws_and_no_probe_runs(monkeypatch):
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pyvista" else find_spec(name))
+    assert choose_backend(probe_command=CRASH) == "matplotlib"  # and warns of nothing
+    assert "modalshell[vtk]" in drawing_hint()
 
 
 @pytest.mark.parametrize(

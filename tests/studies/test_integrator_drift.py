@@ -5,9 +5,8 @@ import pytest
 
 import modalshell as ms
 from modalshell.kernels import rotations
-from modalshell.study import StudyResult, load_script
-
-study = load_script("studies", "integrator_drift")
+from modalshell.study import StudyResult
+from studies import integrator_drift as study
 
 
 @pytest.fixture(scope="module")

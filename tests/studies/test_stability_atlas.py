@@ -14,10 +14,9 @@ from modalshell.models import Damping, Model, MotionState
 from modalshell.motion import Trajectory, stability
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.scene.models import MODELS
-from modalshell.study import load_script
+from studies import stability_atlas as atlas
+from studies import stability_page as page
 
-atlas = load_script("studies", "stability_atlas")
-page = load_script("studies", "stability_page")
 models = atlas.models
 ROWS = {row.name: row for row in models.ROWS}
 

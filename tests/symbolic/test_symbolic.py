@@ -10,10 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import sympy as sp
 
 from modalshell.kernels import generated
-from modalshell.symbolic import energies, generator
+
+_WHY = "SymPy generates the kernels: pip install 'modalshell[symbolic]'"
+sp = pytest.importorskip("sympy", reason=_WHY)
+energies = pytest.importorskip("modalshell.symbolic.energies", reason=_WHY)
+generator = pytest.importorskip("modalshell.symbolic.generator", reason=_WHY)
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NAMES = ("stretch", "shear", "flexure")
@@ -183,7 +186,7 @@ def test_generated_code_calls_no_power_and_no_acos():
 def test_import_stays_light():
     code = (
         "import sys, json\nimport modalshell\n"
-        "heavy = ('sympy', 'pyvista', 'vtkmodules', 'matplotlib', 'trimesh', 'imageio_ffmpeg', 'cyclopts')\n"
+        "heavy = ('sympy', 'pyvista', 'vtkmodules', 'matplotlib', 'trimesh', 'imageio_ffmpeg', 'cyclopts', 'dask')\n"
         "print(json.dumps([name for name in heavy if name in sys.modules]))"
     )
     assert json.loads(run_python(code)) == []
