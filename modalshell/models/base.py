@@ -10,9 +10,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors, finite_answer
+from modalshell.checks import checked_kind, checked_vectors, finite_answer
 from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
+from modalshell.loads import Load
 from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
@@ -121,6 +122,7 @@ class Model(ABC):
         *,
         gravity: ArrayLike | None = None,
         force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
         start: ArrayLike | None = None,
         constraints: Sequence[Constraint] | None = None,
     ) -> Equilibrium:
@@ -132,6 +134,8 @@ class Model(ABC):
             Acceleration [m/s^2] that acts on every vertex's mass.
         force : array_like, shape (n, 3), optional
             Further force on every vertex [N].
+        loads : sequence of Load, optional
+            Further loads, such as :class:`~modalshell.PointForce`.
         start : array_like, shape (n, 3), optional
             Positions [m] from which to look for the answer.
         constraints : sequence of Constraint, optional
@@ -152,7 +156,7 @@ class Model(ABC):
             If extreme input drives the positions out of the finite numbers.
         """
         watch = Stopwatch()
-        load = total_load(self.shell, gravity, force)
+        load = total_load(self.shell, gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if wanted and not self.takes_constraints:
@@ -231,13 +235,18 @@ class Model(ABC):
         """Raise OptionError if this model cannot step by ``dt``."""
 
 
-def total_load(shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None) -> Array:
-    """Load (n, 3) [N] on every vertex, or LoadError if it is of the wrong shape or not finite."""
+def total_load(
+    shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None, loads: Sequence[Load] | None = None
+) -> Array:
+    """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
     load = np.zeros_like(shell.rest_positions)
     if gravity is not None:
         load += shell.gravity_force(gravity)
     if force is not None:
         load += checked_vectors("force", force, load.shape)
+    for further in loads or ():
+        checked_kind("each of loads", further, Load)  # type: ignore[type-abstract]
+        load += checked_vectors(f"the force of {type(further).__name__}", further.force(shell.mesh), load.shape)
     return load
 
 

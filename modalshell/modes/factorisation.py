@@ -21,6 +21,7 @@ from modalshell.errors import SolverError
 from modalshell.linalg import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError
 from modalshell.linalg.cholesky import block_graph, minimum_degree
 from modalshell.typing import Array
+from modalshell.work import count_factorisation, count_solves
 
 Use = Literal["solve", "refactor"]
 """Whether one factor serves many solves, or one pattern many factors."""
@@ -37,9 +38,13 @@ class Factor(ABC):
 
     backend: str
 
-    @abstractmethod
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, k) right sides."""
+        count_solves(len(right_side), right_side.size // max(len(right_side), 1))
+        return self._solve(right_side)
+
+    @abstractmethod
+    def _solve(self, right_side: Array) -> Array: ...
 
     def is_definite(self) -> bool:
         """Whether A is positive definite, by the signs of its pivots; Cholesky factors exist for no other."""
@@ -89,7 +94,7 @@ class _SuperLU(Factor):
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
         self._order = None if ordering is None else ordering.order
 
-    def solve(self, right_side: Array) -> Array:
+    def _solve(self, right_side: Array) -> Array:
         if self._order is None:
             return np.asarray(self._factor.solve(np.ascontiguousarray(right_side)))
         solution = np.empty_like(right_side)
@@ -110,7 +115,7 @@ class _Cholesky(Factor):
     def __init__(self, factor: BlockCholesky) -> None:
         self._factor = factor
 
-    def solve(self, right_side: Array) -> Array:
+    def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(right_side)
 
 
@@ -153,6 +158,7 @@ class Factoriser:
         _check_finite(matrix)
         if self._takes_superlu(matrix):
             return self._superlu(matrix)
+        count_factorisation(matrix.shape[0])
         if self._analysis is None:
             self._analysis = CholeskyAnalysis(matrix)
         return _Cholesky(self._analysis.factorise(matrix))
@@ -171,6 +177,7 @@ class Factoriser:
         return self.backend == "superlu" or (self.backend is None and matrix.shape[0] < _SMALL)
 
     def _superlu(self, matrix: sps.csc_array) -> Factor:
+        count_factorisation(matrix.shape[0])
         if self._use == "refactor" and self._ordering is None:
             self._ordering = _Ordering.of(matrix)
         return _SuperLU(matrix, self._ordering)

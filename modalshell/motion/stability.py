@@ -21,7 +21,7 @@ _DIFFERENCE = 1e-5
 """Turn [rad] over which the modal force is differenced."""
 
 
-def implicit_euler_amplification(stiffness: ArrayLike, damp: ArrayLike, dt: float) -> Array:
+def implicit_euler_amplification(stiffness: ArrayLike, damp: ArrayLike, dt: ArrayLike) -> Array:
     """Factor by which a step of implicit Euler shrinks a mode that oscillates: ``(1 + h c + h^2 lambda)^(-1/2)``.
 
     Parameters
@@ -30,15 +30,17 @@ def implicit_euler_amplification(stiffness: ArrayLike, damp: ArrayLike, dt: floa
         Squared angular frequency lambda [1/s^2].
     damp : array_like
         Modal damping c = xi + zeta lambda [1/s], below ``2 sqrt(lambda)``.
-    dt : float
+    dt : array_like
         Step h [s].
     """
-    return np.asarray(1.0 / np.sqrt(1.0 + dt * np.asarray(damp) + dt**2 * np.asarray(stiffness)))
+    h = np.asarray(dt)
+    return np.asarray(1.0 / np.sqrt(1.0 + h * np.asarray(damp) + h**2 * np.asarray(stiffness)))
 
 
-def midpoint_frequency(frequency: ArrayLike, dt: float) -> Array:
+def midpoint_frequency(frequency: ArrayLike, dt: ArrayLike) -> Array:
     """Angular frequency [rad/s] of undamped motion by the midpoint rule: ``2 arctan(h omega / 2) / h``."""
-    return np.asarray(2.0 * np.arctan(0.5 * dt * np.asarray(frequency)) / dt)
+    h = np.asarray(dt)
+    return np.asarray(2.0 * np.arctan(0.5 * h * np.asarray(frequency)) / h)
 
 
 def modal_force_slope(model: ModalModel, q: Array, load: Array) -> Array:
@@ -64,7 +66,7 @@ def step_matrix(model: ModalModel, q: Array, load: Array, dt: float, damping: Da
         Coordinates of an equilibrium under ``load``.
     load : ndarray, shape (n, 3)
         Dead load [N].
-    dt : float
+    dt : array_like
         Step h [s].
     damping : Damping
         Rayleigh factors.
