@@ -103,7 +103,7 @@ class ModalDerivatives(Model):
             found = follow(problem, self.basis.edge_change, None if start is None else self.coordinates_of(start))
         return Equilibrium(
             self._positions(found.z),
-            *verdict(found.residual, found.stable, found.converged),
+            *verdict(found.residual, found.stable),
             found.iterations,
             found.residual,
             found.stable,
