@@ -41,9 +41,10 @@ from modalshell.motion import Motion, Trajectory, stability
 from modalshell.motion.recorder import Recorder
 from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult
+from modalshell.study import StudyResult, Table
 from studies import stability_limits as limits
 from studies import stability_models as models
+from studies.pages import numbers
 from studies.stability_page import page
 
 FIGURES = ("stability_atlas",)
@@ -369,3 +370,13 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 def table(result: StudyResult) -> str:
     """Where each row works and what ends it, in words; then every limit that has a theory beside its measurement."""
     return page(result)
+
+
+def finding(tables: list[Table]) -> str:
+    """How near measured limits are to theory."""
+    *_, rows = (table for table in tables if "ratio" in table[0])
+    ratios = numbers(rows, "ratio")
+    return (
+        f"{len(ratios)} limits of stable steps and loads have a theory; small motion meets each within "
+        f"{100 * max(abs(ratio - 1.0) for ratio in ratios):.1f} %. The page says what to check before choosing a step."
+    )

@@ -50,7 +50,7 @@ class ModalDerivatives(Model):
         Loads [N] to train on; every fourth is held out and only tells the error. Without it
         :func:`modalshell.reduction.cubature.default_loads`.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Attributes
     ----------
