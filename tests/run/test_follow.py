@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,7 +12,9 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.atomic_io import read_record, write_record
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import MAGIC, FrameFile
 
@@ -30,6 +33,7 @@ ms.run_scene(scene, out=out, on_step=on_step)
 FOLLOWERS = """
 import os, sys, time
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import MAGIC, FrameFile
 frames, count = sys.argv[1], int(sys.argv[2])
@@ -200,7 +204,7 @@ def test_a_killed_run_is_stopped_and_followed_when_it_goes_on(write, follower, t
     process.kill()
     process.communicate()
     one.poll()
-    assert one.state == "stopped"
+    assert (one.state, one.outcome) == ("stopped", Outcome.STOPPED)
     assert_shows(one, expected)
     last = one.index
     assert 100 <= last <= 200
@@ -323,6 +327,18 @@ def test_results_of_earlier_times_are_shown(finished, follower, tmp_path):
     assert_shows(one, answer)
 
 
+def test_records_of_earlier_versions_are_shown(finished, follower, tmp_path):
+    shutil.copytree(finished[0].parent / "out", tmp_path / "out")
+    path = tmp_path / "out" / "beam.json"
+    record = read_record(path)
+    del record["message"]
+    write_record(path, record | {"status": "completed, but wound up at 0.1 s"})
+    one = follower(tmp_path / "out")
+    one.wait(0.0)
+    assert (one.state, one.outcome) == ("finished", Outcome.WOUND_UP)
+    assert one.status().endswith("finished: wound up: completed, but wound up at 0.1 s")
+
+
 def test_deleted_frames_leave_a_stopped_run(finished, follower, tmp_path):
     scene, expected = finished
     stopped_run(scene, tmp_path, 20)
@@ -330,7 +346,7 @@ def test_deleted_frames_leave_a_stopped_run(finished, follower, tmp_path):
     one.poll()
     (tmp_path / "beam.frames").unlink()
     assert not one.poll()
-    assert one.state == "stopped"
+    assert (one.state, one.outcome) == ("stopped", Outcome.STOPPED)
     assert_shows(one, expected)
 
 
