@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_vectors, finite_answer
 from modalshell.errors import OptionError
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.shell import Shell
 from modalshell.typing import Array, Index
 
@@ -56,18 +57,6 @@ class Equilibrium:
         finite_answer("the equilibrium's positions", self.positions)
 
 
-@dataclass
-class MotionState:
-    """State of a model in motion: coordinates and their rates, in the model's own unknowns.
-
-    ``carried`` is what a model whose positions depend on the path takes along besides.
-    """
-
-    coordinates: Array
-    rates: Array
-    carried: Array | None = None
-
-
 @dataclass(frozen=True)
 class ResolvedTarget:
     """A constraint at one time, in the model's own frame: the patch, and its position [m] or rotation vector [rad]."""
@@ -75,14 +64,6 @@ class ResolvedTarget:
     kind: Literal["position", "orientation"]
     vertices: NDArray[np.int64]
     value: Array
-
-
-@dataclass(frozen=True)
-class Damping:
-    """Rayleigh damping ``C = mass_factor M + stiffness_factor K`` (xi [1/s] and zeta [s])."""
-
-    mass_factor: float = 0.0
-    stiffness_factor: float = 0.0
 
 
 class Model(ABC):

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_kind
 from modalshell.errors import MeshError, OptionError, SupportError
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.mesh import TriangleMesh
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState, total_load
+from modalshell.models.base import Equilibrium, Model, total_load
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import solve_modes
 from modalshell.modes.rigid import rigid_motions

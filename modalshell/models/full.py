@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_choice, checked_kind, checked_number
 from modalshell.constraints.constraints import Constraint, checked_constraints, held_patches
 from modalshell.errors import OptionError, SolverError
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState, total_load
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, Model, total_load
 from modalshell.modes import Factoriser, largest_eigenvalue
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_count, checked_kind
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState, total_load
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, Model, total_load
 from modalshell.modes import solve_modes
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives

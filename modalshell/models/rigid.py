@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_kind
 from modalshell.errors import OptionError
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState, total_load
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, Model, total_load
 from modalshell.models.modal import RIGID_LOAD
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import rigid_motions

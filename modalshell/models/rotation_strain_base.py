@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.constraints.constraints import Constraint
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import Equilibrium, MotionState
-from modalshell.models.modal import Integrator, ModalModel
+from modalshell.models.base import Equilibrium
+from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
@@ -52,11 +54,11 @@ class TurnedTriangles(ModalModel):
         Modes and eigenvalues of the shell.
     modal : ndarray, shape (tiles, m, 6 * 128)
         Turn and strain of the triangles in every mode.
-    integrator : {"implicit_euler", "implicit_midpoint"}
+    integrator : str or ModalIntegrator
         See :class:`ModalModel`.
     """
 
-    def __init__(self, basis: Basis, modal: Array, integrator: Integrator) -> None:
+    def __init__(self, basis: Basis, modal: Array, integrator: str | ModalIntegrator) -> None:
         super().__init__(basis, integrator=integrator)
         self._modal = modal
         self._buffer = np.zeros(kernel.WORK)

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, shown
 from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError
-from modalshell.models.base import Damping, Equilibrium, MotionState, total_load
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, total_load
 from modalshell.models.full import FullModel, Integrator
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings

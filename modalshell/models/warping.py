@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_choice
 from modalshell.constraints.constraints import Constraint
-from modalshell.errors import OptionError
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
-from modalshell.models.base import Equilibrium, MotionState
-from modalshell.models.modal import Integrator, ModalModel
+from modalshell.models.base import Equilibrium
+from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
@@ -32,18 +31,16 @@ _LOAD_TURN = 0.5
 class ModalWarping(ModalModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 
-    The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist, and
+    This is the closed form [choi2007, eq. 17] of the path's integral (eq. 16), which it equals where the turns grow
+    in proportion; it depends on q alone, so nothing drifts. The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist, and
     :meth:`equilibrium` says so where it finds none.
 
     Parameters
     ----------
     basis : Basis
         Modes, eigenvalues and modal rotations of the shell.
-    integrator : {"implicit_euler", "implicit_midpoint"}
+    integrator : str or ModalIntegrator
         See :class:`ModalModel`.
-    warp : {"closed_form", "sum"}
-        How [choi2007, eq. 16] is read. The closed form depends on q alone, so nothing drifts. The sum adds
-        ``R(w) Phi dq`` step by step: it depends on the path, and is here to be compared. It moves, but has no statics.
     consistent_force : bool
         Take ``J^T f``, J = du/dq of the closed form, for the modal force instead: the gradient of the load's work.
         Equilibria then are the minima of a potential, and always exist.
@@ -55,13 +52,10 @@ class ModalWarping(ModalModel):
         self,
         basis: Basis,
         *,
-        integrator: Integrator = "implicit_euler",
-        warp: Literal["closed_form", "sum"] = "closed_form",
+        integrator: str | ModalIntegrator = "implicit_euler",
         consistent_force: bool = False,
     ) -> None:
         super().__init__(basis, integrator=integrator)
-        checked_choice("warp", warp, ("closed_form", "sum"))
-        self.warp = warp
         self.consistent_force = consistent_force
         rigid = basis.rigid_modes
         self._elastic = slice(rigid, None)
@@ -82,27 +76,9 @@ class ModalWarping(ModalModel):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state, in one fused pass."""
-        if state.carried is not None:
-            return self.shell.rest_positions + state.carried
         if self._frame is None:  # at first use: it holds a second copy of the modal data
             self._frame = WarpFrame(self.basis)
         return self._frame.positions(state.coordinates)
-
-    def start_motion(self, positions: Array | None = None) -> MotionState:
-        """Modal state at rest."""
-        state = super().start_motion(positions)
-        if self.warp == "sum":
-            state.carried = self.displacement(state.coordinates)
-        return state
-
-    def advanced(self, state: MotionState, q: Array, rates: Array) -> MotionState:
-        """State at q (m,) after ``state``; the summed warp grows by ``R(w) Phi dq``."""
-        if state.carried is None:
-            return MotionState(q, rates)
-        change = np.asarray(self.basis.modes @ (q - state.coordinates)).reshape(-1, 3)
-        turned = np.empty_like(change)
-        rotations.rotate(self.rotation_vectors(q), change, 1.0, turned)
-        return MotionState(q, rates, state.carried + turned)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
@@ -138,8 +114,6 @@ class ModalWarping(ModalModel):
         point that even heavily damped motion leaves; lightly damped motion may cycle about others). With
         ``constraints``, the least modal work that meets them.
         """
-        if self.warp == "sum":
-            raise OptionError("the summed warp depends on the path, so it has no statics: take warp='closed_form'")
         return self._statics(gravity, force, start, constraints)
 
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
