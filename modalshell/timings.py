@@ -31,5 +31,5 @@ class Timings(dict[str, float]):
             self[name] = self.get(name, 0.0) + time.perf_counter() - start
 
     def since(self, before: dict[str, float]) -> dict[str, float]:
-        """What was added after the copy ``before`` was taken."""
-        return {name: seconds - before.get(name, 0.0) for name, seconds in self.items()}
+        """What was added after the copy ``before`` was taken; other threads may add meanwhile."""
+        return {name: seconds - before.get(name, 0.0) for name, seconds in list(self.items())}

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from modalshell.checks import checked_vectors, shown
 from modalshell.errors import OptionError, SupportError
 from modalshell.kernels import rotations
+from modalshell.sharing import read_only
 from modalshell.shell import Shell
 from modalshell.typing import Array, Index
 
@@ -42,13 +43,15 @@ class Constraint:
             given = np.flatnonzero(given)
         if given.ndim != 1 or given.size == 0 or not np.issubdtype(given.dtype, np.integer):
             raise OptionError(f"vertices of a constraint must be one index, some, or a mask (got {shown(vertices)})")
-        self.vertices: Index = np.unique(given.astype(np.int64))
-        self._target = target
+        self.vertices: Index = read_only(np.unique(given.astype(np.int64)))
+        self._target = target if callable(target) else read_only(np.array(self._checked(target)))
         self.at(0.0)
 
     def at(self, time: float) -> Array:
         """Target (3,) at ``time`` [s]."""
-        value = self._target(time) if callable(self._target) else self._target
+        return self._checked(self._target(time) if callable(self._target) else self._target).copy()
+
+    def _checked(self, value: ArrayLike) -> Array:
         return checked_vectors(f"the target of the {self.kind} constraint", value, (3,), OptionError)
 
 

@@ -138,13 +138,13 @@ class Flock:
         self.neighbour_distance = checked_number("neighbour_distance", neighbour_distance, above=0.0, unit="m")
         angle = checked_number("field_of_view", field_of_view, above=0.0, at_most=360.0, unit="degrees")
         self.field_of_view = math.radians(angle)
-        self.weights = checked_vectors("weights", weights, (3,), OptionError)
+        self.weights = checked_vectors("weights", weights, (3,), OptionError).copy()
         if self.weights.min() < 0.0:
             raise OptionError(f"weights must be at least 0 (got {shown(weights)})")
-        self.flock_position = checked_vectors("flock_position", flock_position, (3,), OptionError)
-        self.target = None if target is None else checked_vectors("target", target, (3,), OptionError)
+        self.flock_position = checked_vectors("flock_position", flock_position, (3,), OptionError).copy()
+        self.target = None if target is None else checked_vectors("target", target, (3,), OptionError).copy()
         self.target_weight = checked_number("target_weight", target_weight)
-        self.bounds = None if bounds is None else checked_vectors("bounds", bounds, (2, 3), OptionError)
+        self.bounds = None if bounds is None else checked_vectors("bounds", bounds, (2, 3), OptionError).copy()
         if self.bounds is not None and (self.bounds[0] > self.bounds[1]).any():
             raise OptionError(f"bounds must be a lower and an upper corner (got {shown(bounds)})")
         checked_choice("search", search, ("grid", "all_pairs"))

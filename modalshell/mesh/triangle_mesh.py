@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,11 +12,10 @@ from scipy.sparse.csgraph import connected_components
 from modalshell.mesh import validation
 from modalshell.mesh.topology import FloatArray, IntArray, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import weld_arrays
+from modalshell.sharing import ReadOnlyArrays, read_only
 
-_Scalar = TypeVar("_Scalar", np.float64, np.int64)
 
-
-class TriangleMesh:
+class TriangleMesh(ReadOnlyArrays):
     """An immutable, validated triangle mesh: a manifold surface with consistent winding, with or without boundary.
 
     Parameters
@@ -39,9 +37,9 @@ class TriangleMesh:
         validation.check_faces(points, triangles)
         triangles, self._links = validation.paired_edges(triangles, len(points))
         validation.check_used(triangles, len(points))
-        self._vertices = _frozen(points)
-        self._faces = _frozen(triangles)
-        self._edge_faces = _frozen(faces_of_edges(self._links))
+        self._vertices = read_only(points)
+        self._faces = read_only(triangles)
+        self._edge_faces = read_only(faces_of_edges(self._links))
         validation.warn_of_seams(self._vertices, self.boundary_vertices)
 
     @classmethod
@@ -64,12 +62,12 @@ class TriangleMesh:
     @cached_property
     def edges(self) -> IntArray:
         """Edges, shape (E, 2), the smaller index first, in lexicographic order."""
-        return _frozen(self._links.edges)
+        return read_only(self._links.edges)
 
     @cached_property
     def face_edges(self) -> IntArray:
         """Index into `edges` of each face's (f0, f1), (f1, f2), (f2, f0), shape (T, 3)."""
-        return _frozen(self._links.face_edges)
+        return read_only(self._links.face_edges)
 
     @property
     def edge_faces(self) -> IntArray:
@@ -83,7 +81,7 @@ class TriangleMesh:
     @cached_property
     def _hinge_data(self) -> tuple[IntArray, IntArray]:
         hinges, edges = hinges_of_edges(self.faces, self._links, self.edge_faces)
-        return _frozen(hinges), _frozen(edges)
+        return read_only(hinges), read_only(edges)
 
     @property
     def hinges(self) -> IntArray:
@@ -103,22 +101,22 @@ class TriangleMesh:
     def edge_lengths(self) -> FloatArray:
         """Edge lengths at rest [m], shape (E,)."""
         ends = self.vertices[self.edges]
-        return _frozen(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
+        return read_only(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1))
 
     @cached_property
     def _twice_area_vectors(self) -> FloatArray:
         corners = self.vertices[self.faces]
-        return _frozen(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        return read_only(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
     @cached_property
     def face_areas(self) -> FloatArray:
         """Triangle areas at rest [m^2], shape (T,)."""
-        return _frozen(0.5 * np.linalg.norm(self._twice_area_vectors, axis=1))
+        return read_only(0.5 * np.linalg.norm(self._twice_area_vectors, axis=1))
 
     @cached_property
     def face_normals(self) -> FloatArray:
         """Unit normals at rest, shape (T, 3)."""
-        return _frozen(self._twice_area_vectors / (2.0 * self.face_areas)[:, None])
+        return read_only(self._twice_area_vectors / (2.0 * self.face_areas)[:, None])
 
     @property
     def area(self) -> float:
@@ -128,7 +126,7 @@ class TriangleMesh:
     @cached_property
     def boundary_vertices(self) -> IntArray:
         """Vertices on the boundary, sorted, shape (b,)."""
-        return _frozen(np.unique(self.edges[self.edge_faces[:, 1] < 0]))
+        return read_only(np.unique(self.edges[self.edge_faces[:, 1] < 0]))
 
     @cached_property
     def components(self) -> IntArray:
@@ -137,7 +135,7 @@ class TriangleMesh:
         ones = np.ones(len(self.edges), dtype=np.int8)
         graph = coo_array((ones, (self.edges[:, 0], self.edges[:, 1])), shape=(n, n))
         _, labels = connected_components(graph, directed=False)
-        return _frozen(labels.astype(np.int64))
+        return read_only(labels.astype(np.int64))
 
     def shared_among_corners(self, face_values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum at each vertex (n,) of a third of every adjacent triangle's value (T,), as lumped masses are made."""
@@ -161,8 +159,3 @@ class TriangleMesh:
             f"TriangleMesh({len(self.vertices)} vertices, {len(self.faces)} faces, {len(self.edges)} edges, "
             f"{len(self.boundary_vertices)} boundary vertices)"
         )
-
-
-def _frozen(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
-    array.flags.writeable = False
-    return array

@@ -94,8 +94,6 @@ class ReducedRotationStrain(TurnedTriangles):
         self._map[:, places(len(picked)).ravel()] = regression
         linear = basis.modes - shapes.T @ (self._map @ linear_part(modal))
         self._expansion = np.ascontiguousarray(np.hstack([linear, shapes.T]))
-        self._amounts = np.zeros(self._expansion.shape[1])
-        self._sampled = np.zeros((1, 6 * TILE))
         reduced = np.array([self.displacement(q).ravel() for q in samples])
         errors, lengths = (np.linalg.norm(moved * root_mass, axis=1) for moved in (reduced - full, full))
         self.training_error = float((errors[lengths > 0.0] / lengths[lengths > 0.0]).max())
@@ -127,10 +125,10 @@ class ReducedRotationStrain(TurnedTriangles):
 
     def displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the reduced surface."""
-        kernel.deformations(self._modal, q, self._buffer, self._sampled)
-        self._amounts[: q.size] = q
-        np.dot(self._map, self._sampled[0], out=self._amounts[q.size :])
-        return np.asarray(self._expansion @ self._amounts).reshape(-1, 3)
+        sampled = np.empty((1, 6 * TILE))
+        kernel.deformations(self._modal, q, np.empty(kernel.WORK), sampled)
+        amounts = np.concatenate([q, self._map @ sampled[0]])
+        return np.asarray(self._expansion @ amounts).reshape(-1, 3)
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""

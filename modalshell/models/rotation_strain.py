@@ -60,12 +60,12 @@ class RotationStrain(TurnedTriangles):
         shape = np.column_stack([fit.frames.reshape(-1, 9), 0.5 * height, 0.5 * foot, 0.5 * length])
         self._shape = tiled(shape).reshape(-1, 12 * TILE)
         self._corners = tiled(fit.slots, fill=fit.rows - 1)
-        self._right_side = np.zeros((fit.rows, 3))
 
     def displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the fitted surface."""
-        kernel.spread(self._modal, self._shape, self._corners, q, self._buffer, self._right_side)
-        return self._fit.displacement(self._right_side, self._centres @ q)
+        right_side = np.empty((self._fit.rows, 3))
+        kernel.spread(self._modal, self._shape, self._corners, q, np.empty(kernel.WORK), right_side)
+        return self._fit.displacement(right_side, self._centres @ q)
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""

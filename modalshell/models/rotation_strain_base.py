@@ -61,7 +61,6 @@ class TurnedTriangles(ModalModel):
     def __init__(self, basis: Basis, modal: Array, integrator: str | ModalIntegrator) -> None:
         super().__init__(basis, integrator=integrator)
         self._modal = modal
-        self._buffer = np.zeros(kernel.WORK)
         self._faced: LoadAdjoint | None = None
         self._patches: dict[bytes, list[LoadAdjoint]] = {}
 
@@ -81,34 +80,36 @@ class TurnedTriangles(ModalModel):
         """Second derivatives (m, m) of the work ``f . u(q)``."""
         gradients = self._face(load).gradients
         hessian = np.zeros((q.size, q.size))
-        kernel.add_curvature(self._modal, gradients, q, self._buffer, np.empty((15, TILE)), hessian)
+        kernel.add_curvature(self._modal, gradients, q, np.empty(kernel.WORK), np.empty((15, TILE)), hessian)
         return hessian
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), exactly."""
         key = vertices.tobytes()
-        if key not in self._patches:
+        adjoints = self._patches.get(key)
+        if adjoints is None:
             if len(self._patches) == _PATCHES_KEPT:
                 self._patches.clear()
             load = np.zeros((3, *self.shell.rest_positions.shape))
             load[np.arange(3)[:, None], vertices, np.arange(3)[:, None]] = 1.0 / len(vertices)
-            self._patches[key] = [self._adjoint(push) for push in load]
-        moved, jacobian = zip(*(self._work_of(adjoint, q) for adjoint in self._patches[key]), strict=True)
+            adjoints = self._patches[key] = [self._adjoint(push) for push in load]
+        moved, jacobian = zip(*(self._work_of(adjoint, q) for adjoint in adjoints), strict=True)
         return self.shell.rest_positions[vertices].mean(axis=0) + np.array(moved), np.array(jacobian)
 
     def _work_of(self, adjoint: LoadAdjoint, q: Array) -> tuple[float, Array]:
         force = adjoint.constant.copy()
-        work = kernel.potential(self._modal, adjoint.gradients, q, self._buffer, force)
+        work = kernel.potential(self._modal, adjoint.gradients, q, np.empty(kernel.WORK), force)
         return float(work + adjoint.constant @ q), force
 
     def _face(self, load: Array) -> LoadAdjoint:
-        if self._faced is None or not np.array_equal(load, self._faced.load):
-            self._faced = self._adjoint(load)
-        return self._faced
+        adjoint = self._faced  # read once: another thread may face another load meanwhile
+        if adjoint is None or not np.array_equal(load, adjoint.load):
+            adjoint = self._faced = self._adjoint(load)
+        return adjoint
 
     def largest_turn(self, q: Array) -> float:
         """Largest rotation angle of a triangle [rad] at q."""
-        return float(kernel.largest_turn(self._modal, q, self._buffer))
+        return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
 
     def fault(self, state: MotionState) -> str | None:
         """Say where the state has wound up: a triangle turned by more than 2 pi."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal, final
 
 import numpy as np
@@ -15,6 +16,7 @@ from modalshell.errors import MeshError, OptionError
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, total_load
 from modalshell.models.full import FullModel, Integrator
+from modalshell.sharing import PerThread
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
@@ -98,7 +100,7 @@ class SpringSheet(FullModel):
         )
         self.solver: Literal["factor", "cg"] = solver
         self.iterations = checked_count("iterations", iterations)
-        self._stepper: ImplicitSprings | None = None
+        self._stepper = PerThread(partial(ImplicitSprings, self.springs, shell.mass, shell.clamped))
 
     def holding(self, vertices: Index) -> SpringSheet:
         """The same model, with further vertices held."""
@@ -166,10 +168,7 @@ class SpringSheet(FullModel):
     ) -> tuple[MotionState, bool]:
         if self.solver == "factor":
             return super()._linear_implicit(state, dt, load, damping, held)
-        shell = self.shell
-        if self._stepper is None:
-            self._stepper = ImplicitSprings(self.springs, shell.mass, shell.clamped)
-        stepper = self._stepper
+        stepper = self._stepper()
         stepper.place(state.coordinates, state.rates, state.carried)
         with self.costs.part("conjugate gradients"):
             found = stepper.step(

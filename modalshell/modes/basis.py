@@ -15,6 +15,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
+from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Material, Shell
 from modalshell.typing import Array
 
@@ -22,7 +23,7 @@ _FORMAT = 1
 
 
 @dataclass(frozen=True)
-class Basis:
+class Basis(ReadOnlyArrays):
     """What the modal models need of a shell.
 
     Attributes
@@ -50,6 +51,10 @@ class Basis:
     rigid_modes: int
     residual: float
     backend: str
+
+    def __post_init__(self) -> None:
+        for name in ("eigenvalues", "modes", "rotations"):
+            object.__setattr__(self, name, read_only_copy(getattr(self, name)))
 
     @property
     def frequencies(self) -> Array:
@@ -145,4 +150,4 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     modes[shell.free_unknowns] = free_modes
     rotations = np.asarray(rotation_matrix(shell.mesh) @ modes)
     finite_answer("the modes", eigenvalues, modes, rotations)
-    return Basis(shell, eigenvalues, modes, rotations, rigid_modes, residual, name)
+    return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name)

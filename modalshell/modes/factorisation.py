@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import importlib.util
+import threading
 import weakref
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -233,8 +234,8 @@ def available_backends(use: Use = "solve") -> list[str]:
     return [*present, "superlu"]
 
 
-class Factoriser:
-    """Factorises matrices of one pattern, keeping what the back end has learnt of it.
+class Factoriser(threading.local):
+    """Factorises matrices of one pattern, keeping what the back end has learnt of it, for each thread by itself.
 
     Parameters
     ----------
@@ -257,6 +258,9 @@ class Factoriser:
         self._use = use
         self._analysis: Any = None
         self._ordering: _Ordering | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Factoriser, (self.backend, self._use)
 
     def definite(self, matrix: sps.csc_array) -> Factor:
         """Factor of a positive definite matrix (both triangles stored); SolverError if it is found not to be.

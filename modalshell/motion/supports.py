@@ -104,9 +104,9 @@ class SupportPath:
         *,
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        self.times = checked_times(times)
+        self.times = checked_times(times).copy()
         shape = (self.times.size, 3)
-        self.pivot = checked_vectors("pivot", pivot, (3,), OptionError)
+        self.pivot = checked_vectors("pivot", pivot, (3,), OptionError).copy()
         # Clamped ends: the supports start and stop at rest.
         moved = checked_vectors("translations", translations, shape, OptionError)
         self._translation = CubicSpline(self.times, moved, bc_type="clamped")

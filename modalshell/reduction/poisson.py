@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
@@ -64,6 +66,10 @@ class PoissonFit:
         # With three right sides a frame PARDISO takes six times as long as SuperLU.
         chosen = backend or next(name for name in available_backends("solve") if name != "pardiso")
         self.factor = Factoriser(chosen, use="solve").definite(self._laplacian())
+        self._made_from = shell, chosen
+
+    def __reduce__(self) -> tuple[Any, ...]:  # a factor cannot be copied: a copy factorises again
+        return PoissonFit, self._made_from
 
     def _laplacian(self) -> sps.csc_array:
         """``L_ij = sum_t A_t grad N_i . grad N_j`` of the rows of :attr:`slots` but the last."""

@@ -61,7 +61,6 @@ class ReducedEnergy:
         self._vectors = np.ascontiguousarray(vectors[rows])
         count = self.vertices.size
         self._pattern, self._slots = build_pattern(count, [e.stencils for e in self.elements], np.arange(count))
-        self._product = np.empty_like(self._vectors)
 
     @property
     def size(self) -> int:
@@ -89,8 +88,9 @@ class ReducedEnergy:
         total, gradient, data = sums.energy_gradient_hessian(
             self.elements, self._slots, pattern, x, geometric, stresses
         )
-        multiply(pattern.indptr, pattern.indices, data, self._vectors, self._product)
-        reduced = self._vectors.T @ self._product
+        product = np.empty_like(self._vectors)
+        multiply(pattern.indptr, pattern.indices, data, self._vectors, product)
+        reduced = self._vectors.T @ product
         return total, np.asarray(gradient.ravel() @ self._vectors), np.asarray(0.5 * (reduced + reduced.T))
 
     def predicted_stresses(self, z: Array, step: Array) -> list[Array]:

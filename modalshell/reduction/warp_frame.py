@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from modalshell.checks import checked_count, checked_precision, shown
 from modalshell.errors import OptionError
 from modalshell.kernels.frame import TILE, WORK, warp_frame, warp_frame_parallel
 from modalshell.modes import Basis
+from modalshell.sharing import PerThread
 
 _ALIGNMENT = 64
 
@@ -18,8 +20,8 @@ _ALIGNMENT = 64
 class WarpFrame:
     """Warped positions ``rest_i + Rt(w_i) (Phi q)_i``, ``w = Psi q``, at one q after the other [choi2007, eq. 17].
 
-    Holds its own copy of the modal data, tile by tile (:mod:`modalshell.kernels.frame`), and a buffer that a frame
-    works in: one object serves one caller at a time.
+    Holds its own copy of the modal data, tile by tile (:mod:`modalshell.kernels.frame`), and for each thread a buffer
+    that a frame works in.
 
     Parameters
     ----------
@@ -60,8 +62,14 @@ class WarpFrame:
             rest[tile, :, :size] = points[rows].T
             modal[tile, :, :3, :size] = modes[rows].transpose(2, 1, 0)
             modal[tile, :, 3:, :size] = rotations[rows].transpose(2, 1, 0)
-        self._q = np.zeros(self.count, self.dtype)
-        self._work = _aligned_zeros((self.threads, WORK), self.dtype)
+        self._scratch = PerThread(partial(_scratch, self.count, self.threads, self.dtype))
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        for name in ("_modal", "_rest"):
+            stored = state[name]
+            aligned = self.__dict__[name] = _aligned_zeros(stored.shape, stored.dtype)
+            aligned[:] = stored
 
     @property
     def modal_data(self) -> NDArray[Any]:
@@ -93,11 +101,12 @@ class WarpFrame:
         OptionError
             If ``q`` or ``out`` is of the wrong shape or type.
         """
+        own, work = self._scratch()
         try:
             coordinates = np.asarray(q)
-            if coordinates.shape != self._q.shape:
-                raise OptionError(f"q must have shape {self._q.shape}, one number a mode (got {coordinates.shape})")
-            np.copyto(self._q, coordinates, casting="same_kind")
+            if coordinates.shape != own.shape:
+                raise OptionError(f"q must have shape {own.shape}, one number a mode (got {coordinates.shape})")
+            np.copyto(own, coordinates, casting="same_kind")
         except (TypeError, ValueError) as fault:
             if isinstance(fault, OptionError):
                 raise
@@ -115,8 +124,12 @@ class WarpFrame:
             wanted = f"a writable C-ordered {self.dtype} array of shape {(self.vertices, 3)}"
             raise OptionError(f"out must be {wanted} (got {got})")
         run = warp_frame if self.threads == 1 else warp_frame_parallel
-        run(self._modal, self._rest, self._q, self._work, out)
+        run(self._modal, self._rest, own, work, out)
         return out
+
+
+def _scratch(count: int, threads: int, dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+    return np.zeros(count, dtype), _aligned_zeros((threads, WORK), dtype)
 
 
 def _aligned_zeros(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,12 @@ class ElementSet:
     rest: Array
     weight: Array
     viscosity: Array | None = None
+
+    def __getstate__(self) -> dict[str, Any]:  # a module cannot be pickled, its name can
+        return self.__dict__ | {"kernel": self.kernel.__name__}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, kernel=import_module(state["kernel"]))
 
     def resistance(self, factor: float) -> Array:
         """Weight of all damping that follows the elements' rates: ``factor`` [s] times the stiffness, and dashpots."""

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import LoadError
 from modalshell.mesh import TriangleMesh
+from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell import elements as sums
 from modalshell.shell.elements import ElementSet, element_sets
 from modalshell.shell.material import Material
@@ -22,7 +23,7 @@ GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
 """How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""
 
 
-class Shell:
+class Shell(ReadOnlyArrays):
     """A discrete shell [choi2007, section 3; grinspun2003].
 
     Parameters
@@ -64,12 +65,12 @@ class Shell:
         self.elements: list[ElementSet] = element_sets(mesh, material, clamped)
         self._hold(clamped)
         face_mass = material.area_density(mesh) * mesh.face_areas
-        self.mass = mesh.shared_among_corners(face_mass)
+        self.mass = read_only(mesh.shared_among_corners(face_mass))
 
     def _hold(self, clamped: NDArray[np.bool_]) -> None:
-        self.clamped = clamped
-        self.free = np.flatnonzero(~clamped)
-        self.free_unknowns = (3 * self.free[:, None] + np.arange(3)).ravel()
+        self.clamped = read_only(clamped)
+        self.free = read_only(np.flatnonzero(~clamped))
+        self.free_unknowns = read_only((3 * self.free[:, None] + np.arange(3)).ravel())
         stencils = [elements.stencils for elements in self.elements]
         self.pattern, self._slots = build_pattern(len(clamped), stencils, self.free)
 
@@ -114,7 +115,7 @@ class Shell:
         x = self.rest_positions if positions is None else self.checked_positions(positions)
         data = self.energy_gradient_hessian(x, EXACT)[2]
         self._refuse_collapse("stiffness", data, x)
-        return self.pattern.matrix(data)
+        return self.pattern.matrix(data).copy()  # its indices would be the shell's own
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""

@@ -80,7 +80,7 @@ class SheetGrid:
         if pinned.shape not in (self.shape, (1, 1)):
             raise SupportError(f"pinned must have the shape {self.shape} (got {pinned.shape})")
         object.__setattr__(self, "pinned", np.array(np.broadcast_to(pinned, self.shape)))
-        object.__setattr__(self, "gravity", checked_vectors("gravity", self.gravity, (3,), LoadError))
+        object.__setattr__(self, "gravity", checked_vectors("gravity", self.gravity, (3,), LoadError).copy())
 
     @property
     def count(self) -> int:
