@@ -106,7 +106,7 @@ def full(name: str, kind: Callable[..., Model]) -> list[Row]:
 ON_MODES: dict[str, Callable[..., Model]] = {
     "LMA": partial(modal, ms.LinearModal),
     "MWTS": partial(modal, ms.ModalWarping),
-    "MWTS sum": partial(modal, ms.ModalWarping, warp="sum"),
+    "MWTS sum": partial(modal, SummedWarp),
     "MWTS consistent": partial(modal, ms.ModalWarping, consistent_force=True),
     "RSW": partial(modal, ms.RotationStrain),
     "reduced RSW": reduced,

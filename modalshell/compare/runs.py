@@ -24,8 +24,6 @@ from modalshell.typing import Array
 _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
 _FRAME_BUDGET = 4.0
 """Seconds after which no more frames are timed."""
-_TURN = 1e-5
-"""Turn [rad] over which a modal force is differenced."""
 
 
 @dataclass(frozen=True)
@@ -205,17 +203,6 @@ def lowest_eigenvalue(model: Model, answer: Equilibrium, load: Array) -> float |
     if isinstance(model, ModalDerivatives):
         return float(scipy.linalg.eigvalsh(model.energy.hessian(answer.coordinates)[2], subset_by_index=(0, 0))[0])
     if isinstance(model, ModalModel):
-        return float(scipy.linalg.eigvals(modal_tangent(model, answer.coordinates, load)).real.min())
+        tangent = np.diag(model.basis.eigenvalues) - model.modal_force_jacobian(answer.coordinates, load)
+        return float(scipy.linalg.eigvals(tangent).real.min())
     return None
-
-
-def modal_tangent(model: ModalModel, q: Array, load: Array) -> Array:
-    """``Lambda - dp/dq`` (m, m) [1/s^2] at q (m,) by central differences; not symmetric where p has no potential."""
-    tangent = np.diag(model.basis.eigenvalues)
-    turns = np.abs(model.basis.rotations).max(axis=0)
-    for k in range(q.size):
-        step = np.zeros_like(q)
-        step[k] = _TURN / max(float(turns[k]), 1e-300)
-        ahead, behind = (model.modal_force(q + sign * step, load) for sign in (1.0, -1.0))
-        tangent[:, k] -= (ahead - behind) / (2.0 * step[k])
-    return tangent

@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Generic, Protocol, TypeVar
+from abc import ABC
+from typing import ClassVar, Generic, TypeVar
 
 from modalshell.checks import checked_choice
 from modalshell.errors import OptionError
 
 
-class Named(Protocol):
-    """A rule: ``name`` is written in scenes and ``integrator=``, ``label`` in tables and messages."""
+class Integrator(ABC):
+    """A rule that steps a motion.
 
-    name: str
-    label: str
+    Attributes
+    ----------
+    name : str
+        As written in ``integrator=`` and in scenes.
+    label : str
+        For tables and messages.
+    """
+
+    name: ClassVar[str]
+    label: ClassVar[str]
 
 
-Rule = TypeVar("Rule", bound=Named)
+Rule = TypeVar("Rule", bound=Integrator)
 
 
 class Registry(Generic[Rule]):
-    """Rules of the kind ``kind``; a class joins them by the decorator :meth:`add`, in whatever package it is."""
+    """Rules of one kind; a class joins them by the decorator :meth:`add`, in whatever package it is."""
 
     def __init__(self, kind: type[Rule]) -> None:
         self._kind = kind

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -66,6 +66,17 @@ class ResolvedTarget:
     value: Array
 
 
+class Placement(Protocol):
+    """Where supports are put."""
+
+    @property
+    def rotation(self) -> Array:
+        """From the shell's frame to the world's (3, 3)."""
+
+    def to_world(self, positions: Array) -> Array:
+        """Positions (n, 3) [m] of the shell's frame in the world."""
+
+
 class Model(ABC):
     """One rung of the ladder on one shell."""
 
@@ -107,6 +118,10 @@ class Model(ABC):
     @abstractmethod
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest at ``positions`` (n, 3); at the rest shape without them."""
+
+    def placed(self, state: MotionState, pose: Placement) -> MotionState:  # noqa: ARG002 (for models in the world's)
+        """``state`` where the supports are put; the same in a model that lives in their frame."""
+        return state
 
     @abstractmethod
     def step(

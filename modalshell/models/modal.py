@@ -27,6 +27,8 @@ RIGID_LOAD = 1e-9
 CONSTRAINT_MET = 1e-6
 """Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
 
+_DIFFERENCE = 1e-5
+"""Turn [rad] over which the modal force is differenced."""
 _FIXED_POINT = 1e-7
 _FIXED_POINT_LIMIT = 200
 _OUT_OF_REACH_LIMIT = 20
@@ -51,7 +53,7 @@ class ModalModel(Model):
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
-        self.integrator = MODAL_INTEGRATORS.choose(integrator)
+        self.integrator: ModalIntegrator = MODAL_INTEGRATORS.choose(integrator)
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
 
@@ -62,6 +64,17 @@ class ModalModel(Model):
     @abstractmethod
     def modal_force(self, q: Array, load: Array) -> Array:
         """Modal force p (m,) of the load (n, 3) at q."""
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless a model knows better."""
+        jacobian = np.empty((q.size, q.size))
+        turns = np.maximum(np.abs(self.basis.rotations).max(axis=0), 1e-300)
+        for k in range(q.size):
+            change = np.zeros_like(q)
+            change[k] = _DIFFERENCE / turns[k]
+            ahead, behind = (self.modal_force(q + side * change, load) for side in (1.0, -1.0))
+            jacobian[:, k] = (ahead - behind) / (2.0 * change[k])
+        return jacobian
 
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""

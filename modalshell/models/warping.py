@@ -22,8 +22,6 @@ from modalshell.typing import Array, Index
 _TOLERANCE = 1e-9
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
 _NEWTON_LIMIT = 12
-_DIFFERENCE = 1e-5
-"""Turn [rad] over which the modal force is differenced."""
 _LOAD_TURN = 0.5
 """Turn of a vertex [rad] that one load step may predict."""
 
@@ -31,9 +29,9 @@ _LOAD_TURN = 0.5
 class ModalWarping(ModalModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 
-    This is the closed form [choi2007, eq. 17] of the path's integral (eq. 16), which it equals where the turns grow
-    in proportion; it depends on q alone, so nothing drifts. The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist, and
-    :meth:`equilibrium` says so where it finds none.
+    The displacement is the closed form of [choi2007, eq. 16] along a straight path from rest: it depends on q alone, so
+    that nothing drifts. The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need
+    not exist, and :meth:`equilibrium` says so where it finds none.
 
     Parameters
     ----------
@@ -125,15 +123,26 @@ class ModalWarping(ModalModel):
         return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
 
     def work_curvature(self, q: Array, load: Array) -> Array:
-        """Second derivatives (m, m) of the work, by central differences of its gradient."""
-        curvature = np.empty((q.size, q.size))
-        turns = np.abs(self.basis.rotations).max(axis=0)
-        for k in range(q.size):
-            step = np.zeros_like(q)
-            step[k] = _DIFFERENCE / max(float(turns[k]), 1e-300)
-            forward, backward = (self.work(q + sign * step, load)[1] for sign in (1.0, -1.0))
-            curvature[k] = (forward - backward) / (2.0 * step[k])
-        return 0.5 * (curvature + curvature.T)
+        """Second derivatives (m, m) of the work."""
+        w = self.rotation_vectors(q)
+        linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
+        mixed, curvature = np.empty((2, *load.shape, 3))
+        rotations.warped_work_curvature(w, linear, load, mixed, curvature)
+        by_modes = self.basis.modes.T @ self._turned(mixed)
+        return np.asarray(by_modes + by_modes.T + self.basis.rotations.T @ self._turned(curvature))
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force; not symmetric unless the force is consistent."""
+        if self.consistent_force:
+            return self.work_curvature(q, load)
+        blocks = np.empty((*load.shape, 3))
+        rotations.rotated_load_jacobian(self.rotation_vectors(q), load, blocks)
+        return np.asarray(self.basis.modes.T @ self._turned(blocks))
+
+    def _turned(self, blocks: Array) -> Array:
+        """Derivatives by w (n, 3, 3) at every vertex as derivatives by q (3n, m)."""
+        turns = self.basis.rotations.reshape(-1, 3, self.basis.count)
+        return np.asarray(np.einsum("nij,njm->nim", blocks, turns)).reshape(self.basis.modes.shape)
 
     def largest_turn(self, q: Array) -> float:
         """Largest rotation of a vertex [rad] at q."""
@@ -174,11 +183,10 @@ class ModalWarping(ModalModel):
 
     def _jacobian(self, y: Array, load: Array, root: Array) -> Array:
         """Jacobian of :meth:`_balance` (elastic modes, elastic modes); not symmetric."""
-        blocks = np.empty((load.shape[0], 3, 3))
-        rotations.rotated_load_jacobian((self._rotations @ (y / root)).reshape(-1, 3), load, blocks)
-        turned = np.einsum("nij,njm->nim", blocks, self._rotations.reshape(-1, 3, root.size))
-        coupling = self._modes.T @ turned.reshape(self._modes.shape)
-        return np.asarray(np.eye(root.size) - coupling / root[:, None] / root)
+        q = np.zeros(self.basis.count)
+        q[self._elastic] = y / root
+        slope = self.modal_force_jacobian(q, load)[self._elastic, self._elastic]
+        return np.asarray(np.eye(root.size) - slope / root[:, None] / root)
 
     def _stable(self, y: Array, load: Array, root: Array) -> bool:
         """Whether heavily damped motion returns to y: all eigenvalues of the Jacobian have positive real part."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from typing import ClassVar, Protocol
 
 import numpy as np
 
-from modalshell.integrators.registry import Registry
+from modalshell.integrators.registry import Integrator, Registry
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
@@ -37,7 +37,7 @@ class Body(Protocol):
     costs: Timings
 
 
-class FullIntegrator(ABC):
+class FullIntegrator(Integrator):
     """A rule for ``M x'' + C x' = f(x) + load``, every vertex an unknown.
 
     Attributes
@@ -46,8 +46,6 @@ class FullIntegrator(ABC):
         Whether it has a longest stable step; :meth:`stable_step` then says which.
     """
 
-    name: ClassVar[str]
-    label: ClassVar[str]
     explicit: ClassVar[bool] = False
 
     def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002 (for rules that keep something)
@@ -100,9 +98,7 @@ def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping) -> Array
     return force
 
 
-def step_potential(
-    body: Body, state: MotionState, dt: float, load: Array, damping: Damping
-) -> tuple[Potential, float]:
+def step_potential(body: Body, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[Potential, float]:
     """``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning; and its scale."""
     shell, x = body.shell, state.coordinates
     quadratic = np.zeros(shell.pattern.indices.size)

@@ -8,6 +8,7 @@ from typing import final
 
 import numpy as np
 
+from modalshell.errors import OptionError
 from modalshell.integrators.full.base import Body, FullIntegrator
 from modalshell.integrators.full.linear_implicit_euler import LinearImplicitEuler
 from modalshell.integrators.state import Damping, Memory, MotionState
@@ -32,10 +33,11 @@ class VelocityChange(Memory):
 
 @final
 class ConjugateGradientEuler(FullIntegrator):
-    """:class:`LinearImplicitEuler` of springs on blocks of particles [baraff1998], each step from the last one's answer.
+    """:class:`LinearImplicitEuler` of springs by conjugate gradients on blocks of particles [baraff1998].
 
-    Order one. As stable as implicit Euler while one linearisation serves a step. It belongs to one sheet, so that no
-    name is registered for it: :class:`modalshell.SpringSheet` makes it for ``solver="cg"``.
+    Order one. As stable as implicit Euler while one linearisation serves a step. Each step starts from the last one's
+    answer. It belongs to one sheet, so that no name is registered for it: :class:`modalshell.SpringSheet` makes it for
+    ``solver="cg"``.
 
     Parameters
     ----------
@@ -52,10 +54,13 @@ class ConjugateGradientEuler(FullIntegrator):
 
     def __init__(self, springs: Springs, shell: Shell, iterations: int) -> None:
         self.iterations = iterations
+        self._springs = springs
         self._stepper = PerThread(partial(ImplicitSprings, springs, shell.mass, shell.clamped))
 
     def start(self, body: Body, positions: Array) -> MotionState:
-        """State at rest, with no change of velocity to start from."""
+        """State at rest, with no change of velocity to start from; OptionError for another model than the sheet."""
+        if getattr(body, "springs", None) is not self._springs:
+            raise OptionError("this integrator belongs to another sheet of springs: pass solver='cg' instead of it")
         state = super().start(body, positions)
         state.memory = VelocityChange(np.zeros_like(positions))
         return state

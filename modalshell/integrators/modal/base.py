@@ -2,32 +2,29 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable
-from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from modalshell.integrators.registry import Registry
+from modalshell.integrators.registry import Integrator, Registry
 from modalshell.typing import Array
 
 Force = Callable[[Array], Array]
 """Modal force at coordinates of any shape (..., m), in the same shape."""
+Step = float | Array
 
 
-class ModalIntegrator(ABC):
+class ModalIntegrator(Integrator):
     """A rule for ``q'' + c q' + lambda q = p(q)``, every mode by itself but for the modal force p.
 
     A subclass says how to step. The step is linear in q, v and p, so that what linear theory has to say is found by
     stepping unit vectors: a new rule needs no more than :meth:`step`.
     """
 
-    name: ClassVar[str]
-    label: ClassVar[str]
-
     @abstractmethod
-    def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
+    def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step.
 
         Parameters
@@ -40,7 +37,7 @@ class ModalIntegrator(ABC):
             Squared angular frequencies lambda [1/s^2].
         damp : ndarray, shape (m,)
             Modal damping c = xi + zeta lambda [1/s].
-        h : float
+        h : float or ndarray, shape (m,)
             Step [s].
         """
 
@@ -54,14 +51,15 @@ class ModalIntegrator(ABC):
         q, v = np.split(np.eye(2 * stiffness.size), 2, axis=1)
         return np.hstack(self.step(q, v, lambda q: q @ slope.T, stiffness, damp, h)).T
 
-    def multipliers(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Array:
+    def multipliers(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> NDArray[np.complex128]:
         """Eigenvalues (k, 2) of the step of free motion: what its two parts are multiplied by.
 
         The three may each be one number or k of them.
         """
-        stiffness, damp, h = np.atleast_1d(*np.broadcast_arrays(stiffness, damp, h))
-        q, v = np.eye(2)[:, :, None] * np.ones(stiffness.size)
-        return np.linalg.eigvals(np.stack(self.step(q, v, np.zeros_like, stiffness, damp, h)).transpose(2, 0, 1))
+        each: list[Array] = np.atleast_1d(*np.broadcast_arrays(stiffness, damp, h))
+        q, v = np.eye(2)[:, :, None] * np.ones(each[0].size)
+        matrices = np.stack(self.step(q, v, np.zeros_like, *each)).transpose(2, 0, 1)
+        return np.linalg.eigvals(matrices).astype(np.complex128)
 
     def amplification(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Array:
         """Factor (k,) by which the slower part of free motion shrinks in a step."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from modalshell.integrators.modal.base import MODAL_INTEGRATORS, Force, ModalIntegrator
+from modalshell.integrators.modal.base import MODAL_INTEGRATORS, Force, ModalIntegrator, Step
 from modalshell.typing import Array
 
 
@@ -23,7 +23,7 @@ class ImplicitEuler(ModalIntegrator):
     name = "implicit_euler"
     label = "implicit Euler"
 
-    def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
+    def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step."""
         v = (v + h * (force(q) - stiffness * q)) / (1.0 + h * damp + h**2 * stiffness)
         return q + h * v, v

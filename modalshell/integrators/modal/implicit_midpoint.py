@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from modalshell.integrators.modal.base import MODAL_INTEGRATORS, Force, ModalIntegrator
+from modalshell.integrators.modal.base import MODAL_INTEGRATORS, Force, ModalIntegrator, Step
 from modalshell.typing import Array
 
 
@@ -22,7 +22,7 @@ class ImplicitMidpoint(ModalIntegrator):
     name = "implicit_midpoint"
     label = "midpoint"
 
-    def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
+    def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step."""
         half = 0.5 * h
         inertia = 1.0 + half * damp + half**2 * stiffness
