@@ -46,6 +46,7 @@ from modalshell.models import (
 )
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
+from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
@@ -77,6 +78,7 @@ __all__ = [
     "Model",
     "OptionError",
     "OrientationConstraint",
+    "Outcome",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",

@@ -26,12 +26,11 @@ from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.models.modal import ModalModel
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.reproduce import chosen_studies
+from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
 from modalshell.scene import MODELS
 from modalshell.selection import select_vertices
-from modalshell.study import load_script
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 
@@ -202,13 +201,8 @@ def bench(
     quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
 ) -> None:
     """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
-    names = ("frame", "frame_scaling", "hinge_kernel", "modes", "assembly", "implicit_steps", "crowd", "flock")
-    if only is not None and only not in names:
-        raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(names)}")
-    make_folder(out)
-    run = load_script("studies/benchmarks", "run").main
     with _progress("benchmarks") as on_step:
-        written = run(out, quick=quick, only=only, on_step=on_step)
+        written = run_benchmarks(out, quick=quick, only=only, on_step=on_step)
     _console.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     for path in written:
         print(path)

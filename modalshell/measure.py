@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_vectors
@@ -52,6 +53,39 @@ def area_change(positions: ArrayLike, mesh: TriangleMesh) -> float:
     corners = _checked(positions, checked_kind("mesh", mesh, TriangleMesh))[mesh.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     return float(0.5 * np.linalg.norm(normals, axis=1).sum() / mesh.area - 1.0)
+
+
+def gamma_per_gravity(shell: Shell) -> float:
+    """Gamma at unit gravity: the weight of a shell clamped at its end of smallest x over its bending stiffness.
+
+    ``Gamma = (weight per length) L^3 / EI``, with the bending stiffness EI of a beam whose free end drops as far: by
+    ``Gamma / 8`` of the free length in the linear limit. The drop is solved with all unknowns of the shell.
+
+    Parameters
+    ----------
+    shell : Shell
+        Clamped at one end, free at its largest x.
+
+    Returns
+    -------
+    float
+        Gamma of a gravity of 1 m/s^2 along -z [s^2/m].
+
+    Raises
+    ------
+    OptionError
+        If nothing is clamped, or the vertices of largest x are.
+    """
+    x = checked_kind("shell", shell, Shell).rest_positions[:, 0]
+    length = x.max() - x[shell.clamped].max(initial=-np.inf)
+    if not 0.0 < length < np.inf:
+        raise OptionError("Gamma needs a shell that is clamped at one end and free at its largest x")
+    free = shell.free_unknowns
+    displacement = np.zeros(x.size * 3)
+    stiffness = shell.stiffness()[free][:, free].tocsc()
+    displacement[free] = spla.spsolve(stiffness, shell.gravity_force((0.0, 0.0, -1.0)).ravel()[free])
+    drop = -displacement.reshape(-1, 3)[x > x.max() - 1e-9, 2].mean()
+    return float(8.0 * drop / length)
 
 
 def _checked(positions: ArrayLike, mesh: TriangleMesh) -> Array:

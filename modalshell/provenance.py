@@ -7,10 +7,12 @@ import importlib
 import os
 import platform
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from modalshell.errors import FileFormatError
 
+_PACKAGE = Path(__file__).resolve().parent
 _PACKAGES = ("modalshell", "numpy", "scipy", "numba")
 
 
@@ -28,8 +30,25 @@ def run_record(parameters: dict[str, Any], seed: int = 0) -> dict[str, Any]:
 
 def repository_file(name: str) -> Path:
     """Path of a file such as ``meshes/creature.ply``, in a checkout or in an installed copy; else FileFormatError."""
-    package = Path(__file__).resolve().parent
-    for root in (package.parent, package / "bundled"):
+    for root in (_PACKAGE.parent, _PACKAGE / "bundled"):
         if (root / name).is_file():
             return root / name
     raise FileFormatError(f"{name} is neither beside the package nor inside it; reinstall modalshell")
+
+
+def repository_module(name: str) -> ModuleType:
+    """Import a module of ``studies`` or ``paper_figures``, the packages that are installed with this one.
+
+    Raises
+    ------
+    FileFormatError
+        If another package of that name comes first on Python's path, or the module is missing.
+    """
+    package, folder = name.partition(".")[0], _PACKAGE.parent
+    try:
+        found = importlib.import_module(package).__file__
+        if found is None or Path(found).resolve().parent != folder / package:
+            raise FileFormatError(f"{package} is {found}, not that of modalshell in {folder}; run from another folder")
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        raise FileFormatError(f"{name} is not installed ({error}); reinstall modalshell") from error

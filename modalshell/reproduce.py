@@ -1,47 +1,59 @@
-"""Running the studies and drawing the paper's figures from their results."""
+"""Running the studies, drawing the paper's figures from their results, and running the benchmarks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import pkgutil
+from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
+from typing import Protocol, cast
 
 from modalshell.atomic_io import write_text
 from modalshell.errors import OptionError
-from modalshell.study import load_script
+from modalshell.provenance import repository_module
+from modalshell.study import StudyResult
+from modalshell.typing import Progress
 
-FIGURES: dict[str, tuple[str, ...]] = {
-    "cloth_scaling": ("cloth_scaling",),
-    "dancing_character": ("figure_8",),
-    "flat_vs_v_beam": ("figure_4",),
-    "flock_scaling": ("flock_scaling",),
-    "held_out_advice": (),
-    "integrator_drift": ("integrator_drift",),
-    "large_mesh": ("figure_3",),
-    "manipulation": ("figure_7",),
-    "spring_sheet_speed": ("spring_sheet_speed",),
-    "sheet_vs_shell": ("sheet_vs_shell",),
-    "stability_atlas": ("stability_atlas",),
-    "tradeoff": ("tradeoff",),
-    "validity_map": ("validity_map",),
-    "v_beam_accuracy": ("figure_5", "figure_6a", "figure_6b"),
-}
-"""Which figure scripts read which study's result."""
+
+class Study(Protocol):
+    """What a module of the package ``studies`` defines to be a study; its docstring's first line is the title.
+
+    Attributes
+    ----------
+    FIGURES : tuple of str
+        Modules of the package ``paper_figures`` that draw its result.
+    """
+
+    FIGURES: tuple[str, ...]
+
+    def main(self, quick: bool = False, on_step: Progress | None = None) -> StudyResult:
+        """Run it; ``quick`` takes coarser meshes and fewer cases."""
+
+    def table(self, result: StudyResult) -> str:
+        """The result in Markdown."""
+
+
+@cache
+def studies() -> dict[str, Study]:
+    """Every study by its name: the modules of the package ``studies`` that define ``FIGURES``."""
+    names = [entry.name for entry in pkgutil.iter_modules(repository_module("studies").__path__) if not entry.ispkg]
+    modules = {name: repository_module(f"studies.{name}") for name in names}
+    return {name: cast("Study", module) for name, module in modules.items() if hasattr(module, "FIGURES")}
 
 
 def chosen_studies(only: Sequence[str] | None, everything: bool = False) -> list[str]:
     """Names of the studies to run: the paper's, ``only`` some, or all; OptionError for a name that is none."""
-    if everything and not only:
-        return list(FIGURES)
-    if not only:
-        return [name for name, figures in FIGURES.items() if any(figure.startswith("figure_") for figure in figures)]
-    for name in only:
-        if name not in FIGURES:
-            raise OptionError(f"there is no study {name!r}; choose from {', '.join(FIGURES)}")
-    return [name for name in FIGURES if name in only]
+    known = studies()
+    for name in only or ():
+        if name not in known:
+            raise OptionError(f"there is no study {name!r}; choose from {', '.join(known)}")
+    if only:
+        return [name for name in known if name in only]
+    return [name for name, study in known.items() if everything or any("figure_" in each for each in study.FIGURES)]
 
 
 def reproduce(
-    name: str, results: Path, figures: Path, *, quick: bool = False, on_step: Callable[[int, int], None] | None = None
+    name: str, results: Path, figures: Path, *, quick: bool = False, on_step: Progress | None = None
 ) -> list[Path]:
     """Run one study, save its result into ``results`` and draw its figures into ``figures``.
 
@@ -50,14 +62,22 @@ def reproduce(
     list of Path
         The files written.
     """
-    study = load_script("studies", name)
+    study = studies()[name]
     result = study.main(quick=quick, on_step=on_step)
     written: list[Path] = result.save(results)
     title = (study.__doc__ or name).strip().splitlines()[0]
     command = f"modalshell reproduce --only {name}" + (" --quick" if quick else "")
     page = f"# {name}\n\n{title}\n\nMade by `{command}`.\n\n{study.table(result)}\n"
     written.append(write_text(results / f"{name}.md", page))
-    for script in FIGURES[name]:
-        drawn = load_script("paper_figures", script).draw(results, figures)
+    for figure in study.FIGURES:
+        drawn = repository_module(f"paper_figures.{figure}").draw(results, figures)
         written += drawn if isinstance(drawn, list) else [drawn]
+    return written
+
+
+def run_benchmarks(
+    out: Path, *, quick: bool = False, only: str | None = None, on_step: Progress | None = None
+) -> list[Path]:
+    """Run the benchmarks of ``studies.benchmarks``, or ``only`` one, into ``out``; return the files written."""
+    written: list[Path] = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     return written

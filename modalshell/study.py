@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import importlib
-import importlib.util
 import json
 import os
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -20,7 +15,6 @@ from numpy.typing import NDArray
 from modalshell.atomic_io import digest, read_npz, write_npz, write_text
 from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
-from modalshell.provenance import repository_file
 
 _DIGEST = "sha256"
 
@@ -88,23 +82,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"no JSON form for {type(value).__name__}")
-
-
-def load_script(folder: str, name: str) -> ModuleType:
-    """Import ``folder/name.py`` (of ``studies`` or ``paper_figures``)."""
-    path = repository_file(f"{folder}/{name}.py")
-    spec = importlib.util.spec_from_file_location(f"modalshell_{folder.replace('/', '_')}_{name}", path)
-    if spec is None or spec.loader is None:
-        raise FileFormatError(f"{path} cannot be imported")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # dataclasses look their module up there
-    spec.loader.exec_module(module)
-    return module
-
-
-def call_script(folder: str, name: str, function: str, *arguments: Any) -> Any:
-    """Call a function of ``folder/name.py``; for worker processes, which cannot be handed one of a loaded script."""
-    return getattr(_loaded(folder, name), function)(*arguments)
-
-
-_loaded = functools.cache(load_script)

@@ -7,10 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.springs import TASKS
 from modalshell.study import StudyResult
 
-COLORS = dict(zip(TASKS, ("#8fb3e8", "#c8322b", "#2b5fc8", "#5bb98b", "#d9a6c2"), strict=True))
+COLORS = {
+    "force": "#8fb3e8",
+    "matrix update": "#c8322b",
+    "acceleration": "#2b5fc8",
+    "velocity": "#5bb98b",
+    "position": "#d9a6c2",
+}
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -31,9 +36,9 @@ def draw(results: Path, folder: Path) -> Path:
             particles,
             [100.0 * row["free"]["tasks"][task] / row["free"]["frame"] for row in rows],
             task,
-            COLORS[task],
+            color,
         )
-        for task in TASKS
+        for task, color in COLORS.items()
     ]
     shares.append(
         Curve([published["particles"]], [100.0 * published["matrix_share"]], "matrix update, published", "0.2")

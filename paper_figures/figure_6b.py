@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.render.curves import draw_curves
-from modalshell.study import load_script
-
-v_beam_panels = load_script("paper_figures", "v_beam_panels").v_beam_panels
+from paper_figures.v_beam_panels import v_beam_panels
 
 
 def draw(results: Path, folder: Path) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.compare.draw import draw_fronts, draw_shapes
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
 
 SHOWN = ("v_beam", "v_beam_stiff", "leaf_wind", "twisted_strip")
 """Scenes whose shapes are drawn, of those that were run."""
@@ -14,7 +14,7 @@ SHOWN = ("v_beam", "v_beam_stiff", "leaf_wind", "twisted_strip")
 def draw(results: Path, folder: Path) -> list[Path]:
     """Draw from the result in ``results`` into ``folder``; return the PNGs' paths."""
     result = StudyResult.load(results, "tradeoff")
-    found, titles = result.findings["scenes"], load_script("studies", "tradeoff").SCENES
+    found, titles = result.findings["scenes"], result.findings["titles"]
     fronts = draw_fronts(list(found.values()), folder / "tradeoff.png", [titles[name] for name in found])
     shown = []
     for name in SHOWN:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
 
 COLORS = {
     "LMA": "#f4c7a1",
@@ -26,17 +26,16 @@ def draw(results: Path, folder: Path) -> Path:
     """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
     result = StudyResult.load(results, "validity_map")
     found = result.findings
-    cheapest = load_script("studies", "validity_map").cheapest
     panels = []
     for axis, (label, title) in AXES.items():
         rows = found["maps"][axis]["rows"]
         snaps = [[] if case["snap"] is None else [case["snap"]] for case in rows]
-        for tolerance in found["tolerances"]:
+        for tolerance, cheapest in zip(found["tolerances"], found["maps"][axis]["cheapest"], strict=True):
             panels.append(
                 MapPanel(
                     found["gammas"],
                     found["maps"][axis]["values"],
-                    [cheapest(case, tolerance) for case in rows],
+                    cheapest,
                     f"within {100 * tolerance:g} %: " + title.format(**result.record["parameters"]["fixed"]),
                     "Γ",
                     label,

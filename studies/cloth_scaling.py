@@ -28,6 +28,8 @@ from modalshell.provenance import run_record
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
 from modalshell.study import StudyResult
 
+FIGURES = ("cloth_scaling",)
+
 SIDES = (50, 100, 150, 300, 350, 400)
 """Particles along a side: the published sizes."""
 FRAME, STEPS, ITERATIONS = 1.0 / 30.0, 3, 10

@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import modalshell as ms
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
+from studies.character import clothes, skeleton
 
-clothes = load_script("studies/character", "clothes")
-skeleton = load_script("studies/character", "skeleton")
+FIGURES = ("figure_8",)
 
 DT = 1.0 / 30.0
 SPACING, QUICK_SPACING = 0.026, 0.034

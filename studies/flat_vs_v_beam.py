@@ -16,6 +16,8 @@ import modalshell as ms
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult
 
+FIGURES = ("figure_4",)
+
 FOLDS = {"flat": 180.0, "v": 120.0}
 FACTORS = (1.0, 10.0, 100.0)
 PARAMETERS = {

@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.kernels.device import missing_devices
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
+from studies.benchmarks import crowd
+from studies.benchmarks.devices import missing_devices
+
+FIGURES = ("flock_scaling",)
 
 BOIDS = (100, 300, 1000, 3000, 10000, 30000, 100000)
 PAIRS = (100, 300, 1000, 3000, 10000)
@@ -25,31 +28,24 @@ DEVICE_BOIDS, DEVICE_INSTANCES = (300, 10000, 100000), (8, 512, 4096)
 
 def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
     """Measure; ``quick`` takes the small sizes alone."""
-    measured = load_script("studies/benchmarks", "crowd")
     boids, pairs = (BOIDS[:3], PAIRS[:3]) if quick else (BOIDS, PAIRS)
     batches, cells = (INSTANCES[:3], CELLS[:2]) if quick else (INSTANCES, CELLS)
     total, repeats, steps = (20_000, 3, 3) if quick else (TOTAL, 15, 40)
     jobs: list[tuple[str, Callable[[], Any]]] = [
-        ("flock", lambda count=count: measured.flock((count,), steps=steps)) for count in boids
+        ("flock", lambda count=count: crowd.flock((count,), steps=steps)) for count in boids
     ]
-    jobs += [
-        ("flock", lambda count=count: measured.flock((count,), steps=steps, search="all_pairs")) for count in pairs
-    ]
-    bird = measured.bird_basis()
-    jobs += [
-        ("instances", lambda count=count: measured.reconstruction(count, bird, repeats=repeats)) for count in batches
-    ]
+    jobs += [("flock", lambda count=count: crowd.flock((count,), steps=steps, search="all_pairs")) for count in pairs]
+    bird = crowd.bird_basis()
+    jobs += [("instances", lambda count=count: crowd.reconstruction(count, bird, repeats=repeats)) for count in batches]
     for size in cells:
-        basis = measured.bird_basis(cells=size)
+        basis = crowd.bird_basis(cells=size)
         count = total // len(basis.shell.rest_positions)
-        jobs.append(
-            ("vertices", lambda count=count, basis=basis: measured.reconstruction(count, basis, repeats=repeats))
-        )
+        jobs.append(("vertices", lambda count=count, basis=basis: crowd.reconstruction(count, basis, repeats=repeats)))
     missing = missing_devices()
     if "Warp" not in missing:
         sizes = (DEVICE_BOIDS[:1], DEVICE_INSTANCES[:1]) if quick else (DEVICE_BOIDS, DEVICE_INSTANCES)
         jobs += [
-            ("devices", lambda near=near, placed=placed: measured.on_devices(near, placed, bird, repeats=repeats))
+            ("devices", lambda near=near, placed=placed: crowd.on_devices(near, placed, bird, repeats=repeats))
             for near, placed in zip(*sizes, strict=True)
         ]
     rows: dict[str, list[dict[str, Any]]] = {"flock": [], "instances": [], "vertices": [], "devices": []}

@@ -22,6 +22,8 @@ from modalshell.mesh import TriangleMesh
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult
 
+FIGURES: tuple[str, ...] = ()
+
 SEED = 7
 SCENES = 20
 FRAMES_PER_SECOND = 60.0

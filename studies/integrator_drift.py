@@ -25,11 +25,13 @@ from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, Memory, MotionState
 from modalshell.kernels import rotations
-from modalshell.models import Equilibrium
 from modalshell.models.modal import ModalModel
 from modalshell.motion import Motion
 from modalshell.provenance import run_record
+from modalshell.statics.least_potential import Statics
 from modalshell.study import StudyResult
+
+FIGURES = ("integrator_drift",)
 
 LENGTH, WIDTH = 1.0, 0.2
 FLEXURE, DENSITY, MODES = 0.05, 0.2, 8
@@ -138,12 +140,8 @@ class SummedWarp(ModalModel):
         """Say where the state has wound up, as the closed form does."""
         return self.closed.fault(state)
 
-    def equilibrium(self, **_: Any) -> Equilibrium:
-        """Refused: a shape that depends on the path has no statics."""
+    def _free_statics(self, load: np.ndarray, start: np.ndarray | None) -> Statics:  # noqa: ARG002
         raise OptionError("the summed warp depends on the path, so it has no statics: ask its closed form")
-
-    def _free_statics(self, load: np.ndarray, start: np.ndarray | None) -> Any:
-        raise NotImplementedError
 
 
 def scene_basis(scene: str, cells: tuple[int, int]) -> ms.Basis:

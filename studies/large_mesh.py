@@ -20,6 +20,8 @@ from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.provenance import repository_file, run_record
 from modalshell.study import StudyResult
 
+FIGURES = ("figure_3",)
+
 MODES = 4
 MATERIAL = {"young": 2e5, "poisson": 0.3, "thickness": 0.01, "density": 300.0}
 DURATION = 8.0

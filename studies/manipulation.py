@@ -18,6 +18,8 @@ import modalshell as ms
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult
 
+FIGURES = ("figure_7",)
+
 PARAMETERS = {
     "length": 1.0,
     "width": 0.2,

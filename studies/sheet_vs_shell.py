@@ -27,7 +27,9 @@ from modalshell.models.base import Damping
 from modalshell.models.full import FullModel
 from modalshell.provenance import run_record
 from modalshell.springs import shell_springs
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
+
+FIGURES = ("sheet_vs_shell",)
 
 FOLDS = (0.05, 0.2, 0.8)
 """Reference changes of the fold angle [rad]."""
@@ -80,7 +82,7 @@ def cases(name: str, gammas: tuple[float, ...], quick: bool) -> Iterator[tuple[m
     mesh = mesh_of(name, quick)
     columns = np.unique(mesh.vertices[:, 0].round(9))
     clamped = mesh.vertices[:, 0] < 0.5 * (columns[1] + columns[2])
-    per_gravity = load_script("studies", "v_beam_accuracy").gamma_per_gravity
+    per_gravity = ms.measure.gamma_per_gravity
     if name in ("v_beam", "panel"):
         shell = ms.Shell(mesh, ms.Material(**SOFT, density=DENSITY), clamped)
         unit = per_gravity(shell)

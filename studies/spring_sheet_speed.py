@@ -19,11 +19,16 @@ from typing import Any
 import numba
 import numpy as np
 
-from modalshell.kernels.device import devices, missing_devices
+from modalshell.kernels.device import devices
 from modalshell.provenance import run_record
 from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.device import DeviceVerlet
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
+from studies.benchmarks.devices import missing_devices
+from studies.benchmarks.numpy_verlet import NumpyVerlet
+from studies.benchmarks.timing import interleaved
+
+FIGURES = ("spring_sheet_speed",)
 
 SIZES = (64, 128, 256, 512, 1024)
 PRECISIONS = ("float64", "float32")
@@ -94,11 +99,10 @@ def crumpled_sheet(size: int) -> tuple[SheetGrid, np.ndarray]:
 
 def steppers(grid: SheetGrid, start: np.ndarray) -> dict[tuple[str, str], Any]:
     """Every way to step the sheet that is here, by its name and precision."""
-    numpy_verlet = load_script("studies/benchmarks", "numpy_verlet").NumpyVerlet
     most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     found: dict[tuple[str, str], Any] = {}
     for precision in PRECISIONS:
-        found["NumPy", precision] = numpy_verlet(grid, precision, start)
+        found["NumPy", precision] = NumpyVerlet(grid, precision, start)
         found[BASE, precision] = GridVerlet(grid, precision, start, threads=1)
         several = GridVerlet(grid, precision, start) if most > 1 else None
         if several is not None and several.threads.most > 1:
@@ -123,7 +127,6 @@ def timings(size: int, repeats: int) -> tuple[dict[str, Any], list[dict[str, Any
     # Many steps in a call, so that the state's check after them is not what is timed.
     count = max(4, 2**18 // grid.count)
     calls = {key: lambda way=way: way.step(count, dt) for key, way in ways.items()}
-    interleaved = load_script("studies/benchmarks", "timing").interleaved
     alone = {key: call for key, call in calls.items() if key[0] in ONE_CORE}
     processor = interleaved(alone, repeats, clock=time.process_time)
     together = {key: call for key, call in calls.items() if key[0] not in ONE_CORE or key[0] == BASE}

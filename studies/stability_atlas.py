@@ -41,10 +41,13 @@ from modalshell.modes import largest_eigenvalue
 from modalshell.motion import Motion, Trajectory, stability
 from modalshell.motion.simulate import Observer
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult, call_script, load_script
+from modalshell.study import StudyResult
+from studies import stability_limits as limits
+from studies import stability_models as models
+from studies.integrator_drift import SummedWarp
+from studies.stability_page import page
 
-limits, models = (load_script("studies", f"stability_{name}") for name in ("limits", "models"))
-SummedWarp = models.SummedWarp
+FIGURES = ("stability_atlas",)
 
 TOLERANCE = 0.1
 FEWEST, MOST = 40, 80
@@ -344,9 +347,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         # The dearest first, so that two processes end together.
         order = names[::-1]
         with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-            futures = {
-                name: pool.submit(call_script, "studies", "stability_atlas", "work", name, quick) for name in order
-            }
+            futures = {name: pool.submit(work, name, quick) for name in order}
             for name in order:
                 done[name] = futures[name].result()
                 if on_step is not None:
@@ -370,4 +371,4 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 def table(result: StudyResult) -> str:
     """Where each row works and what ends it, in words; then every limit that has a theory beside its measurement."""
-    return str(load_script("studies", "stability_page").page(result))
+    return page(result)

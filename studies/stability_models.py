@@ -12,6 +12,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.errors import ModalShellError
 from modalshell.models import Damping, Model
+from studies.integrator_drift import SummedWarp
 
 LENGTH, CELLS, FLEXURE, DENSITY, MODES = 1.0, (12, 2), 0.05, 0.2, 4
 RIGIDITY = 5.0 * FLEXURE

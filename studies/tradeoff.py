@@ -24,6 +24,8 @@ from modalshell.provenance import repository_file, run_record
 from modalshell.study import StudyResult
 from modalshell.timings import Stopwatch
 
+FIGURES = ("tradeoff",)
+
 SCENES = {
     "flat_beam": "flat beam, slightly bent",
     "v_beam": "V-beam, soft membrane",
@@ -46,7 +48,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     """Measure all scenes; ``quick`` takes two of them, coarser, with fewer modes and loads."""
     options: dict[str, Any] = {"modes": (4,), "loads": (0.5, 1.0)} if quick else {}
     names = list(QUICK if quick else SCENES)
-    findings: dict[str, Any] = {"scenes": {}}
+    findings: dict[str, Any] = {"scenes": {}, "titles": {name: SCENES[name] for name in names}}
     arrays: dict[str, np.ndarray] = {}
     for done, name in enumerate(names, start=1):
         case = scene(name, QUICK[name] if quick else None)

@@ -4,8 +4,7 @@ Two regimes. *Soft membrane*, the paper's: the fold keeps its shape and the beam
 error that grows with the load, LMA inflates. *Stiff membrane*: the fold flattens like a tape spring's and the beam
 snaps; no model on rest modes follows DS there. The study finds the load at which that happens and marks it.
 
-Gravity is given as ``Gamma = 8 x (linear drop of the free end) / (free length)``: a beam of bending stiffness EI drops
-by ``Gamma / 8`` of its length in the linear limit, with Gamma = (weight per length) L^3 / EI.
+Gravity is given as Gamma = (weight per length) L^3 / EI, see :func:`modalshell.measure.gamma_per_gravity`.
 
 Run it alone with ``modalshell reproduce --only v_beam_accuracy``.
 """
@@ -16,13 +15,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import scipy.sparse.linalg as spla
 
 import modalshell as ms
 from modalshell.compare.path import find_jump
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult
+
+FIGURES = ("figure_5", "figure_6a", "figure_6b")
 
 SHAPE = {"length": 1.0, "width": 0.2, "fold": 150.0}
 REGIMES = {
@@ -49,7 +49,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         shell = ms.Shell(mesh, material, clamped=clamped)
         basis = ms.solve_modes(shell, MODES)
         linear, warping, truth = ms.LinearModal(basis), ms.ModalWarping(basis), ms.DiscreteShell(shell)
-        gamma, unit = gamma_per_gravity(shell), shell.gravity_force((0.0, 0.0, -1.0))
+        gamma, unit = ms.measure.gamma_per_gravity(shell), shell.gravity_force((0.0, 0.0, -1.0))
         tip = int(np.argmin(np.linalg.norm(mesh.vertices - [SHAPE["length"], 0.0, 0.0], axis=1)))
         rows, last, last_gravity, snap = [], mesh.vertices, 0.0, None
         for gravity in regime["gravities"][::-stride][::-1]:
@@ -89,18 +89,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     parameters = {**SHAPE, "flexure": FLEXURE, "density": DENSITY, "regimes": REGIMES, "modes": MODES}
     parameters |= {"cells": cells, "family": "alternating"}
     return StudyResult("v_beam_accuracy", findings, arrays, run_record(parameters))
-
-
-def gamma_per_gravity(shell: ms.Shell) -> float:
-    """Gamma at unit gravity, from the linear drop of the free end with all unknowns of the shell, not its modes."""
-    free = shell.free_unknowns
-    stiffness = shell.stiffness()[free][:, free].tocsc()
-    shape = np.zeros(shell.rest_positions.size)
-    shape[free] = spla.spsolve(stiffness, shell.gravity_force((0.0, 0.0, -1.0)).ravel()[free])
-    x = shell.rest_positions[:, 0]
-    end = x > x.max() - 1e-9
-    drop = -shape.reshape(-1, 3)[end, 2].mean()
-    return float(8.0 * drop / (x.max() - x[shell.clamped].max()))
 
 
 def table(result: StudyResult) -> str:

@@ -5,7 +5,7 @@ stiffness) and for every membrane stiffness (at one fold) each rung's equilibriu
 the map shows the cheapest rung that stays within 1, 5 and 20 % of its displacement. Where DS jumps, the snap boundary
 is drawn: beyond it no rung on rest modes is of use, and DS on a coarse mesh takes over.
 
-Gravity is given as ``Gamma = 8 x (linear drop of the free end) / (free length)``; see ``v_beam_accuracy``.
+Gravity is given as Gamma, see :func:`modalshell.measure.gamma_per_gravity`.
 
 Run it alone with ``modalshell reproduce --only validity_map``.
 """
@@ -20,7 +20,9 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.path import find_jump
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
+
+FIGURES = ("validity_map",)
 
 LENGTH, WIDTH = 1.0, 0.2
 FLEXURE, DENSITY, MODES = 0.05, 0.2, 8
@@ -50,6 +52,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             on_step(done, len(cases))
     parameters = {"length": LENGTH, "width": WIDTH, "flexure": FLEXURE, "density": DENSITY, "modes": MODES}
     parameters |= {"cells": cells, "family": "alternating", "fixed": FIXED}
+    for one in found.values():
+        one["cheapest"] = [[cheapest(case, tolerance) for case in one["rows"]] for tolerance in TOLERANCES]
     findings = {"maps": found, "gammas": gammas, "tolerances": TOLERANCES, "ladder": LADDER}
     arrays = {
         f"{axis}_errors": np.array([[case["errors"][rung] for rung in LADDER] for case in found[axis]["rows"]], float)
@@ -64,7 +68,7 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     material = ms.Material(membrane, membrane, FLEXURE, DENSITY)
     shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
     coarse = ms.coarse_shell(shell, coarse_mesh(fold, cells))
-    gamma_per_gravity = load_script("studies", "v_beam_accuracy").gamma_per_gravity(shell)
+    gamma_per_gravity = ms.measure.gamma_per_gravity(shell)
     unit = shell.gravity_force((0.0, 0.0, -1.0))
     basis = ms.solve_modes(shell, MODES)
     rungs = (

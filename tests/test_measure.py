@@ -42,3 +42,18 @@ def test_refusals():
     bad[3, 1] = np.nan
     with pytest.raises(ms.LoadError, match="entry 3"):
         ms.measure.area_change(bad, mesh)
+
+
+def test_gamma_is_eight_times_the_linear_drop(v_shell):
+    gravity = 1e-4
+    answer = ms.DiscreteShell(v_shell).equilibrium(gravity=(0, 0, -gravity))
+    x, drop = v_shell.rest_positions[:, 0], v_shell.rest_positions[:, 2] - answer.positions[:, 2]
+    expected = 8.0 * drop[x == x.max()].mean() / (1.0 - x[v_shell.clamped].max())
+    assert ms.measure.gamma_per_gravity(v_shell) * gravity == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("clamped_from", [0.9, 2.0])
+def test_gamma_needs_a_clamped_and_a_free_end(v_shell, clamped_from):
+    clamped = v_shell.rest_positions[:, 0] > clamped_from
+    with pytest.raises(ms.OptionError, match="free at its largest x"):
+        ms.measure.gamma_per_gravity(ms.Shell(v_shell.mesh, v_shell.material, clamped))

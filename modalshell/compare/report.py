@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from modalshell.outcome import Outcome
+
 _HEADS = (
     *("rung", "ms a frame", "statics [s]", "preprocessing [s]", "worst error", "at the largest load", "area"),
     *("tip turn", "first frequency"),
@@ -45,7 +47,7 @@ def percent(value: float | None, form: str = ".3g") -> str:
 
 def _notes(row: dict[str, Any]) -> str:
     """What went wrong, each kind once."""
-    wrong = list(dict.fromkeys(status.partition(":")[0] for status in row["statuses"] if status != "converged"))
+    wrong = list(dict.fromkeys(status for status in row["statuses"] if status != Outcome.CONVERGED))
     return "; ".join(wrong + ([f"motion: {row['motion']}"] if row["motion"] != "completed" else []))
 
 

@@ -6,18 +6,13 @@ import time
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.linalg
 
 from modalshell import measure
 from modalshell.compare.candidates import Candidate, Workshop
 from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
-from modalshell.errors import SolverError
 from modalshell.mesh import TriangleMesh
-from modalshell.models import CoarseDiscreteShell, Equilibrium, ModalDerivatives, Model
-from modalshell.models.full import FullModel
-from modalshell.models.modal import ModalModel
-from modalshell.modes import lowest_tangent_eigenvalue
+from modalshell.models import Equilibrium, Model
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
 
@@ -126,7 +121,7 @@ def measure_row(
     frequency = None
     if known and answers[known[-1]].converged:
         factor = path.factors[known[-1]]
-        found = lowest_eigenvalue(model, answers[known[-1]], factor * case.load)
+        found = model.tangent_eigenvalue(answers[known[-1]], factor * case.load)
         frequency = None if found is None else float(np.sqrt(max(found, 0.0) / path.lowest))
     missed = any(not answers[k].converged for k in known) or motion.startswith("diverged")
     return Row(
@@ -186,23 +181,3 @@ def timed_frames(model: Model, case: Case) -> tuple[float, str]:
                 break
     motion = f"{failed} of {count + 1} steps did not converge" if failed else "completed"
     return 1000.0 * float(np.median(times)), motion
-
-
-def lowest_eigenvalue(model: Model, answer: Equilibrium, load: Array) -> float | None:
-    """Lowest squared angular frequency [1/s^2] of ``model`` about its answer under ``load``; None if it cannot tell."""
-    try:
-        if isinstance(model, FullModel):
-            return lowest_tangent_eigenvalue(model.shell, answer.positions)
-        if isinstance(model, CoarseDiscreteShell):
-            coarse = model.coarse
-            return lowest_tangent_eigenvalue(coarse.shell, coarse.equilibrium(force=model.handed_down(load)).positions)
-    except SolverError:  # singular to the last bit
-        return 0.0
-    if answer.coordinates is None:
-        return None
-    if isinstance(model, ModalDerivatives):
-        return float(scipy.linalg.eigvalsh(model.energy.hessian(answer.coordinates)[2], subset_by_index=(0, 0))[0])
-    if isinstance(model, ModalModel):
-        tangent = np.diag(model.basis.eigenvalues) - model.modal_force_jacobian(answer.coordinates, load)
-        return float(scipy.linalg.eigvals(tangent).real.min())
-    return None

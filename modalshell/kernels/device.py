@@ -27,15 +27,6 @@ def devices() -> list[str]:
     return [device.alias for device in warp().get_devices()]
 
 
-def missing_devices() -> dict[str, str]:
-    """Why nothing can be run by Warp, or by it on a GPU; empty where both can."""
-    try:
-        here = devices()
-    except OptionError as error:
-        return {"Warp": str(error)}
-    return {} if any(device.startswith("cuda") for device in here) else {"Warp, GPU": "no GPU here"}
-
-
 def checked_device(name: str | None) -> str:
     """Return ``name``, or for None the first GPU and else "cpu"; OptionError for what is not here."""
     known = devices()

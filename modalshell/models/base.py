@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_vectors, finite_answer
+from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
+from modalshell.modes.rigid import rigid_motions
+from modalshell.outcome import Outcome
 from modalshell.shell import Shell
+from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
+
+RIGID_LOAD = 1e-9
+"""Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
 
 
 @dataclass(frozen=True)
@@ -25,18 +32,21 @@ class Equilibrium:
     ----------
     positions : ndarray, shape (n, 3)
         Vertex positions [m]; the best iterate where the solver did not converge.
-    converged : bool
-        Whether ``residual`` met the model's tolerance, at a point that the model can hold.
+    outcome : Outcome
+        How the search ended; ``Outcome.CONVERGED`` where ``residual`` met the model's tolerance at a state that the
+        model can hold and that is not known to be unstable.
+    message : str
+        What else is to be said of the answer, a sentence; empty if nothing is.
     iterations : int
         Solver iterations over the whole load path.
     residual : float
         Out-of-balance force relative to the load (model-specific norm, see each model).
+    stable : bool or None
+        Whether a small disturbance dies away; None where that was not found out.
     seconds : float
         Wall time.
-    status : str
-        Named outcome: "converged" or why not.
     coordinates : ndarray or None
-        Modal coordinates (m,) of reduced models.
+        Of reduced models: modal coordinates (m,), or positions (k, 3) [m] of the vertices of a coarse mesh.
     costs : dict
         Seconds of each part of the solver (assembly, factorisation, solution) of full models.
     constraint_residuals : ndarray, shape (k,)
@@ -44,17 +54,28 @@ class Equilibrium:
     """
 
     positions: Array
-    converged: bool
+    outcome: Outcome
+    message: str
     iterations: int
     residual: float
-    seconds: float
-    status: str
+    stable: bool | None
+    seconds: float = 0.0
     coordinates: Array | None = None
     costs: dict[str, float] = field(default_factory=dict)
     constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         finite_answer("the equilibrium's positions", self.positions)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the outcome is ``Outcome.CONVERGED``."""
+        return self.outcome is Outcome.CONVERGED
+
+    @property
+    def status(self) -> str:
+        """The outcome as text."""
+        return str(self.outcome)
 
 
 @dataclass(frozen=True)
@@ -87,11 +108,15 @@ class Model(ABC):
     takes_constraints = False
     """Whether position and orientation constraints can be asked of it."""
 
-    @abstractmethod
     def equilibrium(
-        self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
     ) -> Equilibrium:
-        """Static answer to a dead load.
+        """Static answer to a dead load; the class says how it is found and what ``residual`` measures.
 
         Parameters
         ----------
@@ -101,19 +126,49 @@ class Model(ABC):
             Further force on every vertex [N].
         start : array_like, shape (n, 3), optional
             Positions [m] from which to look for the answer.
+        constraints : sequence of Constraint, optional
+            Where patches of vertices shall be and how they shall be turned, for models that take constraints.
 
         Returns
         -------
         Equilibrium
-            Never raises for want of convergence: ``converged`` and ``status`` say so.
+            Never raises for want of convergence: ``converged``, ``outcome`` and ``message`` say so.
 
         Raises
         ------
         LoadError
             For loads or positions of the wrong shape or not finite.
+        OptionError
+            For constraints of a model that takes none, or that contradict one another or the supports.
         SolverError
             If extreme input drives the positions out of the finite numbers.
         """
+        watch = Stopwatch()
+        load = total_load(self.shell, gravity, force)
+        begin = None if start is None else self.shell.checked_positions(start)
+        wanted = checked_constraints(constraints, self.shell)
+        if wanted and not self.takes_constraints:
+            raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+        found = self._solve(load, begin, wanted)
+        if not wanted and (rigid := self.rigid_load(load)) > RIGID_LOAD:
+            message = "the load pushes a shell that its supports leave free"
+            found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
+        return replace(found, seconds=watch())
+
+    @abstractmethod
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
+
+    def rigid_load(self, load: Array) -> float:  # noqa: ARG002 (for models that cannot follow a rigid motion)
+        """Share of a load (n, 3) that pushes along rigid motions which nothing opposes in statics."""
+        return 0.0
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (where known)
+        """Lowest squared angular frequency [1/s^2] of small motion about ``answer`` under ``load`` (n, 3) [N].
+
+        Negative, or of negative real part, at an unstable state; None for models that cannot tell.
+        """
+        return None
 
     @abstractmethod
     def start_motion(self, positions: Array | None = None) -> MotionState:
@@ -180,3 +235,10 @@ def total_load(shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None)
     if force is not None:
         load += checked_vectors("force", force, load.shape)
     return load
+
+
+def rigid_share(shell: Shell, load: Array) -> float:
+    """Share of a load (n, 3), in the norm of the inverse mass, along the rigid motions that the supports leave free."""
+    free = load[shell.free]
+    pushed = rigid_motions(shell).T @ free.ravel()
+    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.mass[shell.free, None])))

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_kind
+from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.mesh import TriangleMesh
-from modalshell.models.base import Equilibrium, Model, total_load
+from modalshell.models.base import Equilibrium, Model
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import solve_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.poisson import PoissonFit
 from modalshell.shell import Material, Shell
-from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
 
 _NEAR = 12
@@ -88,19 +88,15 @@ class CoarseDiscreteShell(Model):
         self._rest_frames = _frames(under.vertices, under.faces)
         self._fine_frames = np.swapaxes(self._fit.frames, 1, 2)
 
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,
-    ) -> Equilibrium:
-        """Static equilibrium of the coarse shell, carried up; ``start`` (n, 3) is handed down to begin from."""
-        watch = Stopwatch()
-        load = self.handed_down(total_load(self.shell, gravity, force))
-        begin = None if start is None else self._averaged(self.shell.checked_positions(start))
-        answer = self.coarse.equilibrium(force=load, start=begin)
-        return replace(answer, positions=self.carried_up(answer.positions), seconds=watch())
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:  # noqa: ARG002
+        """Static equilibrium of the coarse shell, carried up; a start (n, 3) is handed down to begin from."""
+        begin = None if start is None else self._averaged(start)
+        answer = self.coarse.equilibrium(force=self.handed_down(load), start=begin)
+        return replace(answer, positions=self.carried_up(answer.positions), coordinates=answer.positions)
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
+        """Lowest eigenvalue [1/s^2] of the coarse shell's tangent stiffness over its mass."""
+        return None if answer.coordinates is None else self.coarse.lowest_eigenvalue(answer.coordinates)
 
     def handed_down(self, load: Array) -> Array:
         """Load (n, 3) [N] on the coarse vertices: the same total force, and nearly the same torque."""

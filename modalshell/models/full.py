@@ -4,23 +4,20 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_number
-from modalshell.constraints.constraints import Constraint, checked_constraints, held_patches
+from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.full import FULL_INTEGRATORS, ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model, Placement, total_load
-from modalshell.modes import Factoriser, largest_eigenvalue
+from modalshell.models.base import Equilibrium, Model, Placement
+from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.newton import (
-    ACCEPTED,
     NewtonResult,
     Potential,
     descend,
@@ -28,7 +25,8 @@ from modalshell.statics.newton import (
     mixed_newton,
     warped_step,
 )
-from modalshell.timings import Stopwatch, Timings
+from modalshell.statics.verdict import verdict
+from modalshell.timings import Timings
 from modalshell.typing import Array, Index
 
 _STEP_TURN = 0.8
@@ -40,6 +38,12 @@ _SMALLEST_TRUST = 1.0 / 300.0
 
 class FullModel(Model):
     """A model in which every vertex is an unknown; its energies are those of its shell's elements.
+
+    Statics is Newton's method; ``residual`` is the out-of-balance force over the load, accepted at 1e-7. From a start
+    (a cheaper model's answer, say) the whole load is tried at once. Without it, or where that fails, the load is
+    applied in steps that grow and shrink with the solver's success; where a step ends at no minimum (the shell snaps)
+    the potential is minimised from the last stable state instead. Patches under constraints are led to their targets
+    as moving boundaries; ``residual`` there is relative to load and reactions.
 
     Parameters
     ----------
@@ -71,52 +75,55 @@ class FullModel(Model):
         self.factoriser = Factoriser(backend)
         self.costs = Timings()
 
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,
-        constraints: Sequence[Constraint] | None = None,
-    ) -> Equilibrium:
-        """Static equilibrium by Newton; ``residual`` is the out-of-balance force over the load, accepted at 1e-7.
-
-        From ``start`` (a cheaper model's answer, say) the whole load is tried at once. Without it, or where that fails,
-        the load is applied in steps that grow and shrink with the solver's success; where a step ends at no minimum
-        (the shell snaps) the potential is minimised from the last stable state instead. Patches under ``constraints``
-        are then led to their targets as moving boundaries; ``residual`` there is relative to load and reactions.
-        """
-        watch = Stopwatch()
-        shell = self.shell
-        load = total_load(shell, gravity, force)
-        if given := checked_constraints(constraints, shell):
-            return self._constrained(load, start, given, watch)
-        problem = self._statics(load)
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         before = dict(self.costs)
+        if constraints:
+            patches = held_patches(constraints, self.shell)
+            first = self.shell.rest_positions if start is None else hold(self.shell, start)
+            # The load comes with the first step: a loose shell may have no rest of its own under it.
+            result = lead(self.shell, load, first, patches, Factoriser(self.factoriser.backend), self.costs)
+        else:
+            with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+                result = self._free_statics(load, start)
+        return Equilibrium(
+            result.positions,
+            *verdict(result.residual, result.stable, result.converged),
+            result.iterations,
+            result.residual,
+            result.stable,
+            costs=self.costs.since(before),
+            constraint_residuals=np.zeros(len(constraints)),
+        )
+
+    def _free_statics(self, load: Array, start: Array | None) -> NewtonResult:
+        """Equilibrium without constraints, the whole load at once from a start or in steps from rest."""
+        problem = self._statics(load)
         iterations = 0
         if start is not None:
-            first = hold(shell, shell.checked_positions(start))
+            first = hold(self.shell, start)
             scale = problem.scale or float(np.linalg.norm(problem.residual(first))) or 1.0
             result = mixed_newton(problem, first, scale)
             if is_minimum(problem, result):
-                return self._answer(result, watch, 0, before)
+                return result
             iterations = result.iterations
             if problem.scale == 0.0:
-                return self._answer(descend(problem, first, scale), watch, iterations, before)
-        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-            followed = self._follow(load, problem.scale or 1.0)
-        return self._answer(followed, watch, iterations, before)
+                result = descend(problem, first, scale)
+                result.iterations += iterations
+                return result
+        followed = self._follow(load, problem.scale or 1.0)
+        followed.iterations += iterations
+        return followed
 
-    def _constrained(
-        self, load: Array, start: ArrayLike | None, constraints: Sequence[Constraint], watch: Stopwatch
-    ) -> Equilibrium:
-        before = dict(self.costs)
-        patches = held_patches(constraints, self.shell)
-        first = self.shell.rest_positions if start is None else hold(self.shell, self.shell.checked_positions(start))
-        # The load comes with the first step: a loose shell may have no rest of its own under it.
-        found = lead(self.shell, load, first, patches, Factoriser(self.factoriser.backend), self.costs)
-        answer = self._answer(found, watch, 0, before)
-        return replace(answer, constraint_residuals=np.zeros(len(constraints)))
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
+        """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
+        return self.lowest_eigenvalue(answer.positions)
+
+    def lowest_eigenvalue(self, positions: Array) -> float:
+        """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass at ``positions`` (n, 3) [m]."""
+        try:
+            return lowest_tangent_eigenvalue(self.shell, positions)
+        except SolverError:
+            return 0.0
 
     @abstractmethod
     def holding(self, vertices: Index) -> FullModel:
@@ -124,20 +131,6 @@ class FullModel(Model):
 
     def _statics(self, load: Array) -> Potential:
         return Potential(self.shell, load, self.shell.rest_positions, self.factoriser, self.costs)
-
-    def _answer(self, result: NewtonResult, watch: Stopwatch, spent: int, before: dict[str, float]) -> Equilibrium:
-        status = "converged" if result.converged else f"not converged: residual {result.residual:.1e} of {ACCEPTED:.0e}"
-        if not result.converged and result.residual <= ACCEPTED:
-            status = "not converged: in balance, but at no minimum; a push aside may find one"
-        return Equilibrium(
-            result.positions,
-            result.converged,
-            spent + result.iterations,
-            result.residual,
-            watch(),
-            status,
-            costs=self.costs.since(before),
-        )
 
     def _follow(self, load: Array, scale: float) -> NewtonResult:
         """Load continuation from rest along tangents, each step as long as :data:`_STEP_TURN` allows."""
@@ -179,7 +172,7 @@ class FullModel(Model):
                 return result
             x, factor, trust = result.positions, target, min(1.0, 2.0 * trust)
             if last:
-                return NewtonResult(x, result.residual, iterations, True)
+                return NewtonResult(x, result.residual, iterations, True, stable=True)
             if result.factor is not None:  # a dead load leaves the Hessian alone: the minimum's serves the next step
                 tangent = problem.step(result.factor, -push)
 

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
-from modalshell.models.base import Equilibrium
 from modalshell.models.modal import ModalModel
 from modalshell.statics.least_potential import Statics
 from modalshell.typing import Array, Index
 
 
 class LinearModal(ModalModel):
-    """LMA: ``u = Phi q`` with independent linear modes. Exact for small displacements, inflates at large ones."""
+    """LMA: ``u = Phi q`` with independent linear modes. Exact for small displacements, inflates at large ones.
+
+    The static answer is ``q = Lambda^-1 Phi^T f``; with constraints, the modal forces of least work are added that meet
+    them, or come nearest.
+    """
 
     name = "LMA"
 
@@ -36,22 +35,8 @@ class LinearModal(ModalModel):
         rows = self._patch_rows(self.basis.modes, vertices).mean(axis=0)
         return self.shell.rest_positions[vertices].mean(axis=0) + rows @ q, rows
 
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,
-        constraints: Sequence[Constraint] | None = None,
-    ) -> Equilibrium:
-        """``q = Lambda^-1 Phi^T f``; not converged if the load pushes a free shell, ``residual`` is then that share.
-
-        With ``constraints`` the modal forces of least work are added that meet them, or come nearest.
-        """
-        return self._statics(gravity, force, start, constraints)
-
     def _free_statics(self, load: Array, start: Array | None) -> Statics:  # noqa: ARG002
         rigid = self.basis.rigid_modes
         q = np.zeros(self.basis.count)
         q[rigid:] = self.modal_force(q, load)[rigid:] / self.basis.eigenvalues[rigid:]
-        return Statics(q, 0.0, 1)
+        return Statics(q, 0.0, 1, stable=True)

@@ -6,29 +6,26 @@ from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind
-from modalshell.constraints.constraints import Constraint, checked_constraints, nearest_branch
+from modalshell.constraints.constraints import Constraint, nearest_branch
 from modalshell.constraints.manipulation import Evaluate, meet
 from modalshell.errors import OptionError
 from modalshell.integrators.modal import MODAL_INTEGRATORS, ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model, ResolvedTarget, total_load
+from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
 from modalshell.modes import Basis
-from modalshell.modes.rigid import rigid_motions
+from modalshell.outcome import Outcome
 from modalshell.statics.least_potential import Statics
-from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
-
-RIGID_LOAD = 1e-9
-"""Share of the load's norm that may act on rigid modes before a free shell counts as having no equilibrium."""
 
 CONSTRAINT_MET = 1e-6
 """Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
 
 _DIFFERENCE = 1e-5
-"""Turn [rad] over which the modal force is differenced."""
+"""Turn [rad] over which a modal force is differenced."""
 _FIXED_POINT = 1e-7
 _FIXED_POINT_LIMIT = 200
 _OUT_OF_REACH_LIMIT = 20
@@ -81,34 +78,22 @@ class ModalModel(Model):
         displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
         return np.asarray(self.basis.modes.T @ (self._mass * displacement))
 
-    def _statics(
-        self,
-        gravity: ArrayLike | None,
-        force: ArrayLike | None,
-        start: ArrayLike | None,
-        constraints: Sequence[Constraint] | None,
-    ) -> Equilibrium:
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static answer, with or without constraints, from the model's own :meth:`_free_statics`."""
-        watch = Stopwatch()
-        load = total_load(self.shell, gravity, force)
         begin = None if start is None else self.coordinates_of(start)
-        given = checked_constraints(constraints, self.shell)
         left = np.empty(0)
-        if given:
-            found, left = self._constrained_statics(load, begin, given)
+        if constraints:
+            found, left = self._constrained_statics(load, begin, constraints)
         else:
             found = self._free_statics(load, begin)
-            if (rigid := self.rigid_load(load)) > RIGID_LOAD:
-                status = "no equilibrium: the load pushes a shell that its supports leave free"
-                found = found._replace(residual=rigid, solved=False, status=status)
         return Equilibrium(
             self.shell.rest_positions + self.displacement(found.q),
-            found.solved,
+            found.outcome,
+            found.message,
             found.iterations,
             found.residual,
-            watch(),
-            found.status,
-            found.q,
+            found.stable,
+            coordinates=found.q,
             constraint_residuals=left,
         )
 
@@ -142,21 +127,25 @@ class ModalModel(Model):
             if not load.any():  # no modal force that could still turn
                 change = 0.0
         left = self._residuals(targets, residual)
-        solved, status = True, "converged"
+        outcome, message = Outcome.CONVERGED, ""
         if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
-            solved, status = False, "no fixed point: the modal force under these constraints does not settle"
+            outcome, message = Outcome.NO_FIXED_POINT, "the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
-            solved, status = False, f"constraint out of reach: {left.max():.2e} from its target"
-        return Statics(q, change, iterations, solved, status), left
+            outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {left.max():.2e} from its target"
+        return Statics(q, change, iterations, outcome, message), left
 
     def rigid_load(self, load: Array) -> float:
         """Share of the load, in the modes' norm, that pushes on rigid modes: nothing holds it in statics."""
         if self.basis.rigid_modes == 0 or not load.any():
             return 0.0
-        # All of them: the basis may have been asked for fewer modes.
-        free = self.shell.free_unknowns
-        pushed = rigid_motions(self.shell).T @ load.ravel()[free]
-        return float(np.linalg.norm(pushed) / np.sqrt(np.sum(load.ravel()[free] ** 2 / self._mass[free])))
+        return rigid_share(self.shell, load)  # on all of them: the basis may have been asked for fewer
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
+        """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2]."""
+        if answer.coordinates is None:
+            return None
+        tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(answer.coordinates, load)
+        return float(scipy.linalg.eigvals(tangent).real.min())
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """Modal state at rest."""

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_count, checked_kind
+from modalshell.constraints.constraints import Constraint
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model, total_load
+from modalshell.models.base import Equilibrium, Model
 from modalshell.modes import solve_modes
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives
 from modalshell.reduction.reduced_energy import ReducedEnergy
-from modalshell.reduction.reduced_newton import ACCEPTED, ReducedPotential, descend, follow, mixed_newton
+from modalshell.reduction.reduced_newton import ReducedPotential, descend, follow, mixed_newton
 from modalshell.shell import GAUSS_NEWTON, Shell
-from modalshell.timings import Stopwatch
+from modalshell.statics.verdict import verdict
 from modalshell.typing import Array
 
 _STEP_GOAL = 1e-6
@@ -30,6 +32,10 @@ class ModalDerivatives(Model):
     turns up to about 90 degrees. Its shapes stretch a little, though, at fourth order in the turn, and a membrane that
     is very much stiffer than the bending makes that count: a strip whose tip turns by 38 degrees is 0.1 % off at a
     length over thickness of 100, 3 % at 300 and 17 % at 1,000.
+
+    Statics finds a minimum of ``E(X + U z) - f.U z``, from rest along a growing load, or from a start; ``residual`` is
+    ``|grad E - p| / |p|`` of the reduced forces in the norm of the inverse rest stiffness, accepted at 1e-7. It says
+    nothing of what the basis cannot hold.
 
     Parameters
     ----------
@@ -96,30 +102,25 @@ class ModalDerivatives(Model):
         displacement = self.shell.checked_positions(positions) - self.shell.rest_positions
         return np.asarray((self.shell.mass[:, None] * displacement).ravel() @ self._vectors)
 
-    def equilibrium(
-        self, *, gravity: ArrayLike | None = None, force: ArrayLike | None = None, start: ArrayLike | None = None
-    ) -> Equilibrium:
-        """Minimum of ``E(X + U z) - f.U z``, from rest along a growing load, or from ``start``.
-
-        ``residual`` is ``|grad E - p| / |p|`` of the reduced forces in the norm of the inverse rest stiffness, accepted
-        at 1e-7. It says nothing of what the basis cannot hold.
-        """
-        watch = Stopwatch()
-        load = total_load(self.shell, gravity, force)
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:  # noqa: ARG002
         push = load.ravel() @ self._vectors
         problem = ReducedPotential(self.energy, push, np.zeros_like(push), self._scaling)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-            answer = follow(problem, self.basis.edge_change, None if start is None else self.coordinates_of(start))
-        status = "converged" if answer.converged else f"not converged: residual {answer.residual:.1e} of {ACCEPTED:.0e}"
+            found = follow(problem, self.basis.edge_change, None if start is None else self.coordinates_of(start))
         return Equilibrium(
-            self._positions(answer.z),
-            answer.converged,
-            answer.iterations,
-            answer.residual,
-            watch(),
-            status,
-            answer.z,
+            self._positions(found.z),
+            *verdict(found.residual, found.stable, found.converged),
+            found.iterations,
+            found.residual,
+            found.stable,
+            coordinates=found.z,
         )
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
+        """Lowest eigenvalue [1/s^2] of the reduced Hessian."""
+        if answer.coordinates is None:
+            return None
+        return float(scipy.linalg.eigvalsh(self.energy.hessian(answer.coordinates)[2], subset_by_index=(0, 0))[0])
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest."""

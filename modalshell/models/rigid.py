@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_kind
+from modalshell.constraints.constraints import Constraint
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model, total_load
-from modalshell.models.modal import RIGID_LOAD
+from modalshell.models.base import Equilibrium, Model, rigid_share
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import rigid_motions
+from modalshell.outcome import Outcome
 from modalshell.shell import Shell
-from modalshell.timings import Stopwatch
 from modalshell.typing import Array
 
 _TOLERANCE = 1e-13
@@ -28,7 +29,8 @@ class RigidShell(Model):
     mass [m] and the rotation vector from rest [rad], rates the velocity [m/s] and the angular velocity in the world's
     frame [rad/s]; a step takes the velocity's change first (symplectic Euler) and solves Euler's equations in the
     discrete form of Moser and Veselov, which conserves angular momentum to rounding [moser1991]. About a principal axis
-    these have an answer while a step turns the body by less than one radian; longer steps are not converged.
+    these have an answer while a step turns the body by less than one radian; longer steps are not converged. A free
+    shell has no equilibrium under a net force or torque: ``residual`` is their share of the load.
 
     Parameters
     ----------
@@ -59,26 +61,16 @@ class RigidShell(Model):
         self._moments = self._arms.T @ (shell.mass[:, None] * self._arms)
         """Second moments ``sum m r r^T`` [kg m^2] about the centre of mass at rest; the inertia is ``tr(J) I - J``."""
 
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,  # noqa: ARG002 (rest is the only answer)
-    ) -> Equilibrium:
-        """Rest. A free shell has no equilibrium under a net force or torque: ``residual`` is their share of the load.
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:  # noqa: ARG002
+        """Rest, the only answer."""
+        stable = None if self._free else True
+        return Equilibrium(
+            self.shell.rest_positions.copy(), Outcome.CONVERGED, "", 0, 0.0, stable, coordinates=self._rest()
+        )
 
-        The share is taken in the norm of the inverse mass, as by the modal models.
-        """
-        watch = Stopwatch()
-        load = total_load(self.shell, gravity, force)
-        residual = 0.0
-        if self._free and load.any():
-            pushed = rigid_motions(self.shell).T @ load.ravel()
-            residual = float(np.linalg.norm(pushed) / np.sqrt(np.sum(load**2 / self.shell.mass[:, None])))
-        balanced = residual <= RIGID_LOAD
-        status = "converged" if balanced else "no equilibrium: the load pushes a shell that its supports leave free"
-        return Equilibrium(self.shell.rest_positions.copy(), balanced, 0, residual, watch(), status, self._rest())
+    def rigid_load(self, load: Array) -> float:
+        """Share of the load that moves a free shell as a rigid body."""
+        return rigid_share(self.shell, load) if self._free and load.any() else 0.0
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest, the rotation fitted to ``positions`` (n, 3) in the norm of the mass [kabsch1976]."""

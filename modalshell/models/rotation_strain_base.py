@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import Equilibrium
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
@@ -46,7 +42,9 @@ class TurnedTriangles(ModalModel):
     """A modal model whose displacements are linear in q and in ``F_t = exp([w_t(q)]) (I + S_t(q))`` of triangles.
 
     So is the work of a load, ``f . u(q)``: its adjoint is found once a load, and its derivatives are sums over
-    triangles.
+    triangles. Statics minimises ``q . Lambda q / 2 - f . u(q)`` in the elastic modes, rigid ones staying at zero;
+    ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. With constraints, the least modal work
+    that meets them.
 
     Parameters
     ----------
@@ -118,22 +116,6 @@ class TurnedTriangles(ModalModel):
     def fault(self, state: MotionState) -> str | None:
         """Say where the state has wound up: a triangle turned by more than 2 pi."""
         return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
-
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,
-        constraints: Sequence[Constraint] | None = None,
-    ) -> Equilibrium:
-        """Minimise ``q . Lambda q / 2 - f . u(q)`` from rest, or from ``start``, in the elastic modes.
-
-        ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Rigid modes stay at zero. An answer in
-        which a triangle has turned by more than 2 pi is "wound up": not on the branch from rest. With ``constraints``,
-        the least modal work that meets them.
-        """
-        return self._statics(gravity, force, start, constraints)
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         return least_potential(self, load, start)

@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal, final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number
-from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError
 from modalshell.integrators.full import FULL_INTEGRATORS, ConjugateGradientEuler, FullIntegrator, LinearImplicitEuler
 from modalshell.integrators.state import Damping
-from modalshell.models.base import Equilibrium, total_load
 from modalshell.models.full import FullModel
 from modalshell.shell import Shell
 from modalshell.springs.mesh_springs import shell_springs
 from modalshell.springs.springs import Springs
-from modalshell.statics.newton import Potential, is_minimum, mixed_newton
-from modalshell.timings import Stopwatch
+from modalshell.statics.newton import NewtonResult, Potential, is_minimum, mixed_newton
 from modalshell.typing import Array, Index
 
 _RELAXING = 2000
@@ -115,40 +109,32 @@ class SpringSheet(FullModel):
             backend=self.factoriser.backend,
         )
 
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,
-        constraints: Sequence[Constraint] | None = None,
-    ) -> Equilibrium:
+    def _free_statics(self, load: Array, start: Array | None) -> NewtonResult:
         """As of DS; where Newton fails the sheet is let swing out first, then Newton goes on from there.
 
         The energies of flat sheets are quartic in bending, with minima that Newton's steps miss.
         """
-        watch, before = Stopwatch(), dict(self.costs)
-        found = super().equilibrium(gravity=gravity, force=force, start=start, constraints=constraints)
-        problem = self._statics(total_load(self.shell, gravity, force))
-        if found.converged or constraints or problem.scale == 0.0:
+        found = super()._free_statics(load, start)
+        problem = self._statics(load)
+        if found.converged or problem.scale == 0.0:
             return found
-        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-            relaxed, steps = self._relaxed(problem, start)
-        spent = found.iterations + steps
+        relaxed, steps = self._relaxed(problem, start)
+        found.iterations += steps
         if relaxed is not None:
             result = mixed_newton(problem, relaxed, problem.scale)
             if is_minimum(problem, result):
-                return self._answer(result, watch, spent, before)
-        return replace(found, iterations=spent, seconds=watch(), costs=self.costs.since(before))
+                result.iterations = found.iterations + result.iterations
+                return result
+        return found
 
-    def _relaxed(self, problem: Potential, start: ArrayLike | None) -> tuple[Array | None, int]:
+    def _relaxed(self, problem: Potential, start: Array | None) -> tuple[Array | None, int]:
         """Positions near rest, or None, and the implicit steps there, each a tenth of the time of a fall through."""
         shell = self.shell
         acceleration = problem.scale / float(np.linalg.norm(shell.mass[shell.free]))
         time = float(np.sqrt(np.linalg.norm(np.ptp(shell.rest_positions, axis=0)) / acceleration))
         dt, damping = 0.1 * time, Damping(0.2 / time)
         rule = LinearImplicitEuler()
-        state = self.start_motion(None if start is None else shell.checked_positions(start))
+        state = self.start_motion(start)
         for count in range(1, _RELAXING + 1):
             state, solved = rule.step(self, state, dt, problem.load, damping, None)
             if not solved or not np.isfinite(state.coordinates).all():

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
-from modalshell.models.base import Equilibrium
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
+from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
@@ -30,8 +26,14 @@ class ModalWarping(ModalModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 
     The displacement is the closed form of [choi2007, eq. 16] along a straight path from rest: it depends on q alone, so
-    that nothing drifts. The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need
-    not exist, and :meth:`equilibrium` says so where it finds none.
+    that nothing drifts.
+
+    The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist. Statics
+    solves ``Lambda q = Phi^T R(q)^T f`` by Newton along a growing load, from rest or from a start; ``residual`` is
+    ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Three ways to fail are told apart: no fixed point (the
+    branch ends), wound up (a vertex turned by more than 2 pi) and unstable (a fixed point that even heavily damped
+    motion leaves; lightly damped motion may cycle about others). With constraints, the least modal work that meets
+    them.
 
     Parameters
     ----------
@@ -97,23 +99,6 @@ class ModalWarping(ModalModel):
         rotations.rotate(self.rotation_vectors(q), load, -1.0, rotated)
         return np.asarray(self.basis.modes.T @ rotated.ravel())
 
-    def equilibrium(
-        self,
-        *,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        start: ArrayLike | None = None,
-        constraints: Sequence[Constraint] | None = None,
-    ) -> Equilibrium:
-        """Solve ``Lambda q = Phi^T R(q)^T f`` by Newton along a growing load, from rest or from ``start``.
-
-        ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Three ways to fail are told apart:
-        "no fixed point" (the branch ends), "wound up" (a vertex turned by more than 2 pi) and "unstable" (a fixed
-        point that even heavily damped motion leaves; lightly damped motion may cycle about others). With
-        ``constraints``, the least modal work that meets them.
-        """
-        return self._statics(gravity, force, start, constraints)
-
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
         w = self.rotation_vectors(q)
@@ -152,7 +137,7 @@ class ModalWarping(ModalModel):
         if self.consistent_force:
             return least_potential(self, load, start)
         if self.basis.count == self.basis.rigid_modes:
-            return Statics(np.zeros(self.basis.count), 0.0, 0)
+            return Statics(np.zeros(self.basis.count), 0.0, 0, stable=True)
         root = np.sqrt(self.basis.eigenvalues[self._elastic])
         scale = float(np.linalg.norm((self._modes.T @ load.ravel()) / root)) or 1.0
         # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
@@ -162,14 +147,17 @@ class ModalWarping(ModalModel):
             y, residual, iterations, solved = self._follow(load, root, scale)
         q = np.zeros(self.basis.count)
         q[self._elastic] = y / root
-        status = "converged"
         if not solved:
-            status = "no fixed point: the branch from rest ends before this load"
-        elif self.largest_turn(q) > WOUND_UP:
-            solved, status = False, "wound up: a vertex has turned by more than 2 pi"
-        elif not self._stable(y, load, root):
-            solved, status = False, "unstable: a fixed point that damped motion leaves"
-        return Statics(q, residual, iterations, solved, status)
+            message = "the branch from rest ends before this load"
+            return Statics(q, residual, iterations, Outcome.NO_FIXED_POINT, message)
+        stable = self._stable(y, load, root)
+        if self.largest_turn(q) > WOUND_UP:
+            message = "a vertex has turned by more than 2 pi"
+            return Statics(q, residual, iterations, Outcome.WOUND_UP, message, stable)
+        if not stable:
+            message = "a fixed point that even heavily damped motion leaves"
+            return Statics(q, residual, iterations, Outcome.UNSTABLE, message, stable)
+        return Statics(q, residual, iterations, stable=True)
 
     def fault(self, state: MotionState) -> str | None:
         """Say where the state has wound up: a vertex turned by more than 2 pi."""

@@ -15,12 +15,10 @@ import scipy.linalg
 from modalshell.reduction.reduced_energy import ReducedEnergy
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics.trust_region import minimise
+from modalshell.statics.verdict import ACCEPTED
 from modalshell.typing import Array
 
 _GOAL = 1e-10
-ACCEPTED = 1e-7
-"""Out-of-balance force, as a share of the load, at which an answer counts as converged."""
-
 _NEWTON_LIMIT = 25
 _LARGEST_STEP = 0.5
 """Largest change of an edge over its length that one load step may predict: about a turn [rad]."""
@@ -94,6 +92,7 @@ class ReducedAnswer:
     iterations: int
     converged: bool
     path: list[tuple[float, Array]]
+    stable: bool | None = None
 
 
 def definite_factor(hessian: Array) -> tuple[Array, bool] | None:
@@ -149,8 +148,10 @@ def descend(problem: ReducedPotential, start: Array, scale: float) -> ReducedAns
         return matrix if np.isfinite(matrix).all() else np.eye(scaling.size)  # at a collapsed element: plain descent
 
     found = minimise(value_gradient, hessian, start * scaling, _GOAL, scale=scale, radius=scale)
-    minimum = found.converged or (found.residual <= ACCEPTED and problem.is_minimum(found.point / scaling))
-    return ReducedAnswer(found.point / scaling, found.residual, found.iterations, minimum, [])
+    z = found.point / scaling
+    stable = found.converged or problem.is_minimum(z)
+    balanced = found.residual <= ACCEPTED
+    return ReducedAnswer(z, found.residual, found.iterations, balanced and stable, [], stable)
 
 
 def follow(
@@ -165,7 +166,8 @@ def follow(
     iterations = 0
     if start is not None:
         answer = mixed_newton(problem, start, scale, _GOAL, None)
-        if not (answer.converged and problem.is_minimum(answer.z)):
+        answer.stable = problem.is_minimum(answer.z)
+        if not (answer.converged and answer.stable):
             iterations = answer.iterations
             answer = descend(problem, start, scale)
             answer.iterations += iterations
@@ -193,8 +195,8 @@ def follow(
         z, factor, trust, tangent_factor = answer.z, target, min(1.0, 2.0 * trust), found
         path.append((factor, z))
         if target == 1.0:
-            return ReducedAnswer(z, answer.residual, iterations, True, path)
+            return ReducedAnswer(z, answer.residual, iterations, True, path, True)
     answer = descend(problem, z, scale)
-    return ReducedAnswer(
-        answer.z, answer.residual, iterations + answer.iterations, answer.converged, [*path, (1.0, answer.z)]
-    )
+    answer.iterations += iterations
+    answer.path = [*path, (1.0, answer.z)]
+    return answer

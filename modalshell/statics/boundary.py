@@ -75,4 +75,4 @@ def lead(
                 result.iterations = iterations
                 return result
         x, share, step = result.positions, share + step, 2.0 * step
-    return NewtonResult(x, result.residual, iterations, True)
+    return NewtonResult(x, result.residual, iterations, True, stable=True)

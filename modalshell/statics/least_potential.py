@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from modalshell.modes import Basis
+from modalshell.outcome import Outcome
 from modalshell.statics.trust_region import minimise
 from modalshell.typing import Array
 
@@ -21,13 +22,14 @@ _FIRST_TURN = 0.5
 
 
 class Statics(NamedTuple):
-    """A static answer in modal coordinates: q (m,), residual, iterations, whether it was solved, and what to say."""
+    """A static answer in modal coordinates q (m,)."""
 
     q: Array
     residual: float
     iterations: int
-    solved: bool = True
-    status: str = "converged"
+    outcome: Outcome = Outcome.CONVERGED
+    message: str = ""
+    stable: bool | None = None
 
 
 class Workable(Protocol):
@@ -61,15 +63,15 @@ def least_potential(model: Workable, load: Array, start: Array | None) -> Static
     -------
     Statics
         Its residual is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``, unless p(0) is far less than the
-        load's size lets it be. A minimum that has wound up is the
-        model's answer all the same, and says so.
+        load's size lets it be. A minimum that has wound up is
+        no answer that the model can hold, and says so.
     """
     basis = model.basis
     elastic = slice(basis.rigid_modes, None)
     root = np.sqrt(basis.eigenvalues[elastic])
     q = np.zeros(basis.count)
     if not root.size:
-        return Statics(q, 0.0, 0)
+        return Statics(q, 0.0, 0, stable=True)
 
     # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
     def value_gradient(y: Array) -> tuple[float, Array]:
@@ -91,9 +93,10 @@ def least_potential(model: Workable, load: Array, start: Array | None) -> Static
     radius = scale * min(1.0, _FIRST_TURN / max(model.largest_turn(q), 1e-300))
     found = minimise(value_gradient, hessian, first, _TOLERANCE, scale=scale, radius=radius)
     q[elastic] = found.point / root
-    status = "converged"
     if not found.converged:
-        status = f"not converged: residual {found.residual:.1e} of {_TOLERANCE:.0e}"
-    elif model.largest_turn(q) > WOUND_UP:
-        status = "converged, but wound up: a part of the shell has turned by more than 2 pi"
-    return Statics(q, found.residual, found.iterations, found.converged, status)
+        message = f"residual {found.residual:.1e} of {_TOLERANCE:.0e}"
+        return Statics(q, found.residual, found.iterations, Outcome.NOT_CONVERGED, message)
+    if model.largest_turn(q) > WOUND_UP:
+        message = "a part of the shell has turned by more than 2 pi"
+        return Statics(q, found.residual, found.iterations, Outcome.WOUND_UP, message, True)
+    return Statics(q, found.residual, found.iterations, stable=True)

@@ -20,13 +20,11 @@ from modalshell.errors import SolverError
 from modalshell.kernels import rotations
 from modalshell.modes import Factor, Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, Shell
+from modalshell.statics.verdict import ACCEPTED
 from modalshell.timings import Timings
 from modalshell.typing import Array
 
 _GOAL = 1e-10
-ACCEPTED = 1e-7
-"""Out-of-balance force, as a share of the load, at which an answer counts as converged."""
-
 _LARGEST_TURN = 1.0
 _SHIFTS = (1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
 """Shifts of a singular Hessian, as shares of its mean diagonal entry."""
@@ -149,6 +147,8 @@ class NewtonResult:
         Whether the residual met :data:`ACCEPTED`, or :func:`rounding_residual` where that is larger.
     factor : Factor or None
         Of the last Hessian, a step before the end; of the one at the end where :func:`is_minimum` has found it so.
+    stable : bool or None
+        Whether the exact Hessian at the end is positive definite; None where that was not found out.
     """
 
     positions: Array
@@ -156,6 +156,7 @@ class NewtonResult:
     iterations: int
     converged: bool
     factor: Factor | None = None
+    stable: bool | None = None
 
 
 def _moved(shell: Shell, x: Array, direction: Array, fraction: float = 1.0) -> Array:
@@ -297,7 +298,8 @@ def is_minimum(problem: Potential, result: NewtonResult) -> bool:
     if not result.converged:
         return False
     result.factor = problem.definite_factor(problem.linearise(result.positions, EXACT)[1])
-    return result.factor is not None
+    result.stable = result.factor is not None
+    return result.stable
 
 
 def leave_saddle(problem: Potential, x: Array) -> Array:

@@ -19,9 +19,7 @@ from modalshell.crowd import LEVELS
 from modalshell.crowd.device import DeviceCrowd, DeviceFlock
 from modalshell.kernels.device import devices, warp
 from modalshell.modes import Basis
-from modalshell.study import load_script
-
-interleaved = load_script("studies/benchmarks", "timing").interleaved
+from studies.benchmarks.timing import interleaved
 
 
 def bird_basis(modes: int = 8, cells: tuple[int, int] = (16, 14)) -> Basis:

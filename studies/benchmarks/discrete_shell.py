@@ -11,9 +11,7 @@ import modalshell as ms
 from modalshell.models import Damping
 from modalshell.modes import available_backends
 from modalshell.shell import EXACT, PROJECTED
-from modalshell.study import load_script
-
-interleaved = load_script("studies/benchmarks", "timing").interleaved
+from studies.benchmarks.timing import interleaved
 
 GRAVITY = (0.0, 0.0, -9.81)
 DAMPING = (0.1, 0.0)

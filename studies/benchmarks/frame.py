@@ -17,9 +17,7 @@ import modalshell as ms
 from modalshell.kernels.generated import flexure
 from modalshell.modes import Basis
 from modalshell.reduction.warp_frame import WarpFrame
-from modalshell.study import load_script
-
-interleaved = load_script("studies/benchmarks", "timing").interleaved
+from studies.benchmarks.timing import interleaved
 
 Array = NDArray[Any]
 

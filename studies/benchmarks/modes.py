@@ -17,7 +17,7 @@ import modalshell as ms
 from modalshell.modes import available_backends
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.provenance import repository_file
-from modalshell.study import load_script
+from studies.creature import make_creature
 
 PLAIN = "eigsh(K, M=M, sigma=0)"
 
@@ -40,7 +40,7 @@ def _remeshed(n: int) -> ms.TriangleMesh:
     """The creature at another resolution; it takes minutes, so it is kept for the session's child processes."""
     path = Path(tempfile.gettempdir()) / f"modalshell_creature_{n}.ply"
     if not path.is_file():
-        ms.save_mesh(load_script("meshes", "make_creature").make_creature(vertices=n), path)
+        ms.save_mesh(make_creature(vertices=n), path)
     return ms.load_mesh(path)
 
 
@@ -93,8 +93,7 @@ def benchmark(sizes: tuple[int, ...] = (13000,), count: int = 4, repeats: int = 
 def peak_memory(n: int, count: int, way: str) -> float:
     """Megabytes by which one solve raises the resident memory of a process of its own at its peak (Linux)."""
     program = (
-        "from modalshell.study import load_script\n"
-        "bench = load_script('studies/benchmarks', 'modes')\n"
+        "from studies.benchmarks import modes as bench\n"
         f"bench.solvers(bench.large_shell(400), {count})[{way!r}]()\n"
         f"solve = bench.solvers(bench.large_shell({n}), {count})[{way!r}]\n"
         "open('/proc/self/clear_refs', 'w').write('5')\n"

@@ -7,10 +7,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from modalshell.atomic_io import write_text
+from modalshell.atomic_io import make_folder, write_text
+from modalshell.errors import OptionError
 from modalshell.provenance import run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import load_script
+from studies.benchmarks import crowd, discrete_shell, frame, modes
 
 COLORS = {4: "#2b5fc8", 8: "#2f9e44", 32: "#c8802b", 128: "#c8322b"}
 
@@ -19,21 +20,22 @@ def main(
     out: Path, quick: bool = False, only: str | None = None, on_step: Callable[[int, int], None] | None = None
 ) -> list[Path]:
     """Run the benchmarks into ``out``; ``quick`` leaves out the largest sizes, ``only`` names one of them."""
-    names = ("frame", "modes", "discrete_shell", "crowd")
-    frame, modes, truth, crowd = (load_script("studies/benchmarks", name) for name in names)
     sizes = (1000, 13117) if quick else (1000, 13117, 100000)
     jobs: dict[str, Callable[[], Any]] = {
         "frame": lambda: frame.benchmark(sizes, (4, 32) if quick else (4, 8, 32, 128)),
         "frame_scaling": lambda: frame.scaling(),
         "hinge_kernel": lambda: [frame.hinge_kernel()],
         "modes": lambda: modes.benchmark((13000,) if quick else (13000, 100000)),
-        "assembly": lambda: [truth.assembly()],
-        "implicit_steps": lambda: truth.implicit_steps((50,) if quick else (50, 100, 150)),
+        "assembly": lambda: [discrete_shell.assembly()],
+        "implicit_steps": lambda: discrete_shell.implicit_steps((50,) if quick else (50, 100, 150)),
         "crowd": lambda: crowd.reconstruction(512 if quick else 4096),
         "flock": lambda: crowd.flock((1000, 10000) if quick else (1000, 10000, 100000)),
     }
     if only is not None:
-        jobs = {name: job for name, job in jobs.items() if name == only}
+        if only not in jobs:
+            raise OptionError(f"there is no benchmark {only!r}; choose from {', '.join(jobs)}")
+        jobs = {only: jobs[only]}
+    make_folder(out)
     rows: dict[str, list[dict[str, Any]]] = {}
     for done, (name, job) in enumerate(jobs.items(), start=1):
         rows[name] = job()

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 from unittest import mock
 
@@ -63,9 +62,9 @@ class _Captured(io.TextIOWrapper):
         return buffer.getvalue().decode()
 
 
-def _bench(folder: str, _name: str) -> Any:
-    """In place of a study's script."""
-    return SimpleNamespace(main=lambda out, **_: [write_text(Path(out) / f"{Path(folder).name}.md", "# table\n")])
+def _bench(out: Path, **_: Any) -> list[Path]:
+    """In place of the benchmarks."""
+    return [write_text(out / "benchmarks.md", "# table\n")]
 
 
 class _Clock:
@@ -130,7 +129,7 @@ def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
 
     patched = {
         "reproduce_study": lambda *_, **__: [],
-        "load_script": _bench,
+        "run_benchmarks": _bench,
         "open_window": load_only,
         "serve_page": load_only,
         "take_picture": load_only,

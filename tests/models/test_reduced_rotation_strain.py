@@ -8,7 +8,7 @@ import pytest
 from modalshell import Material, ReducedRotationStrain, RotationStrain, Shell, leaf, measure, solve_modes
 from modalshell.errors import OptionError
 from modalshell.models import Damping, MotionState
-from modalshell.study import load_script
+from studies.benchmarks.modes import large_shell
 
 
 def directions(count, seed):
@@ -147,7 +147,7 @@ def test_a_free_shell_is_refused():
 @pytest.mark.slow
 def test_the_creature_in_real_time():
     """13,000 vertices, 8 modes, swings of 30 % of its length: 1,000 frames a second within 1 % of the full model."""
-    shell = load_script("studies/benchmarks", "modes").large_shell(13000)
+    shell = large_shell(13000)
     full = RotationStrain(solve_modes(shell, 8))
     reduced = ReducedRotationStrain.trained(full, loads(60, 300.0, seed=0))
     errors = [map_error(reduced, full, full.equilibrium(gravity=g).coordinates) for g in loads(15, 300.0, seed=20)]

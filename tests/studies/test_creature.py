@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meshes.make_creature import FEET, make_creature, quality
 from modalshell import TriangleMesh, load_mesh
 from modalshell.mesh import validation
+from studies.creature import FEET, make_creature, quality
 
 FILE = Path(__file__).resolve().parents[2] / "meshes" / "creature.ply"
 

@@ -1,6 +1,6 @@
 """Golden numbers: what the quick studies find, kept in ``tests/golden/NAME.json`` with a tolerance each.
 
-Every study that is registered in ``modalshell.reproduce.FIGURES`` has 4 to 10 of them, physical ones and no timings::
+Every study (a module of ``studies`` with ``FIGURES``) has 4 to 10 of them, physical ones and no timings::
 
     {"tip drop of the flat beam, DS": {"path": "rows/beam=flat,flexure_factor=1.0/ds_tip_drop",
                                        "value": 0.8598, "relative": 1e-5, "why": "DS is solved to 1e-7 of its load"}}
@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from modalshell.atomic_io import write_text
-from modalshell.reproduce import FIGURES
+from modalshell.reproduce import studies
 from modalshell.study import StudyResult
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -69,13 +69,13 @@ def check(name, findings, folder=GOLDEN, *, accept=False):
     )
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", studies())
 def test_golden_numbers(name, quick_study, request):
     findings = StudyResult.load(quick_study(name), name).findings
     check(name, findings, accept=request.config.getoption("--accept-golden"))
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", studies())
 def test_golden_files_are_of_physics_and_say_why(name):
     golden = json.loads((GOLDEN / f"{name}.json").read_text(encoding="utf-8"))
     assert 4 <= len(golden) <= 10
@@ -89,7 +89,7 @@ def test_golden_files_are_of_physics_and_say_why(name):
 
 
 def test_no_golden_file_without_a_study():
-    assert {file.stem for file in GOLDEN.glob("*.json")} == set(FIGURES)
+    assert {file.stem for file in GOLDEN.glob("*.json")} == set(studies())
 
 
 FINDINGS = {"rows": [{"beam": "flat", "factor": 1.0, "drop": 0.5}, {"beam": "v", "factor": 1.0, "drop": 0.25}], "n": 3}

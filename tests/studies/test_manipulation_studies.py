@@ -9,7 +9,8 @@ import modalshell as ms
 from modalshell.errors import OptionError
 from modalshell.render import ShadedSurface, View, draw_views, write_scene_film
 from modalshell.render.glyphs import arrow, axes, joined, rod, sphere
-from modalshell.study import StudyResult, load_script
+from modalshell.study import StudyResult
+from studies import dancing_character as study
 
 CORNERS = np.array([[0.0, -0.1, 0.0], [1.0, -0.1, 0.0], [1.0, 0.1, 0.0], [0.0, 0.1, 0.0]])
 STRIP = (CORNERS, np.array([[0, 1, 2], [0, 2, 3]]))
@@ -21,12 +22,7 @@ def beam(quick_study):
 
 
 @pytest.fixture(scope="module")
-def study():
-    return load_script("studies", "dancing_character")
-
-
-@pytest.fixture(scope="module")
-def dancer(study):
+def dancer():
     return study.skeleton.Skeleton()
 
 
@@ -85,7 +81,7 @@ def test_dance_is_lively(dancer):
     assert np.degrees(headings[-1]) == pytest.approx(360.0, abs=30.0)
 
 
-def test_tubes_are_open_and_near_equilateral(study):
+def test_tubes_are_open_and_near_equilateral():
     for garment in study.GARMENTS:
         tube = study.clothes.Tube(garment.profile, study.SPACING, garment.shift)
         mesh = tube.mesh
@@ -100,7 +96,7 @@ def test_tubes_are_open_and_near_equilateral(study):
             assert middle == pytest.approx([garment.shift, 0.0, height], abs=0.02)
 
 
-def test_dancer_wears_its_shells(study, dancer, quick_study):
+def test_dancer_wears_its_shells(dancer, quick_study):
     result = StudyResult.load(quick_study("dancing_character"), "dancing_character")
     assert [row["status"] for row in result.findings["rows"]] == ["completed"] * 4
     for garment, row in zip(study.GARMENTS, result.findings["rows"], strict=True):

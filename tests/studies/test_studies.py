@@ -1,14 +1,15 @@
 import json
+import sys
 
 import numpy as np
 import pytest
 
 from modalshell.atomic_io import write_atomically
 from modalshell.errors import FileFormatError, OptionError
-from modalshell.provenance import run_record
+from modalshell.provenance import repository_module, run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.reproduce import FIGURES, chosen_studies
-from modalshell.study import StudyResult, load_script
+from modalshell.reproduce import chosen_studies, studies
+from modalshell.study import StudyResult
 
 
 @pytest.fixture(scope="module")
@@ -18,12 +19,12 @@ def results(quick_study):
     return quick_study("v_beam_accuracy")
 
 
-@pytest.mark.parametrize("name", FIGURES)
+@pytest.mark.parametrize("name", studies())
 def test_every_study_leaves_its_files(name, quick_study):
     folder = quick_study(name)
     for suffix in (".json", ".npz", ".md"):
         assert (folder / f"{name}{suffix}").stat().st_size > 100
-    for figure in FIGURES[name]:
+    for figure in studies()[name].FIGURES:
         assert (folder / "figures" / f"{figure}.png").read_bytes()[:4] == b"\x89PNG"
     assert not list(folder.glob("*.part"))
 
@@ -88,12 +89,23 @@ def test_a_finding_that_is_not_a_number_is_refused(tmp_path):
 
 
 def test_unknown_studies_are_refused():
-    assert chosen_studies(None, everything=True) == list(FIGURES)
-    assert set(chosen_studies(None)) == {name for name in FIGURES if FIGURES[name] and "figure_" in FIGURES[name][0]}
+    assert chosen_studies(None, everything=True) == list(studies())
+    paper = {name for name, study in studies().items() if study.FIGURES and study.FIGURES[0].startswith("figure_")}
+    assert set(chosen_studies(None)) == paper
     with pytest.raises(OptionError, match="no study 'nothing'"):
         chosen_studies(["nothing"])
     with pytest.raises(FileFormatError, match="reinstall"):
-        load_script("studies", "nothing")
+        repository_module("studies.nothing")
+
+
+def test_another_package_of_the_same_name_is_named(tmp_path, monkeypatch):
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "__init__.py").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "studies"]:
+        monkeypatch.delitem(sys.modules, name)
+    with pytest.raises(FileFormatError, match=f"{tmp_path}.*not that of modalshell"):
+        repository_module("studies.tradeoff")
 
 
 def test_a_failed_write_leaves_nothing(tmp_path):

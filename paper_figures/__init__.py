@@ -1,0 +1,1 @@
+"""Figures: ``draw(results, folder)`` of each module reads the results of a study and simulates nothing."""

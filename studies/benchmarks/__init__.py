@@ -1,0 +1,1 @@
+"""What this machine does against plain NumPy and SciPy; ``modalshell bench`` runs them."""

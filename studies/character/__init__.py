@@ -1,0 +1,1 @@
+"""The skeleton and the clothes of the study ``dancing_character``."""
