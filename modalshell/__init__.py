@@ -1,5 +1,6 @@
 """Thin shells from modal warping to discrete shells, and what each bit of accuracy costs."""
 
+from modalshell import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 from modalshell import measure
 from modalshell.compare import Advice, Tradeoff, advise, tradeoff
 from modalshell.constraints import OrientationConstraint, PositionConstraint
@@ -18,6 +19,7 @@ from modalshell.errors import (
     WorkerError,
 )
 from modalshell.export import load_trajectory, save_trajectory
+from modalshell.loads import LineForce, PointForce
 from modalshell.mesh import (
     TriangleMesh,
     cylinder_panel,
@@ -66,6 +68,7 @@ __all__ = [
     "FileFormatError",
     "FlightResult",
     "Flock",
+    "LineForce",
     "LinearModal",
     "LoadError",
     "Material",
@@ -79,6 +82,7 @@ __all__ = [
     "OptionError",
     "OrientationConstraint",
     "Outcome",
+    "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",

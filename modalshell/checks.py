@@ -109,8 +109,8 @@ def checked_precision(dtype: DTypeLike) -> np.dtype[Any]:
     return precision
 
 
-def as_array(name: str, values: Any, expected: str, error: type[ModalShellError]) -> NDArray[Any]:
-    """``values`` as an array of real numbers, as they are; else ``error``.
+def as_array(name: str, values: Any, expected: str, error: type[ModalShellError], kinds: str = "iuf") -> NDArray[Any]:
+    """``values`` as an array of real numbers (or other NumPy ``kinds`` of data), as they are; else ``error``.
 
     Not taken: text, dates and complex numbers, which NumPy would convert with loss, and masked entries, whose mask it
     would drop.
@@ -121,7 +121,7 @@ def as_array(name: str, values: Any, expected: str, error: type[ModalShellError]
         array = np.asarray(values)
     except (TypeError, ValueError) as fault:
         raise error(f"{name} must be {expected} (got {shown(values)}: rows of unequal length?)") from fault
-    if array.size and array.dtype.kind not in "iuf":
+    if array.size and array.dtype.kind not in kinds:
         raise error(f"{name} must be {expected} (got dtype {array.dtype}: {shown(values)})")
     return array
 

@@ -1,16 +1,19 @@
-"""Selection of vertices by a text such as ``x < 0.01 and abs(y) > 0.2``; parsed, never evaluated as code."""
+"""Selection of vertices: by a text such as ``x < 0.01 and abs(y) > 0.2``, by a mask, or by indices.
+
+Texts are parsed, never evaluated as code.
+"""
 
 from __future__ import annotations
 
 import ast
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import shortened, shown
+from modalshell.checks import as_array, shortened, shown
 from modalshell.errors import OptionError
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
@@ -27,6 +30,34 @@ _ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 }
 _ALLOWED = "comparisons (<, <=, >, >=) of x, y, z, numbers, + - * /, abs(...), joined by and, or, not"
 _LONGEST = 1000
+
+
+Selection = str | Sequence[int] | NDArray[np.bool_] | NDArray[np.int64]
+"""Vertices by a text, by indices, or by a mask."""
+
+
+def selected(name: str, selection: Selection, vertices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mask (n,) of the selected ones of ``vertices`` (n, 3), at least one; else OptionError about ``name``."""
+    count = len(vertices)
+    if isinstance(selection, str):
+        try:
+            mask = select_vertices(selection, vertices)
+        except OptionError as error:
+            raise OptionError(f"{name} {error}") from error
+    else:
+        entries = as_array(name, selection, f"bool ({count},) or vertex indices", OptionError, "biu")
+        if entries.dtype == bool and entries.shape != (count,):
+            raise OptionError(f"{name} must be a mask ({count},) or vertex indices (got shape {entries.shape})")
+        outside = entries[(entries < 0) | (entries >= count)] if entries.dtype != bool else entries[:0]
+        if outside.size:
+            raise OptionError(f"{name} names vertex {outside[0]}, but the mesh has vertices 0 to {count - 1}")
+        mask = np.zeros(count, dtype=bool)
+        if entries.size:
+            mask[entries] = True
+    if not mask.any():
+        low, high = vertices.min(axis=0).round(6).tolist(), vertices.max(axis=0).round(6).tolist()
+        raise OptionError(f"{name} selects no vertex (got {shown(selection)}); the mesh reaches from {low} to {high}")
+    return mask
 
 
 def select_vertices(expression: str, vertices: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -13,5 +13,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 """Array of whole numbers: vertices, faces, edges."""
 
+Vector = tuple[float, float, float]
+"""Three numbers: a direction, a force, an acceleration."""
+
 Progress = Callable[[int, int], None]
 """Called with what is done so far and the total."""

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.models.base import Damping
+from modalshell.models import Damping
 from modalshell.provenance import run_record
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
 from modalshell.study import StudyResult
@@ -50,7 +50,13 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         rows.append(measured(side, repeats))
         if on_step is not None:
             on_step(done + 1, len(sides))
-    parameters = {"structural": STRUCTURAL, "flexion": FLEXION, "density": DENSITY, "drag": DRAG, "repeats": repeats}
+    parameters: dict[str, Any] = {
+        "structural": STRUCTURAL,
+        "flexion": FLEXION,
+        "density": DENSITY,
+        "drag": DRAG,
+        "repeats": repeats,
+    }
     parameters |= {"frame": FRAME, "steps": STEPS, "iterations": ITERATIONS, "published": PUBLISHED}
     findings = {"rows": rows, "published": PUBLISHED}
     particles = np.array([row["particles"] for row in rows])

@@ -174,7 +174,7 @@ class _Surface:
         return self.project(points, points[:, 2] < 1e-9), np.asarray(found.regular_faces, dtype=np.int64)[:, ::-1]
 
 
-def _means(owner: Ints, weights: Floats, points: Floats, count: int) -> Floats:
+def _means(owner: Ints, weights: Floats | Ints, points: Floats, count: int) -> Floats:
     """Return the weighted mean of the points of each of `count` owners, every one of which has some."""
     sums = [np.bincount(owner, weights * points[:, k], count) for k in range(3)]
     return np.column_stack(sums) / np.bincount(owner, weights, count)[:, None]
@@ -193,6 +193,11 @@ def _rings(rim: Floats, spacing: float) -> Floats:
     return np.concatenate(rings)
 
 
+def _nearest(seeds: Floats, points: Floats) -> Ints:
+    """Return for each point the index of the nearest seed."""
+    return np.asarray(cKDTree(seeds).query(points)[1], dtype=np.int64)
+
+
 def _scatter(surface: _Surface, vertices: int, rounds: int = 60) -> tuple[Floats, Ints, Flags]:
     """Spread points into a centroidal Voronoi tessellation; return them, their triangles and which are on rings."""
     points, faces = surface.contour(16 * vertices)
@@ -205,10 +210,10 @@ def _scatter(surface: _Surface, vertices: int, rounds: int = 60) -> tuple[Floats
     seeds = np.concatenate([rings, points[picked]])
     fixed = np.arange(len(seeds)) < len(rings)
     for _ in range(rounds):
-        step = _means(cKDTree(seeds).query(points)[1], weights, points, len(seeds)) - seeds
+        step = _means(_nearest(seeds, points), weights, points, len(seeds)) - seeds
         seeds = surface.project(seeds + 1.5 * step * ~fixed[:, None], fixed, 1)
-    owner = cKDTree(seeds).query(points)[1]
-    owner[rim] = cKDTree(rings).query(points[rim])[1]  # nothing but the rings' cells reaches the boundary
+    owner = _nearest(seeds, points)
+    owner[rim] = _nearest(rings, points[rim])  # nothing but the rings' cells reaches the boundary
     corners = owner[faces[(owner[faces] != np.roll(owner[faces], 1, axis=1)).all(axis=1)]]
     # Where a cell has an island, a triangle is met once more in either sense; the two cancel.
     found, place = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)

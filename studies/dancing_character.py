@@ -70,7 +70,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     """Dance; ``quick`` takes coarser shells and the first moments."""
     dancer = skeleton.Skeleton()
     duration = QUICK_DURATION if quick else dancer.duration
-    rows, arrays = [], {}
+    rows: list[dict[str, Any]] = []
+    arrays: dict[str, np.ndarray] = {}
     for done, garment in enumerate(GARMENTS, start=1):
         begin = time.perf_counter()
         tube = clothes.Tube(garment.profile, QUICK_SPACING if quick else SPACING, garment.shift)

@@ -9,6 +9,7 @@ Run it alone with ``modalshell reproduce --only flat_vs_v_beam``.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ FIGURES = ("figure_4",)
 
 FOLDS = {"flat": 180.0, "v": 120.0}
 FACTORS = (1.0, 10.0, 100.0)
-PARAMETERS = {
+PARAMETERS: dict[str, Any] = {
     "length": 1.0,
     "width": 0.2,
     "membrane": 60.0,
@@ -35,7 +36,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     """Solve the three pairs; ``quick`` takes a coarser mesh."""
     p = PARAMETERS
     cells = (20, 4) if quick else (40, 8)
-    rows, arrays = [], {}
+    rows: list[dict[str, Any]] = []
+    arrays: dict[str, np.ndarray] = {}
     cases = [(factor, name) for factor in FACTORS for name in FOLDS]
     for done, (factor, name) in enumerate(cases, start=1):
         mesh = ms.v_beam(length=p["length"], width=p["width"], fold=FOLDS[name], cells=cells)

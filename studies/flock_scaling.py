@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -32,20 +33,20 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     batches, cells = (INSTANCES[:3], CELLS[:2]) if quick else (INSTANCES, CELLS)
     total, repeats, steps = (20_000, 3, 3) if quick else (TOTAL, 15, 40)
     jobs: list[tuple[str, Callable[[], Any]]] = [
-        ("flock", lambda count=count: crowd.flock((count,), steps=steps)) for count in boids
+        ("flock", partial(crowd.flock, (count,), steps=steps)) for count in boids
     ]
-    jobs += [("flock", lambda count=count: crowd.flock((count,), steps=steps, search="all_pairs")) for count in pairs]
+    jobs += [("flock", partial(crowd.flock, (count,), steps=steps, search="all_pairs")) for count in pairs]
     bird = crowd.bird_basis()
-    jobs += [("instances", lambda count=count: crowd.reconstruction(count, bird, repeats=repeats)) for count in batches]
+    jobs += [("instances", partial(crowd.reconstruction, count, bird, repeats=repeats)) for count in batches]
     for size in cells:
         basis = crowd.bird_basis(cells=size)
         count = total // len(basis.shell.rest_positions)
-        jobs.append(("vertices", lambda count=count, basis=basis: crowd.reconstruction(count, basis, repeats=repeats)))
+        jobs.append(("vertices", partial(crowd.reconstruction, count, basis, repeats=repeats)))
     missing = missing_devices()
     if "Warp" not in missing:
         sizes = (DEVICE_BOIDS[:1], DEVICE_INSTANCES[:1]) if quick else (DEVICE_BOIDS, DEVICE_INSTANCES)
         jobs += [
-            ("devices", lambda near=near, placed=placed: crowd.on_devices(near, placed, bird, repeats=repeats))
+            ("devices", partial(crowd.on_devices, near, placed, bird, repeats=repeats))
             for near, placed in zip(*sizes, strict=True)
         ]
     rows: dict[str, list[dict[str, Any]]] = {"flock": [], "instances": [], "vertices": [], "devices": []}

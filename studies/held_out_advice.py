@@ -2,7 +2,7 @@
 
 Shapes, materials, loads, and the error asked for are drawn from a seed. For each scene ``advise`` names a rung; it is
 right if at loads between its own the rung meets the asked error against DS solved anew from rest, and no rung with a
-cheaper frame does. Where it names none, none must meet both demands.
+cheaper frame (by more than a near tie) does. Where it names none, none must meet both demands.
 
 Run it alone with ``modalshell reproduce --only held_out_advice``.
 """
@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN
 from modalshell.compare.candidates import Workshop, candidates
 from modalshell.compare.case import Case, CoarseMesh, drawn_to_supports
-from modalshell.compare.runs import Row
+from modalshell.compare.runs import Measurement
 from modalshell.mesh import TriangleMesh
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult
@@ -91,12 +92,12 @@ def checked(case: Case, error: float) -> dict[str, Any]:
     advice = ms.advise(case, error=error, fps=FRAMES_PER_SECOND)
     truth = ms.DiscreteShell(case.shell)
     exact = [truth.equilibrium(force=share * case.load) for share in HELD_OUT]
-    fast = [row for row in advice.rows if row.frames_per_second >= FRAMES_PER_SECOND]
-    cheaper = fast[: fast.index(advice.chosen)] if advice.chosen else fast
+    fast = [row for row in advice.rows if row.frames_per_second >= RATE_MARGIN * FRAMES_PER_SECOND]
+    cheaper = [row for row in fast if advice.chosen is None or NEAR_TIE * row.cost < advice.chosen.cost]
     workshop = Workshop(case)
     made = {candidate.label: candidate for candidate in candidates(case)[0]}
 
-    def worst(row: Row) -> float:
+    def worst(row: Measurement) -> float:
         """Largest error at the held-out loads; infinite where the rung has no answer."""
         if row.rung == "DS":
             return 0.0

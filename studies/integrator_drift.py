@@ -67,7 +67,9 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             done += 1
             if on_step is not None:
                 on_step(done, total)
-        findings[scene]["motion"] = motion_findings(basis, sum(forces), (1, 4) if quick else (1, 2, 4, 8, 16))
+        findings[scene]["motion"] = motion_findings(
+            basis, np.sum(forces, axis=0), (1, 4) if quick else (1, 2, 4, 8, 16)
+        )
         done += 1
         if on_step is not None:
             on_step(done, total)

@@ -23,7 +23,7 @@ from modalshell.study import StudyResult
 FIGURES = ("figure_3",)
 
 MODES = 4
-MATERIAL = {"young": 2e5, "poisson": 0.3, "thickness": 0.01, "density": 300.0}
+MATERIAL: dict[str, Any] = {"young": 2e5, "poisson": 0.3, "thickness": 0.01, "density": 300.0}
 DURATION = 8.0
 FRAME = 1.0 / 30.0
 DAMPING = (0.4, 0.004)
@@ -69,7 +69,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     moved = np.column_stack([KEYFRAMES[:, 1:3], np.zeros(len(KEYFRAMES))])
     path = ms.SupportPath(KEYFRAMES[:, 0], moved, turns)
     # The creature at rest carries its weight already: gravity is left out, as the modes are about that shape.
-    options = {"duration": duration, "dt": FRAME, "damping": DAMPING, "supports": path}
+    options: dict[str, Any] = {"duration": duration, "dt": FRAME, "damping": DAMPING, "supports": path}
     warped = ms.simulate(ms.ModalWarping(basis), **options, on_step=on_step)
     linear = ms.simulate(ms.LinearModal(basis), **options)
 

@@ -10,6 +10,7 @@ Run it alone with ``modalshell reproduce --only manipulation``.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,7 +21,7 @@ from modalshell.study import StudyResult
 
 FIGURES = ("figure_7",)
 
-PARAMETERS = {
+PARAMETERS: dict[str, Any] = {
     "length": 1.0,
     "width": 0.2,
     "membrane": 60.0,

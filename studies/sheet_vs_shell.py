@@ -23,7 +23,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.measure import displacement_error
-from modalshell.models.base import Damping
+from modalshell.models import Damping
 from modalshell.models.full import FullModel
 from modalshell.provenance import run_record
 from modalshell.springs import shell_springs
@@ -34,7 +34,7 @@ FIGURES = ("sheet_vs_shell",)
 FOLDS = (0.05, 0.2, 0.8)
 """Reference changes of the fold angle [rad]."""
 GRAVITY, MEMBRANE, DENSITY = 9.81, 200.0, 0.2
-SOFT = {"stretch": 20.0, "shear": 20.0, "flexure": 0.05}
+SOFT: dict[str, Any] = {"stretch": 20.0, "shear": 20.0, "flexure": 0.05}
 GAMMAS = {
     "strip": tuple(4.0 ** np.arange(-1, 6)),
     "cloth": tuple(4.0 ** np.arange(-1, 6)),
@@ -101,7 +101,7 @@ def compared(
     shell: ms.Shell, gravity: float, folds: tuple[float, ...], start: np.ndarray | None
 ) -> tuple[dict[str, Any], np.ndarray]:
     """DS and the sheets of springs under one load: their answers, errors and times."""
-    load = {"gravity": (0.0, 0.0, -gravity)}
+    load: dict[str, Any] = {"gravity": (0.0, 0.0, -gravity)}
     truth = ms.DiscreteShell(shell)
     answer = truth.equilibrium(start=start, **load)
     if not answer.converged and start is not None:

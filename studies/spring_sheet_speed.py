@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numba
@@ -126,7 +127,7 @@ def timings(size: int, repeats: int) -> tuple[dict[str, Any], list[dict[str, Any
     places = {key: way.positions for key, way in ways.items()}
     # Many steps in a call, so that the state's check after them is not what is timed.
     count = max(4, 2**18 // grid.count)
-    calls = {key: lambda way=way: way.step(count, dt) for key, way in ways.items()}
+    calls: dict[Any, Callable[[], object]] = {key: partial(way.step, count, dt) for key, way in ways.items()}
     alone = {key: call for key, call in calls.items() if key[0] in ONE_CORE}
     processor = interleaved(alone, repeats, clock=time.process_time)
     together = {key: call for key, call in calls.items() if key[0] not in ONE_CORE or key[0] == BASE}

@@ -26,7 +26,7 @@ import multiprocessing
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -195,6 +195,7 @@ def _equilibrium(row: str, ratio: float, gamma: float, aspect: float, fold: floa
     model = models.model_of(row, ratio, aspect, fold)
     if isinstance(model, SummedWarp):  # the coordinates move as with the closed form
         model = model.closed
+    assert isinstance(model, ModalModel)
     return limits.at_rest(model, replace(models.BASE, gamma=gamma).gravity)
 
 
@@ -279,14 +280,16 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
             words = f"largest Γ stepped at 30 Hz (damping ratio {ratio:g})"
             found.append(limits.entry(name, words, "1", *pair))
             if not quick:
-                rest = limits.bisect(
-                    lambda factor, light=light: limits.settles_from_rest(model, factor * unit, models.BASE.step, light),
-                    20.0,
-                    400.0,
-                )
+                settles = partial(settles_from_rest, model, unit, light)
+                rest = limits.bisect(settles, 20.0, 400.0)
                 # No theory of small motion holds from rest: beside it, not against it.
                 found.append(limits.entry(name, words + " let go from rest", "1", None, rest) | {"beside": pair[0]})
     return found
+
+
+def settles_from_rest(model: ms.ModalWarping, unit: np.ndarray, damping: Damping, factor: float) -> bool:
+    """Whether motion from rest at the base point's step settles under ``factor`` times a gravity."""
+    return limits.settles_from_rest(model, factor * unit, models.BASE.step, damping)
 
 
 def full_limits(row: models.Row, model: FullModel, count: int) -> list[dict[str, Any]]:

@@ -208,7 +208,7 @@ def explicit_step(model: FullModel, damping: Damping, count: int) -> tuple[float
 
         def step(_: np.ndarray) -> np.ndarray:
             nonlocal state
-            state, _ = model.step(state, dt, load, damping)
+            state = model.step(state, dt, load, damping)[0]
             return np.concatenate([(state.coordinates - rest).ravel(), dt * state.rates.ravel()])
 
         # Undamped motion beats; above its limit it grows by more than a tenth a step.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,6 +13,8 @@ import modalshell as ms
 from modalshell.errors import ModalShellError
 from modalshell.models import Damping, Model
 from studies.integrator_drift import SummedWarp
+
+AnyModel = TypeVar("AnyModel", bound=Model)
 
 LENGTH, CELLS, FLEXURE, DENSITY, MODES = 1.0, (12, 2), 0.05, 0.2, 4
 RIGIDITY = 5.0 * FLEXURE
@@ -63,7 +65,7 @@ class Row:
     theory: str = "implicit"
 
 
-def modal(kind: Callable[..., Model], shell: ms.Shell, **options: Any) -> Model:
+def modal(kind: Callable[..., AnyModel], shell: ms.Shell, **options: Any) -> AnyModel:
     """A model on the modes of a shell."""
     return kind(ms.solve_modes(shell, MODES), **options)
 

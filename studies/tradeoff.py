@@ -70,7 +70,8 @@ def scene(name: str, cells: tuple[int, int] | None) -> Case:
     declared = ms.load_scene(repository_file(f"studies/scenes/{name}.toml"))
     if cells is not None:
         table: Any = declared.mesh
-        supports = msgspec.structs.replace(declared.supports, clamped=f"x < {1.5 * table.length / cells[0]}")
+        held: Any = declared.supports
+        supports = msgspec.structs.replace(held, clamped=f"x < {1.5 * table.length / cells[0]}")
         changed = {"mesh": msgspec.structs.replace(table, cells=cells), "supports": supports}
         declared = ms.Scene(**{key: changed.get(key, value) for key, value in vars(declared).items()})
     return scene_case(declared)

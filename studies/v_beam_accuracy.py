@@ -25,7 +25,7 @@ from modalshell.study import StudyResult
 FIGURES = ("figure_5", "figure_6a", "figure_6b")
 
 SHAPE = {"length": 1.0, "width": 0.2, "fold": 150.0}
-REGIMES = {
+REGIMES: dict[str, dict[str, Any]] = {
     "soft": {"membrane": 20.0, "gravities": [0.5, 1, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20]},
     "stiff": {"membrane": 2000.0, "gravities": [5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 60, 70]},
 }

@@ -50,7 +50,13 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         found[axis]["rows"].append(row(cells, fold, membrane, gammas))
         if on_step is not None:
             on_step(done, len(cases))
-    parameters = {"length": LENGTH, "width": WIDTH, "flexure": FLEXURE, "density": DENSITY, "modes": MODES}
+    parameters: dict[str, Any] = {
+        "length": LENGTH,
+        "width": WIDTH,
+        "flexure": FLEXURE,
+        "density": DENSITY,
+        "modes": MODES,
+    }
     parameters |= {"cells": cells, "family": "alternating", "fixed": FIXED}
     for one in found.values():
         one["cheapest"] = [[cheapest(case, tolerance) for case in one["rows"]] for tolerance in TOLERANCES]

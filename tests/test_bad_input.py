@@ -17,8 +17,8 @@ from modalshell.crowd import Flight
 from modalshell.provenance import run_record
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import FrameFile
-from modalshell.scene.parts import checked_keyframes, select
-from modalshell.selection import select_vertices
+from modalshell.scene.parts import checked_keyframes
+from modalshell.selection import select_vertices, selected
 from modalshell.springs import GridVerlet, ImplicitSprings, SheetGrid, Springs, mesh_springs
 from modalshell.statics.trust_region import minimise
 from modalshell.study import StudyResult
@@ -116,7 +116,10 @@ def test_vectors_are_not_converted_with_loss(values):
         (lambda: ms.load_mesh("a\0.obj"), ms.MeshError),
         (lambda: ms.save_mesh(MESH, "a\0.obj"), ms.MeshError),
         (lambda: select_vertices("x < " + "9" * 400, POINTS), ms.OptionError),
-        (lambda: select("clamped", [2**63], MESH), ms.OptionError),
+        (lambda: selected("clamped", [2**63], MESH.vertices), ms.OptionError),
+        (lambda: ms.PointForce([[0.5]], (0, 0, 1)).force(MESH), ms.OptionError),
+        (lambda: ms.LineForce([0], (0, 0, 1)).force(MESH), ms.OptionError),
+        (lambda: ms.PointForce([0], (0, 0, np.nan)), ms.LoadError),
         (lambda: ms.SpringSheet(MESH), ms.OptionError),
         (lambda: ms.SpringSheet(SHELL, POINTS), ms.OptionError),
         (lambda: mesh_springs(MESH, print, 1.0), ms.MaterialError),

@@ -1,48 +1,56 @@
-"""Who may import whom: every import in the package, lazy ones inside functions included, against one table."""
+"""Who may import whom: every import in the packages, lazy ones inside functions included, against one table."""
 
 import ast
 from pathlib import Path
 
 import pytest
 
-PACKAGE = Path(__file__).resolve().parents[1] / "modalshell"
+REPOSITORY = Path(__file__).resolve().parents[1]
 ROOT = "modalshell"
-LINE_LIMIT = 500
+PACKAGE = REPOSITORY / ROOT
+PACKAGES = (ROOT, "studies", "paper_figures")
+LINE_LIMITS = {ROOT: 400, "studies": 400, "paper_figures": 400, "meshes": 400, "tests": 500}
+FIGURES_MAY_IMPORT = ("modalshell.render", "modalshell.study", "modalshell.compare.draw", "modalshell.typing")
 
 # Top-level module -> the top-level modules that it imports, no more and no fewer, in the order of the pipeline: no row
 # names one below it. "modalshell" itself (ROOT) stands for the names that modalshell/__init__.py hands out.
 MAY_IMPORT: dict[str, set[str]] = {
     "errors": set(),
+    "interruption": set(),
     "outcome": set(),
     "sharing": set(),
     "symbolic": set(),
     "timings": set(),
     "typing": set(),
+    "work": set(),
     "checks": {"errors"},
     "kernels": {"errors"},
     "lock": {"errors"},
     "provenance": {"errors"},
     "atomic_io": {"checks", "errors"},
     "mesh": {"checks", "errors", "sharing"},
+    "plugins": {"checks", "errors"},
     "selection": {"checks", "errors"},
+    "loads": {"checks", "errors", "mesh", "selection", "sharing", "typing"},
     "render": {"atomic_io", "checks", "errors"},
-    "shell": {"checks", "errors", "kernels", "mesh", "sharing", "typing"},
+    "shell": {"checks", "errors", "kernels", "mesh", "sharing", "typing", "work"},
     "study": {"atomic_io", "checks", "errors"},
     "constraints": {"checks", "errors", "kernels", "sharing", "shell", "typing"},
     "measure": {"checks", "errors", "mesh", "shell", "typing"},
-    "modes": {"atomic_io", "checks", "errors", "mesh", "sharing", "shell", "typing"},
+    "modes": {"atomic_io", "checks", "errors", "mesh", "plugins", "sharing", "shell", "typing", "work"},
     "reproduce": {"atomic_io", "errors", "provenance", "study", "typing"},
     "springs": {"atomic_io", "checks", "errors", "kernels", "mesh", "shell", "typing"},
     "doctor": {"errors", "modes", "render"},
     "statics": {"constraints", "errors", "kernels", "modes", "outcome", "shell", "timings", "typing"},
     "integrators": {"checks", "errors", "modes", "sharing", "shell", "springs", "statics", "timings", "typing"},
-    "reduction": {"checks", "errors", "kernels", "modes", "sharing", "shell", "statics", "timings", "typing"},
+    "reduction": {"checks", "errors", "kernels", "modes", "sharing", "shell", "statics", "timings", "typing", "work"},
     "models": {
         "checks",
         "constraints",
         "errors",
         "integrators",
         "kernels",
+        "loads",
         "mesh",
         "modes",
         "outcome",
@@ -52,6 +60,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "statics",
         "timings",
         "typing",
+        "work",
     },
     "crowd": {"checks", "errors", "integrators", "kernels", "models", "modes", "reduction", "typing"},
     "motion": {"checks", "constraints", "errors", "integrators", "kernels", "models", "shell", "timings", "typing"},
@@ -61,10 +70,12 @@ MAY_IMPORT: dict[str, set[str]] = {
         "constraints",
         "crowd",
         "errors",
+        "loads",
         "mesh",
         "models",
         "modes",
         "motion",
+        "plugins",
         "provenance",
         "selection",
         "shell",
@@ -87,6 +98,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "study",
         "timings",
         "typing",
+        "work",
     },
     "run": {
         "atomic_io",
@@ -125,6 +137,8 @@ MAY_IMPORT: dict[str, set[str]] = {
         "crowd",
         "errors",
         "export",
+        "interruption",
+        "loads",
         "measure",
         "mesh",
         "models",
@@ -158,25 +172,29 @@ MAY_IMPORT: dict[str, set[str]] = {
 
 
 def module_name(path: Path) -> str:
-    parts = [ROOT, *path.relative_to(PACKAGE).with_suffix("").parts]
+    parts = path.relative_to(REPOSITORY).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
 def layer(name: str) -> str:
-    """Top-level module that a dotted name belongs to; the package's own name for modalshell/__init__.py."""
+    """Top-level module that a dotted name belongs to; the package's own name outside it and for its __init__.py."""
     parts = name.split(".")
-    return parts[1] if len(parts) > 1 else ROOT
+    return parts[1] if parts[0] == ROOT and len(parts) > 1 else parts[0]
 
 
-FILES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+def files_of(*packages: str) -> dict[str, Path]:
+    return {module_name(path): path for package in packages for path in sorted((REPOSITORY / package).rglob("*.py"))}
+
+
+FILES = files_of(ROOT)
 
 
 def imports(name: str, source: str, is_package: bool, known: set[str]) -> set[str]:
-    """Modules of the package that ``source`` imports anywhere: at the top, in functions, through importlib."""
+    """Modules of the packages that ``source`` imports anywhere: at the top, in functions, through importlib."""
     found = set()
 
     def add(target: str) -> None:
-        if target.split(".")[0] == ROOT:
+        if target.split(".")[0] in PACKAGES:
             found.add(target)
 
     for node in ast.walk(ast.parse(source)):
@@ -200,11 +218,11 @@ def imports(name: str, source: str, is_package: bool, known: set[str]) -> set[st
     return found
 
 
-def package_graph() -> dict[str, set[str]]:
-    known = set(FILES)
+def package_graph(*packages: str) -> dict[str, set[str]]:
+    known = set(files_of(*PACKAGES))
     return {
         name: imports(name, path.read_text(encoding="utf-8"), path.name == "__init__.py", known)
-        for name, path in FILES.items()
+        for name, path in files_of(*packages or (ROOT,)).items()
     }
 
 
@@ -266,13 +284,39 @@ def test_the_table_itself_has_no_cycle():
 
 
 def test_no_import_cycles_between_files():
-    assert cycle(package_graph()) == []
+    assert cycle(package_graph(*PACKAGES)) == []
 
 
-def test_every_import_of_the_package_exists():
-    graph = package_graph()
-    missing = [(name, target) for name, targets in graph.items() for target in targets if target not in FILES]
+def test_every_import_of_the_packages_exists():
+    graph, known = package_graph(*PACKAGES), files_of(*PACKAGES)
+    missing = [(name, target) for name, targets in graph.items() for target in targets if target not in known]
     assert missing == []
+
+
+def private_names(source: str) -> set[str]:
+    """Names with an underscore that ``source`` takes from a module of the studies."""
+    taken, modules = set(), set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "studies":
+            modules |= {alias.asname or alias.name for alias in node.names}
+            taken |= {alias.name for alias in node.names if alias.name.startswith("_")}
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.attr.startswith("_"):
+            taken |= {f"{node.value.id}.{node.attr}"}
+    return {name for name in taken if "." not in name or name.split(".")[0] in modules}
+
+
+def test_studies_use_the_package_and_what_other_studies_make_public():
+    for name, targets in package_graph("studies").items():
+        assert {layer(target) for target in targets} & {"paper_figures", "cli", "viewer", "__main__"} == set(), name
+    assert {name: private_names(path.read_text()) for name, path in files_of("studies").items()} == {
+        name: set() for name in files_of("studies")
+    }
+
+
+def test_figures_read_results_and_simulate_nothing():
+    for name, targets in package_graph("paper_figures").items():
+        allowed = (*FIGURES_MAY_IMPORT, "paper_figures")
+        assert [t for t in targets if not any(t == a or t.startswith(f"{a}.") for a in allowed)] == [], name
 
 
 def test_only_symbolic_imports_sympy():
@@ -286,11 +330,12 @@ def test_only_symbolic_imports_sympy():
     assert users == {"symbolic"}
 
 
-@pytest.mark.parametrize("folder", ["modalshell", "studies", "paper_figures", "meshes", "tests"])
+@pytest.mark.parametrize("folder", LINE_LIMITS)
 def test_files_are_short(folder):
-    files = [path for path in (PACKAGE.parent / folder).rglob("*.py") if path.parent.name != "generated"]
+    files = [path for path in (REPOSITORY / folder).rglob("*.py") if path.parent.name != "generated"]
     assert files
-    long = [path.name for path in files if len(path.read_text(encoding="utf-8").splitlines()) > LINE_LIMIT]
+    limit = LINE_LIMITS[folder]
+    long = [path.name for path in files if len(path.read_text(encoding="utf-8").splitlines()) > limit]
     assert long == []
 
 
@@ -303,12 +348,19 @@ def test_files_are_short(folder):
         ("class A:\n    def f(self):\n        import modalshell.models.linear as x", "modalshell.models.linear"),
         ("import importlib\nimportlib.import_module('modalshell.models')", "modalshell.models"),
         ("if TYPE_CHECKING:\n    from modalshell import Shell", "modalshell"),
+        ("from studies import tradeoff", "studies.tradeoff"),
     ],
 )
 def test_the_checker_sees_forbidden_imports(source, target):
-    found = imports("modalshell.mesh.shapes", source, False, set(FILES))
+    found = imports("modalshell.mesh.shapes", source, False, set(files_of(*PACKAGES)))
     assert found == {target}
     assert len(violations({"modalshell.mesh.shapes": found})) == 1
+
+
+def test_the_checker_sees_private_names_of_studies():
+    assert private_names("from studies.tradeoff import _row") == {"_row"}
+    assert private_names("from studies import tradeoff as t\nt._row()") == {"t._row"}
+    assert private_names("from modalshell import _row\nself._row()") == set()
 
 
 def test_the_checker_sees_cycles():

@@ -19,7 +19,7 @@ from modalshell.models.base import total_load
 from modalshell.models.coarse_discrete_shell import closest_points
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, load_scene
-from modalshell.scene.parts import Shape, build_material, build_path, spread_force
+from modalshell.scene.parts import Shape, build_material, build_path
 from modalshell.scene.tables import PhysicalSheet
 from modalshell.shell import Material, Shell
 from modalshell.typing import Array
@@ -107,9 +107,7 @@ def scene_case(scene: Scene) -> Case:
             "give a force in their place"
         )
     shell = scene.build_shell()
-    load, note = total_load(shell, scene.loads.gravity if scene.loads else None, None), ""
-    for table in scene.loads.forces if scene.loads else ():
-        load = load + spread_force(table, shell.mesh)
+    load, note = total_load(shell, scene.loads.gravity if scene.loads else None, scene.build_force(shell.mesh)), ""
     path = build_path(scene.supports) if scene.supports else None
     if path is not None:
         still = np.zeros_like(load)

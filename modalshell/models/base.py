@@ -10,10 +10,11 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors, finite_answer
+from modalshell.checks import checked_kind, checked_vectors, finite_answer
 from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
+from modalshell.loads import Load
 from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
@@ -113,6 +114,7 @@ class Model(ABC):
         *,
         gravity: ArrayLike | None = None,
         force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
         start: ArrayLike | None = None,
         constraints: Sequence[Constraint] | None = None,
     ) -> Equilibrium:
@@ -124,6 +126,8 @@ class Model(ABC):
             Acceleration [m/s^2] that acts on every vertex's mass.
         force : array_like, shape (n, 3), optional
             Further force on every vertex [N].
+        loads : sequence of Load, optional
+            Further loads, such as :class:`~modalshell.PointForce`.
         start : array_like, shape (n, 3), optional
             Positions [m] from which to look for the answer.
         constraints : sequence of Constraint, optional
@@ -144,7 +148,7 @@ class Model(ABC):
             If extreme input drives the positions out of the finite numbers.
         """
         watch = Stopwatch()
-        load = total_load(self.shell, gravity, force)
+        load = total_load(self.shell, gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if wanted and not self.takes_constraints:
@@ -227,13 +231,18 @@ class Model(ABC):
         """Raise OptionError if this model cannot step by ``dt``."""
 
 
-def total_load(shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None) -> Array:
-    """Load (n, 3) [N] on every vertex, or LoadError if it is of the wrong shape or not finite."""
+def total_load(
+    shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None, loads: Sequence[Load] | None = None
+) -> Array:
+    """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
     load = np.zeros_like(shell.rest_positions)
     if gravity is not None:
         load += shell.gravity_force(gravity)
     if force is not None:
         load += checked_vectors("force", force, load.shape)
+    for further in loads or ():
+        checked_kind("each of loads", further, Load)  # type: ignore[type-abstract]
+        load += checked_vectors(f"the force of {type(further).__name__}", further.force(shell.mesh), load.shape)
     return load
 
 

@@ -20,6 +20,7 @@ from modalshell.reduction.reduced_newton import ReducedPotential, descend, follo
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.verdict import verdict
 from modalshell.typing import Array
+from modalshell.work import count_read
 
 _STEP_GOAL = 1e-6
 """Out-of-balance force, as a share of load and inertia, at which an implicit step's Newton stops."""
@@ -91,12 +92,6 @@ class ModalDerivatives(Model):
             self.cubature = train(self.basis, self.energy, default_loads(self.basis) if loads is None else loads, most)
             self.energy = self.cubature.energy
 
-    @property
-    def cubature_elements(self) -> tuple[int, int, int]:
-        """Triangles, edges and hinges that the energy sums over."""
-        triangles, edges, hinges = (elements.rest.size for elements in self.energy.elements)
-        return triangles, edges, hinges
-
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Coordinates (r,) of the mass-weighted projection of ``positions`` (n, 3)."""
         displacement = self.shell.checked_positions(positions) - self.shell.rest_positions
@@ -159,4 +154,5 @@ class ModalDerivatives(Model):
         return self.energy.value(state.coordinates)
 
     def _positions(self, z: Array) -> Array:
+        count_read(self._vectors.nbytes)
         return np.asarray(self.shell.rest_positions + (self._vectors @ z).reshape(-1, 3))

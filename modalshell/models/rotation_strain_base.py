@@ -15,6 +15,7 @@ from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
+from modalshell.work import count_read
 
 _PATCHES_KEPT = 16
 
@@ -99,6 +100,7 @@ class TurnedTriangles(ModalModel):
         return self.shell.rest_positions[vertices].mean(axis=0) + np.array(moved), np.array(jacobian)
 
     def _work_of(self, adjoint: LoadAdjoint, q: Array) -> tuple[float, Array]:
+        count_read(self._modal.nbytes + adjoint.gradients.nbytes)
         force = adjoint.constant.copy()
         work = kernel.potential(self._modal, adjoint.gradients, q, np.empty(kernel.WORK), force)
         return float(work + adjoint.constant @ q), force

@@ -14,10 +14,13 @@ from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
+from modalshell.work import count_products, count_read
 
 _TOLERANCE = 1e-9
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
 _NEWTON_LIMIT = 12
+_DERIVATIVES = 600
+"""Operations of a vertex's warp with the derivatives of its work."""
 _LOAD_TURN = 0.5
 """Turn of a vertex [rad] that one load step may predict."""
 
@@ -65,10 +68,12 @@ class ModalWarping(ModalModel):
 
     def rotation_vectors(self, q: Array) -> Array:
         """Rotation vectors of the vertices (n, 3) [rad]."""
+        count_read(self.basis.rotations.nbytes)
         return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
 
     def displacement(self, q: Array) -> Array:
         """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
+        count_read(self.basis.modes.nbytes)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
         out = np.empty_like(linear)
         rotations.warp(self.rotation_vectors(q), linear, 1.0, out)
@@ -78,6 +83,7 @@ class ModalWarping(ModalModel):
         """Vertex positions (n, 3) [m] of a state, in one fused pass."""
         if self._frame is None:  # at first use: it holds a second copy of the modal data
             self._frame = WarpFrame(self.basis)
+        count_read(self._frame.bytes_read)
         return self._frame.positions(state.coordinates)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
@@ -95,12 +101,15 @@ class ModalWarping(ModalModel):
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
         if self.consistent_force:
             return self.work(q, load)[1]
+        count_read(self.basis.modes.nbytes)
         rotated = np.empty_like(load)
         rotations.rotate(self.rotation_vectors(q), load, -1.0, rotated)
         return np.asarray(self.basis.modes.T @ rotated.ravel())
 
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
+        count_read(2 * self.basis.modes.nbytes + self.basis.rotations.nbytes)
+        count_products(_DERIVATIVES * len(load))
         w = self.rotation_vectors(q)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
         averaged, slope = np.empty_like(load), np.empty_like(load)
@@ -125,7 +134,9 @@ class ModalWarping(ModalModel):
         return np.asarray(self.basis.modes.T @ self._turned(blocks))
 
     def _turned(self, blocks: Array) -> Array:
-        """Derivatives by w (n, 3, 3) at every vertex as derivatives by q (3n, m)."""
+        """Derivatives by w (n, 3, 3) at every vertex as derivatives by q (3n, m), to be multiplied by modes or turns."""
+        count_read(self.basis.rotations.nbytes + self.basis.modes.nbytes)
+        count_products((3 + self.basis.count) * self.basis.modes.size)
         turns = self.basis.rotations.reshape(-1, 3, self.basis.count)
         return np.asarray(np.einsum("nij,njm->nim", blocks, turns)).reshape(self.basis.modes.shape)
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,10 @@ from modalshell.mesh import TriangleMesh
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
+from modalshell.plugins import load_plugins
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Material, Shell
+from modalshell.shell.elements import ENERGIES
 from modalshell.typing import Array
 
 _FORMAT = 1
@@ -80,6 +83,7 @@ class Basis(ReadOnlyArrays):
             flexure=np.asarray(material.flexure),
             density=np.asarray(material.density),
             correct_clamp=np.array(material.correct_clamp),
+            energies=np.array(json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])),  # type: ignore[call-overload]
             eigenvalues=self.eigenvalues,
             modes=self.modes,
             rotations=self.rotations,
@@ -97,13 +101,16 @@ class Basis(ReadOnlyArrays):
         FileFormatError
             If the file is missing, damaged, or not a saved basis.
         """
+        load_plugins()
         try:
             data = read_npz(path)
             if int(data["modalshell_basis"]) != _FORMAT:
                 raise ValueError(f"format {data['modalshell_basis']} (this version reads {_FORMAT})")
             stiffnesses = {name: data[name] for name in ("stretch", "shear", "flexure", "density")}
             material = Material(**stiffnesses, correct_clamp=bool(data["correct_clamp"]))
-            shell = Shell(TriangleMesh(data["vertices"], data["faces"]), material, data["clamped"])
+            further = json.loads(str(data["energies"])) if "energies" in data else []
+            energies = [ENERGIES[key](**fields) for key, fields in further]
+            shell = Shell(TriangleMesh(data["vertices"], data["faces"]), material, data["clamped"], energies=energies)
             values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
             shape = (shell.rest_positions.size, values.size)
             modes = checked_vectors("modes", data["modes"], shape)

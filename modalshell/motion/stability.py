@@ -25,7 +25,7 @@ def step_matrix(model: ModalModel, q: Array, load: Array, dt: float, damping: Da
         Coordinates of an equilibrium under ``load``.
     load : ndarray, shape (n, 3)
         Dead load [N].
-    dt : float
+    dt : array_like
         Step h [s].
     damping : Damping
         Rayleigh factors.

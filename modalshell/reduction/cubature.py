@@ -15,6 +15,7 @@ from modalshell.reduction.derivatives import DerivativeBasis
 from modalshell.reduction.reduced_energy import ReducedEnergy
 from modalshell.reduction.reduced_newton import ReducedAnswer, ReducedPotential, follow
 from modalshell.shell import Shell
+from modalshell.shell.elements import ElementSet
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
 
@@ -42,14 +43,13 @@ class Cubature:
     ----------
     energy : ReducedEnergy
         The weighted sum over the chosen elements.
-    triangles, hinges : ndarray of int
-        The chosen elements; a triangle brings its stretch and its shares of its edges' shear.
+    chosen : list of ndarray of int
+        The chosen triangles, each with its elements and its shares of those on its edges, and the chosen elements of
+        each further set: hinges first.
     factors : ndarray
-        Their positive factors, triangles first.
+        Their positive factors, in that order.
     share : float
-        Chosen elements as a share of all triangles and hinges.
-    force_residual : float
-        Relative least-squares residual of the training forces.
+        Chosen elements as a share of all that there are to choose from.
     training_errors, held_out_errors : ndarray
         Relative displacement error (norm of the mass matrix) of the nearest equilibrium to that of the sum over all
         elements, for each load; infinite where one of them found none.
@@ -58,11 +58,9 @@ class Cubature:
     """
 
     energy: ReducedEnergy
-    triangles: Index
-    hinges: Index
+    chosen: list[Index]
     factors: Array
     share: float
-    force_residual: float
     training_errors: Array
     held_out_errors: Array
     seconds: float
@@ -117,11 +115,12 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
     """Non-negative factors of few elements that meet the reduced forces at the training loads' equilibria.
 
     Elements are triangles, each with its stretch and its shares of its edges' shear (which alone may be negative, or
-    hold too little), and hinges. The columns of the least-squares problem are the reduced forces ``U^T grad E_e`` of
-    one element at all poses (half-way to each equilibrium and at it, and small random ones about rest), the right side
-    their sum over all elements; both in the norm of the inverse rest stiffness, over the load. Elements that point most
-    along what is missing are taken first, and the factors fitted anew (NNLS) as their number grows, until the answers
-    on the training loads are within 0.5 %, ``most`` elements are reached, or no further element helps.
+    hold too little), hinges, and those of further energies. The columns of the least-squares problem are the reduced
+    forces ``U^T grad E_e`` of one element at all poses (half-way to each equilibrium and at it, and small random ones
+    about rest), the right side their sum over all elements; both in the norm of the inverse rest stiffness, over the
+    load. Elements that point most along what is missing are taken first, and the factors fitted anew (NNLS) as their
+    number grows, until the answers on the training loads are within 0.5 %, ``most`` elements are reached, or no further
+    element helps.
 
     Parameters
     ----------
@@ -142,8 +141,8 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
     unseen = solved[_HELD_OUT - 1 :: _HELD_OUT]
     seen = [pair for number, pair in enumerate(solved, 1) if number % _HELD_OUT]
     poses, sizes = _poses(basis, seen)
-    triangles, hinges = _candidates(shell)
-    matrix = _force_columns(basis, triangles, hinges, poses, sizes)
+    candidates, total = _candidates(shell)
+    matrix = _force_columns(basis, candidates, poses, sizes)
     goal = _goal_column(basis, full, poses, sizes)
 
     limit = min(matrix.shape[1], most or matrix.shape[1])
@@ -159,17 +158,13 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
         last = chosen.size >= limit or abs(previous - residual) < 1e-6
         if residual <= check or last:
             check = 0.8 * residual
-            picked = (
-                triangles[chosen[chosen < triangles.size]],
-                hinges[chosen[chosen >= triangles.size] - triangles.size],
-            )
-            energy = _energy(basis, *picked, factors)
+            picked = _picked(candidates, chosen)
+            energy = _energy(basis, picked, factors)
             training = _errors(basis, energy, seen)
             if last or training.max() <= _GOAL:
                 break
-    share = chosen.size / (len(shell.mesh.faces) + len(shell.mesh.hinges))
     held = _errors(basis, energy, unseen)
-    return Cubature(energy, *picked, factors, share, residual, training, held, watch())
+    return Cubature(energy, picked, factors, chosen.size / total, training, held, watch())
 
 
 def _statics(basis: DerivativeBasis, energy: ReducedEnergy, push: Array, start: Array | None = None) -> ReducedAnswer:
@@ -203,16 +198,40 @@ def _poses(basis: DerivativeBasis, solved: Sequence[tuple[Array, ReducedAnswer]]
     return np.array(poses), np.array(sizes)
 
 
-def _candidates(shell: Shell) -> tuple[Index, Index]:
-    """Triangles and hinges to choose from: all that can move, or a random sample of a large shell's."""
-    triangles = np.flatnonzero(~shell.clamped[shell.mesh.faces].all(axis=1))
-    hinges = np.flatnonzero(~shell.clamped[shell.mesh.hinges].all(axis=1))
-    count = triangles.size + hinges.size
+def _sorted_sets(shell: Shell) -> tuple[list[ElementSet], list[ElementSet], list[ElementSet]]:
+    """The shell's element sets over triangles, over edges, and all others."""
+    faces, edges, others = list[ElementSet](), list[ElementSet](), list[ElementSet]()
+    for elements in shell.elements:
+        if np.array_equal(elements.stencils, shell.mesh.faces):
+            faces.append(elements)
+        elif np.array_equal(elements.stencils, shell.mesh.edges):
+            edges.append(elements)
+        else:
+            others.append(elements)
+    return faces, edges, others
+
+
+def _candidates(shell: Shell) -> tuple[list[Index], int]:
+    """Triangles, and elements of each set on neither triangles nor edges, to choose from; and how many there are.
+
+    All that can move, or a random sample of a large shell's.
+    """
+    stencils = [shell.mesh.faces, *(elements.stencils for elements in _sorted_sets(shell)[2])]
+    groups = [np.flatnonzero(~shell.clamped[group].all(axis=1)) for group in stencils]
+    count = sum(group.size for group in groups)
     if count > _CANDIDATES:
-        sample = np.sort(np.random.default_rng(0).choice(count, _CANDIDATES, replace=False))
-        hinges = hinges[sample[sample >= triangles.size] - triangles.size]
-        triangles = triangles[sample[sample < triangles.size]]
-    return triangles, hinges
+        groups = _picked(groups, np.sort(np.random.default_rng(0).choice(count, _CANDIDATES, replace=False)))
+    return groups, sum(map(len, stencils))
+
+
+def _picked(groups: Sequence[Index], numbers: Index) -> list[Index]:
+    """Of groups that are numbered one after the other, the entries of the sorted ``numbers``, group by group."""
+    starts = np.cumsum([0, *(group.size for group in groups)])
+    cuts = np.searchsorted(numbers, starts)
+    return [
+        group[numbers[low:high] - start]
+        for group, start, low, high in zip(groups, starts[:-1], cuts[:-1], cuts[1:], strict=True)
+    ]
 
 
 def _edge_shares(shell: Shell) -> Array:
@@ -220,37 +239,36 @@ def _edge_shares(shell: Shell) -> Array:
     return 1.0 / np.bincount(shell.mesh.face_edges.ravel(), minlength=len(shell.mesh.edges))
 
 
-def _energy(basis: DerivativeBasis, triangles: Index, hinges: Index, factors: Array) -> ReducedEnergy:
-    """Energy over weighted triangles, each with its shares of its edges, and hinges."""
+def _energy(basis: DerivativeBasis, picked: Sequence[Index], factors: Array) -> ReducedEnergy:
+    """Energy over weighted triangles, each with its shares of its edges, and weighted elements of the other sets."""
     shell = basis.shell
+    parts = np.split(factors, np.cumsum([group.size for group in picked])[:-1])
     of_edges = np.zeros(len(shell.mesh.edges))
-    np.add.at(of_edges, shell.mesh.face_edges[triangles], factors[: triangles.size, None])
-    edges = np.flatnonzero(of_edges)
-    chosen = [triangles, edges, hinges]
-    of_elements = [factors[: triangles.size], (of_edges * _edge_shares(shell))[edges], factors[triangles.size :]]
-    return ReducedEnergy(shell, basis.vectors, chosen, of_elements)
+    np.add.at(of_edges, shell.mesh.face_edges[picked[0]], parts[0][:, None])
+    sides = np.flatnonzero(of_edges)
+    on_edges = (sides, (of_edges * _edge_shares(shell))[sides])
+    faces, edges, _ = _sorted_sets(shell)
+    others = iter(zip(picked[1:], parts[1:], strict=True))
+    chosen = [(picked[0], parts[0]) if e in faces else on_edges if e in edges else next(others) for e in shell.elements]
+    return ReducedEnergy(shell, basis.vectors, [indices for indices, _ in chosen], [values for _, values in chosen])
 
 
-def _force_columns(basis: DerivativeBasis, triangles: Index, hinges: Index, poses: Array, sizes: Array) -> Array:
-    """Scaled reduced force of each candidate, triangles before hinges, at each pose (poses * r, candidates)."""
+def _force_columns(basis: DerivativeBasis, candidates: Sequence[Index], poses: Array, sizes: Array) -> Array:
+    """Scaled reduced force of each candidate, triangles first, at each pose (poses * r, candidates)."""
     shell = basis.shell
-    stretch, shear, flexure = shell.elements
+    faces, edges, others = _sorted_sets(shell)
+    triangles = candidates[0]
     sides = shell.mesh.face_edges[triangles].ravel()
     # Every candidate on vertices of its own, so that the gradient of a sum holds each candidate's apart.
     own_triangles = np.arange(3 * triangles.size).reshape(-1, 3)
     own_edges = own_triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    own_hinges = np.arange(4 * hinges.size).reshape(-1, 4)
-    shares = shear.weight[sides] * _edge_shares(shell)[sides]
-    groups = [
-        (
-            stretch.stencils[triangles],
-            [
-                (stretch, own_triangles, stretch.rest[triangles], stretch.weight[triangles]),
-                (shear, own_edges, shear.rest[sides], shares),
-            ],
-        ),
-        (flexure.stencils[hinges], [(flexure, own_hinges, flexure.rest[hinges], flexure.weight[hinges])]),
-    ]
+    shares = _edge_shares(shell)[sides]
+    parts = [(e, own_triangles, e.rest[triangles], e.weight[triangles]) for e in faces]
+    parts += [(e, own_edges, e.rest[sides], e.weight[sides] * shares) for e in edges]
+    groups = [(shell.mesh.faces[triangles], parts)]
+    for e, chosen in zip(others, candidates[1:], strict=True):
+        own = np.arange(e.stencils[chosen].size).reshape(chosen.size, -1)
+        groups.append((e.stencils[chosen], [(e, own, e.rest[chosen], e.weight[chosen])]))
     scaled = (basis.vectors / np.sqrt(basis.eigenvalues)).reshape(-1, 3, basis.size)
     displacements = (poses @ basis.vectors.T).reshape(len(poses), -1, 3)
     blocks = []

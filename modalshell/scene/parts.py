@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import inspect
 from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, cast, get_type_hints
+from typing import Any
 
-import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from modalshell.checks import checked_times, checked_vectors, shown
+from modalshell.checks import checked_times, checked_vectors
 from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.motion import SupportPath
 from modalshell.provenance import repository_file
-from modalshell.scene.tables import Constrained, Force, MeshFile, PhysicalSheet, Stiffnesses, Supports, Table, Vector
-from modalshell.selection import select_vertices
+from modalshell.scene.signatures import Built, signature_table
+from modalshell.scene.tables import Constrained, Force, MeshFile, PhysicalSheet, Stiffnesses, Supports, Vector
+from modalshell.selection import selected
 from modalshell.shell import Material
 from modalshell.typing import Array
 
 
-class Shape(Table, frozen=True, tag_field="shape"):
+class Shape(Built, frozen=True, tag_field="shape"):
     """``[mesh]``: a generated shape and its parameters."""
 
     @abstractmethod
@@ -33,27 +31,8 @@ class Shape(Table, frozen=True, tag_field="shape"):
         """The mesh."""
 
 
-def _shape_table(function: Callable[..., TriangleMesh]) -> type[Shape]:
-    """The table of one shape, with the parameters and defaults of the function that makes it."""
-    hints = get_type_hints(function)
-    fields = [
-        (name, tuple[int, int] if name == "cells" else hints[name], parameter.default)
-        for name, parameter in inspect.signature(function).parameters.items()
-    ]
-
-    def build(table: Shape) -> TriangleMesh:
-        return function(**{name: getattr(table, name) for name in table.__struct_fields__})
-
-    name = function.__name__
-    made = msgspec.defstruct(
-        name, fields, bases=(Shape,), namespace={"build": build}, frozen=True, kw_only=True,
-        forbid_unknown_fields=True, tag_field="shape", tag=name,
-    )  # fmt: skip
-    return cast(type[Shape], made)
-
-
 SHAPES: dict[str, type[Shape]] = {
-    function.__name__: _shape_table(function)
+    function.__name__: signature_table(function, Shape, tag_field="shape", tag=function.__name__)
     for function in (flat_beam, v_beam, sheet, cylinder_panel, leaf, paper_bird)
 }
 """Every shape by its name."""
@@ -76,27 +55,6 @@ def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh) -> Ma
     return Material.from_physical(**table.plain(), mesh=mesh)
 
 
-def select(key: str, selection: int | str | list[int], mesh: TriangleMesh) -> NDArray[np.bool_]:
-    """Mask (n,) of the selected vertices, at least one; else OptionError."""
-    count = len(mesh.vertices)
-    if isinstance(selection, str):
-        try:
-            mask = select_vertices(selection, mesh.vertices)
-        except OptionError as error:
-            raise OptionError(f"{key} {error}") from error
-    else:
-        mask = np.zeros(count, dtype=bool)
-        indices = [selection] if isinstance(selection, int) else selection
-        worst = max(indices, default=0)
-        if worst >= count:
-            raise OptionError(f"{key} names vertex {shown(worst)}, but the mesh has vertices 0 to {count - 1}")
-        mask[indices] = True
-    if not mask.any():
-        low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
-        raise OptionError(f"{key} selects no vertex (got {shown(selection)}); the mesh reaches from {low} to {high}")
-    return mask
-
-
 def build_path(table: Supports) -> SupportPath | None:
     """The path of the supports; None if they rest."""
     if table.times is None:
@@ -113,7 +71,7 @@ def build_path(table: Supports) -> SupportPath | None:
 
 def spread_force(table: Force, mesh: TriangleMesh) -> Array:
     """The force (n, 3) [N] on every vertex, by its share of the selected area."""
-    chosen = select("where", table.where, mesh)
+    chosen = selected("where", table.where, mesh.vertices)
     share = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
     return np.asarray(share[:, None] / share.sum() * np.array(table.total))
 
@@ -123,7 +81,8 @@ def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Co
     if (table.vertices is None) == (table.nearest is None):
         raise OptionError("a constraint needs either vertices or nearest, and not both")
     if table.vertices is not None:
-        patch = np.flatnonzero(select("vertices", table.vertices, mesh))
+        vertices = [table.vertices] if isinstance(table.vertices, int) else table.vertices
+        patch = np.flatnonzero(selected("vertices", vertices, mesh.vertices))
     else:
         patch = np.array([np.argmin(np.linalg.norm(mesh.vertices - np.array(table.nearest), axis=1))])
     if table.relative and table.kind == "orientation":

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.checks import checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
 from modalshell.crowd import Flight
@@ -22,6 +23,7 @@ from modalshell.models import Equilibrium, Model
 from modalshell.models.base import total_load
 from modalshell.modes import solve_modes
 from modalshell.motion import Motion, SupportPath
+from modalshell.plugins import load_plugins
 from modalshell.scene import tables
 from modalshell.scene.flock import FlockTable
 from modalshell.scene.models import MODELS, ModelTable, Warping
@@ -32,17 +34,18 @@ from modalshell.scene.parts import (
     build_material,
     build_mesh,
     build_path,
-    select,
     spread_force,
 )
 from modalshell.scene.read import checked_table, chosen, located, read_toml, refuse_unknown_keys
+from modalshell.scene.signatures import energies_table, energy_entries, load_entries, loads_table
+from modalshell.selection import selected
 from modalshell.shell import Shell
 from modalshell.shell.supports import held_vertices
 from modalshell.typing import Array
 
 _NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
-_TABLES = ("name", *_REQUIRED, "supports", "loads", "constraints", "motion", "flock", "output")
+_TABLES = ("name", *_REQUIRED, "supports", "energies", "loads", "constraints", "motion", "flock", "output")
 _GRAVITY = (0.0, 0.0, -9.81)
 _FLOCK_FORMATS = ("npz", "png", "mp4")
 
@@ -57,7 +60,7 @@ class Scene:
         Name of the results' files: ``name`` in the file, or the file's own.
     file : Path
         Where it was read from.
-    mesh, material, model, supports, loads, constraints, motion, flock, output
+    mesh, material, model, supports, energies, loads, constraints, motion, flock, output
         The tables; see :mod:`modalshell.scene.tables` and :mod:`modalshell.scene.flock`. None or empty where not
         declared. Without ``motion`` the scene asks for an equilibrium; with ``flock`` for many such shells in flight.
     """
@@ -68,6 +71,7 @@ class Scene:
     material: tables.Stiffnesses | tables.PhysicalSheet
     model: ModelTable
     supports: tables.Supports | None = None
+    energies: tables.Table | None = None
     loads: tables.Loads | None = None
     constraints: tuple[tables.Constrained, ...] = ()
     motion: tables.Motion | None = None
@@ -76,7 +80,10 @@ class Scene:
 
     def content(self) -> dict[str, Any]:
         """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
-        declared = {name: getattr(self, name) for name in ("material", "model", "supports", "loads", "motion", "flock")}
+        declared = {
+            name: getattr(self, name)
+            for name in ("material", "model", "supports", "energies", "loads", "motion", "flock")
+        }
         content = {name: table.plain() for name, table in declared.items() if table is not None}
         content["constraints"] = [table.plain() for table in self.constraints]
         return content | {"positions": self.output.positions}
@@ -103,9 +110,13 @@ class Scene:
         held = None
         if self.supports is not None:
             with located(self.file, "supports", self.supports):
-                held = held_vertices(select("clamped", self.supports.clamped, mesh), len(mesh.vertices))
+                held = held_vertices(selected("clamped", self.supports.clamped, mesh.vertices), len(mesh.vertices))
+        energies = []
+        for path, entry in energy_entries(self.energies):
+            with located(self.file, path, entry):
+                energies.append(entry.build())
         with located(self.file, "material", self.material):
-            return Shell(mesh, material, held)
+            return Shell(mesh, material, held, energies=energies)
 
     def build(self, shell: Shell | None = None) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already.
@@ -132,21 +143,28 @@ class Scene:
 
         SceneError where a table is refused, naming its key.
         """
-        path, force, constraints = None, None, list[Constraint]()
+        path, force, constraints = None, self.build_force(shell.mesh), list[Constraint]()
         if self.supports is not None:
             with located(self.file, "supports", self.supports):
                 path = build_path(self.supports)
         if path is not None and self.motion is None:
             raise SceneError(f"{self.file}: supports.times: supports that move need a [motion] table")
-        for index, load in enumerate(self.loads.forces if self.loads else ()):
-            with located(self.file, f"loads.forces[{index}]", load):
-                spread = spread_force(load, shell.mesh)
-                force = spread if force is None else force + spread
         for index, table in enumerate(self.constraints):
             with located(self.file, f"constraints[{index}]", table):
                 constraint = build_constraint(table, shell.mesh, self.motion is not None)
                 constraints += checked_constraints([constraint], shell)
         return path, force, constraints
+
+    def build_force(self, mesh: TriangleMesh) -> Array | None:
+        """The forces (n, 3) [N] that act besides gravity, if any; SceneError where a table is refused."""
+        forces = []
+        for index, table in enumerate(self.loads.forces if self.loads else ()):
+            with located(self.file, f"loads.forces[{index}]", table):
+                forces.append(spread_force(table, mesh))
+        for path, entry in load_entries(self.loads):
+            with located(self.file, path, entry):
+                forces.append(checked_vectors("force", entry.build().force(mesh), mesh.vertices.shape))
+        return sum(forces[1:], forces[0]) if forces else None
 
     def build_flight(self, shell: Shell) -> Flight:
         """The birds that ``flock`` declares, at their start; SceneError where it or a table beside it is refused."""
@@ -158,7 +176,7 @@ class Scene:
                 not isinstance(model, Warping) or model != Warping(modes=model.modes)
             ),
             "constraints: a flock takes none": bool(self.constraints),
-            "loads.forces: a flock takes gravity alone": bool(loads and loads.forces),
+            "loads: a flock takes gravity alone": bool(loads and (loads.forces or any(load_entries(loads)))),
             "supports.times: a bird's supports move with its boid": bool(self.supports and self.supports.times),
             f"output.formats: those of a flock are {', '.join(_FLOCK_FORMATS)}": (
                 not set(self.output.formats) <= set(_FLOCK_FORMATS)
@@ -256,6 +274,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
 
     SceneError as :func:`load_scene`.
     """
+    load_plugins()
     refuse_unknown_keys(file, "", raw, _TABLES)
     for name in _REQUIRED:
         if name not in raw:
@@ -271,7 +290,8 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         key: checked_table(file, key, raw[key], kind)
         for key, kind in (
             ("supports", tables.Supports),
-            ("loads", tables.Loads),
+            ("energies", energies_table()),
+            ("loads", loads_table()),
             ("motion", tables.Motion),
             ("flock", FlockTable),
             ("output", tables.Output),

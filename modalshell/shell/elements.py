@@ -1,12 +1,13 @@
-"""Element sets over the generated kernels, the three of a discrete shell, and what sets add up to."""
+"""Element sets over generated kernels: those of a material, further energies, and what sets add up to."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,14 +18,17 @@ from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import SparsePattern
 from modalshell.typing import Array, Index
+from modalshell.work import count_elements
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ElementSet:
     """All elements of one energy, ``sum_e weight_e (g_e - rest_e)^2``.
 
     Attributes
     ----------
+    name : str
+        Name of the energy.
     kernel : module
         Generated kernel of the energy.
     stencils : ndarray of int64, shape (elements, vertices)
@@ -37,11 +41,20 @@ class ElementSet:
         Weight of the dissipation ``sum_e viscosity_e (dg_e/dt)^2`` of dashpots beside the elements; none without it.
     """
 
+    name: str
     kernel: ModuleType
     stencils: Index
     rest: Array
     weight: Array
     viscosity: Array | None = None
+
+    @classmethod
+    def at_rest(cls, name: str, kernel: ModuleType, mesh: TriangleMesh, stencils: Index, weight: Array) -> ElementSet:
+        """Elements of ``weight`` on ``stencils`` of a mesh, without stress where the mesh is at rest."""
+        stencils = np.ascontiguousarray(stencils, dtype=np.int64)
+        rest = np.empty(stencils.shape[0])
+        kernel.measures(np.asarray(mesh.vertices), stencils, rest)
+        return cls(name, kernel, stencils, rest, np.ascontiguousarray(weight))
 
     def __getstate__(self) -> dict[str, Any]:  # a module cannot be pickled, its name can
         return self.__dict__ | {"kernel": self.kernel.__name__}
@@ -54,31 +67,54 @@ class ElementSet:
         return factor * self.weight if self.viscosity is None else factor * self.weight + self.viscosity
 
 
+class Energy(ABC):
+    """An energy that a shell has besides those of its material.
+
+    A subclass is a frozen dataclass whose fields are numbers, texts, or tuples of them:
+    ``class Fibres(Energy, key="fibres")``. By its key scenes know it, as the table ``[energies.fibres]`` with its
+    fields as keys, and saved bases.
+    """
+
+    key: ClassVar[str]
+
+    def __init_subclass__(cls, *, key: str) -> None:
+        cls.key = key
+        ENERGIES[key] = cls
+
+    @abstractmethod
+    def elements(self, mesh: TriangleMesh) -> ElementSet:
+        """The elements on a mesh; :meth:`ElementSet.at_rest` takes their rest state from it."""
+
+
+ENERGIES: dict[str, type[Energy]] = {}
+"""Every further energy by its key."""
+
+
 def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.bool_]) -> list[ElementSet]:
-    """Stretch over triangles, shear over edges, flexure over hinges, each with its rest state from the mesh."""
+    """Elements of a material's energies: stretch over triangles, shear over edges, flexure over hinges."""
     stretch_stiffness, shear_stiffness, flexure_stiffness = material.per_element(mesh)
     if material.correct_clamp:
         flexure_stiffness = flexure_stiffness * np.where(clamp_line_hinges(mesh, clamped), 2.0, 1.0)
-    sets = []
-    for kernel, stencils, stiffness, size in (
-        (stretch, mesh.faces, stretch_stiffness, 1.0 / mesh.face_areas),
-        (shear, mesh.edges, shear_stiffness, 1.0 / mesh.edge_lengths),
-        (flexure, mesh.hinges, flexure_stiffness, hinge_weights(mesh)),
-    ):
-        stencils = np.ascontiguousarray(stencils, dtype=np.int64)
-        rest = np.empty(stencils.shape[0])
-        kernel.measures(np.asarray(mesh.vertices), stencils, rest)
-        sets.append(ElementSet(kernel, stencils, rest, np.ascontiguousarray(stiffness * size)))
-    return sets
+    return [
+        ElementSet.at_rest("stretch", stretch, mesh, mesh.faces, stretch_stiffness * (1.0 / mesh.face_areas)),
+        ElementSet.at_rest("shear", shear, mesh, mesh.edges, shear_stiffness * (1.0 / mesh.edge_lengths)),
+        ElementSet.at_rest("flexure", flexure, mesh, mesh.hinges, flexure_stiffness * hinge_weights(mesh)),
+    ]
+
+
+def _size(elements: Sequence[ElementSet]) -> int:
+    return sum(e.rest.size for e in elements)
 
 
 def energy(elements: Sequence[ElementSet], x: Array) -> float:
     """Energy [J] of all sets at positions ``x`` (n, 3); not finite at collapsed elements."""
+    count_elements(_size(elements))
     return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in elements))
 
 
 def energy_gradient(elements: Sequence[ElementSet], x: Array) -> tuple[float, Array]:
     """Energy [J] and gradient (n, 3) [N] in one pass."""
+    count_elements(_size(elements))
     gradient = np.zeros_like(x)
     total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in elements)
     return float(total), gradient
@@ -96,6 +132,7 @@ def energy_gradient_hessian(
 
     ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
     """
+    count_elements(_size(elements))
     gradient = np.zeros_like(x)
     data = np.zeros(pattern.indices.size)
     total = 0.0
@@ -109,6 +146,7 @@ def energy_gradient_hessian(
 
 def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> list[Array]:
     """Stress of every element after ``step`` (n, 3) by the measures linearised at ``x``."""
+    count_elements(_size(elements))
     stresses = []
     for e in elements:
         stress = np.empty(e.rest.size)

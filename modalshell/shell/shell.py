@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sps
@@ -13,7 +14,7 @@ from modalshell.errors import LoadError
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell import elements as sums
-from modalshell.shell.elements import ElementSet, element_sets
+from modalshell.shell.elements import ElementSet, Energy, element_sets
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import build_pattern
 from modalshell.shell.supports import held_vertices
@@ -35,6 +36,8 @@ class Shell(ReadOnlyArrays):
     clamped : array_like of bool, shape (n,), or of int, optional
         Vertices that are held. To clamp an edge hold two rows of vertices: with one row the triangles next to it can
         hinge freely about the clamped edge.
+    energies : sequence of Energy, optional
+        Further energies besides those of the material.
 
     Attributes
     ----------
@@ -57,12 +60,24 @@ class Shell(ReadOnlyArrays):
         If ``clamped`` has the wrong shape, names no such vertex, or holds every vertex.
     """
 
-    def __init__(self, mesh: TriangleMesh, material: Material, clamped: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        material: Material,
+        clamped: ArrayLike | None = None,
+        *,
+        energies: Sequence[Energy] = (),
+    ) -> None:
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         self.material = checked_kind("material", material, Material)
         self.rest_positions: Array = np.asarray(mesh.vertices)
         clamped = held_vertices(clamped, len(mesh.vertices))
-        self.elements: list[ElementSet] = element_sets(mesh, material, clamped)
+        self.energies = tuple(
+            checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
+            for energy in energies
+        )
+        further = [energy.elements(mesh) for energy in self.energies]
+        self.elements: list[ElementSet] = [*element_sets(mesh, material, clamped), *further]
         self._hold(clamped)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = read_only(mesh.shared_among_corners(face_mass))
@@ -83,7 +98,7 @@ class Shell(ReadOnlyArrays):
     def with_elements(self, elements: list[ElementSet]) -> Shell:
         """The same vertices, masses and supports under other energies, such as those of springs."""
         other = copy.copy(self)
-        other.elements = elements
+        other.energies, other.elements = (), elements
         other._hold(self.clamped)
         return other
 

@@ -7,7 +7,6 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_each, checked_kind, checked_number
 from modalshell.errors import MaterialError
-from modalshell.kernels.generated import flexure, shear
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import Shell
 from modalshell.springs.springs import Springs
@@ -80,13 +79,13 @@ def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Sprin
     """
     checked_kind("shell", shell, Shell)
     fold = checked_number("reference_fold", reference_fold, MaterialError, above=0.0, at_most=0.5 * np.pi, unit="rad")
-    weights = {element.kernel: element for element in shell.elements}
-    if flexure not in weights or shear not in weights:
+    weights = {element.name: element for element in shell.elements}
+    if "flexure" not in weights or "shear" not in weights:
         raise MaterialError("springs can be made from a shell with shear and flexure only (got one of springs?)")
     distances = _far_distances(shell.mesh, fold)
-    energy = weights[flexure].weight * fold**2
+    energy = weights["flexure"].weight * fold**2
     change = np.mean((distances[1:] - distances[0]) ** 2, axis=0)
-    return mesh_springs(shell.mesh, 2.0 * weights[shear].weight, 2.0 * energy / change)
+    return mesh_springs(shell.mesh, 2.0 * weights["shear"].weight, 2.0 * energy / change)
 
 
 def _summed(groups: Index, values: Array, count: int) -> Array:

@@ -76,7 +76,9 @@ class Springs:
     def element_set(self) -> ElementSet:
         """The springs as elements of a shell: weight ``stiffness / 2``, dashpots of ``damping / 2``."""
         viscosity = 0.5 * self.damping if self.damping.any() else None
-        return ElementSet(shear, np.array(self.pairs), np.array(self.rest_lengths), 0.5 * self.stiffness, viscosity)
+        return ElementSet(
+            "springs", shear, np.array(self.pairs), np.array(self.rest_lengths), 0.5 * self.stiffness, viscosity
+        )
 
 
 def checked_masses(mass: ArrayLike) -> NDArray[np.float64]:

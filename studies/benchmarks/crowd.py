@@ -7,19 +7,19 @@ other programs.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike
-from threadpoolctl import threadpool_limits
 
 import modalshell as ms
 from modalshell.crowd import LEVELS
 from modalshell.crowd.device import DeviceCrowd, DeviceFlock
 from modalshell.kernels.device import devices, warp
 from modalshell.modes import Basis
-from studies.benchmarks.timing import interleaved
+from studies.benchmarks.timing import interleaved, one_blas_thread
 
 
 def bird_basis(modes: int = 8, cells: tuple[int, int] = (16, 14)) -> Basis:
@@ -53,19 +53,16 @@ def reconstruction(
         small = q.astype(precision)
         transposed = [np.ascontiguousarray(a.T, dtype=precision) for a in (basis.modes, basis.rotations)]
         products = np.empty((2, instances, 3 * crowd.vertices), precision)
-
-        def at_level(name: str, placed: bool = False, crowd: ms.Crowd = crowd, out: Any = out) -> None:
-            crowd.levels[:] = LEVELS.index(name)
-            crowd.positions(turns if placed else None, moves if placed else None, out)
-
-        def multiply(small: Any = small, transposed: Any = transposed, products: Any = products) -> None:
-            for matrix, product in zip(transposed, products, strict=True):
-                np.matmul(small, matrix, out=product)
-
-        functions = {name.lower(): lambda name=name, f=at_level: f(name) for name in LEVELS}
-        functions |= {"placed": lambda f=at_level: f("MWTS", True), "products": multiply}
-        functions |= {"writing": lambda out=out: out.fill(1.0), "step": lambda crowd=crowd: still(crowd, q)}
-        with threadpool_limits(1):
+        functions: dict[str, Callable[[], object]] = {
+            name.lower(): partial(at_level, name, crowd, None, None, out) for name in LEVELS
+        }
+        functions |= {
+            "placed": partial(at_level, "MWTS", crowd, turns, moves, out),
+            "products": partial(multiply, small, transposed, products),
+            "writing": partial(out.fill, 1.0),
+            "step": partial(still, crowd, q),
+        }
+        with one_blas_thread():
             times = interleaved(functions, repeats, statistic=min, clock=time.process_time)
         rows.append(
             {
@@ -79,6 +76,18 @@ def reconstruction(
             }
         )
     return rows
+
+
+def at_level(name: str, crowd: ms.Crowd, turns: Any, moves: Any, out: Any) -> None:
+    """Positions of all instances at one level of detail."""
+    crowd.levels[:] = LEVELS.index(name)
+    crowd.positions(turns, moves, out)
+
+
+def multiply(q: Any, matrices: Iterable[Any], products: Iterable[Any]) -> None:
+    """The products of all coordinates by BLAS."""
+    for matrix, product in zip(matrices, products, strict=True):
+        np.matmul(q, matrix, out=product)
 
 
 def bent(instances: int, basis: Basis, random: np.random.Generator) -> Any:
@@ -125,6 +134,12 @@ def flock(
     return rows
 
 
+def left_there(crowd: DeviceCrowd, moves: Any) -> None:
+    """Positions of all instances, left on the device."""
+    crowd.device_positions(np.eye(3), moves)
+    warp().synchronize_device(crowd.device)
+
+
 def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> list[dict[str, Any]]:
     """What every device does of a flock's sums, a crowd's placed MWTS and its steps; the best of ``repeats`` turns.
 
@@ -143,19 +158,14 @@ def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> l
             single.coordinates = crowd.coordinates = coordinates
             near = DeviceFlock.random(boids, radius=ball(boids), dtype=precision, device=device)
             out = np.empty((instances, crowd.vertices, 3), precision)
-
-            def left(crowd: DeviceCrowd = crowd) -> None:
-                crowd.device_positions(np.eye(3), moves)
-                warp().synchronize_device(crowd.device)
-
-            calls = {
+            calls: dict[str, Callable[[], object]] = {
                 "sums_kernels": kernels.neighbourhood,
                 "sums": near.neighbourhood,
-                "placed_kernels": lambda crowd=single, out=out: crowd.positions(np.eye(3), moves, out),
-                "placed": lambda crowd=crowd, out=out: crowd.positions(np.eye(3), moves, out),
-                "left": left,
-                "step_kernels": lambda crowd=single: still(crowd, coordinates),
-                "step": lambda crowd=crowd: still(crowd, coordinates),
+                "placed_kernels": partial(single.positions, np.eye(3), moves, out),
+                "placed": partial(crowd.positions, np.eye(3), moves, out),
+                "left": partial(left_there, crowd, moves),
+                "step_kernels": partial(still, single, coordinates),
+                "step": partial(still, crowd, coordinates),
             }
             times = interleaved(calls, repeats, statistic=min, clock=clock)
             rows.append(

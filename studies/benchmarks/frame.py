@@ -6,7 +6,8 @@ generated hinge kernel. Two-thread rows mean something only where two cores are 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -93,9 +94,9 @@ def benchmark(
                     stream = np.ravel(frame.modal_data)
                     times = interleaved(
                         {
-                            "frame": lambda f=frame, q=plain[3], out=out: f.positions(q, out),
-                            "numpy": lambda plain=plain: numpy_frame(*plain),
-                            "bound": lambda stream=stream: read_once(stream),
+                            "frame": partial(frame.positions, plain[3], out),
+                            "numpy": partial(numpy_frame, *plain),
+                            "bound": partial(read_once, stream),
                         },
                         repeats,
                     )
@@ -128,19 +129,15 @@ def scaling(
     where a small shell stays in a near cache.
     """
     sizes = list(sizes)
-    functions, shells = {}, {}
+    functions: dict[str, Callable[[], object]] = {}
+    shells: dict[int, list[WarpFrame]] = {}
     for n in sizes:
         basis, q = random_basis(n, m)
         q = q.astype(precision)
         shells[n] = [WarpFrame(basis, dtype=precision) for _ in range(-(-max(sizes) // n))]
         outs = [np.empty((n, 3), precision) for _ in shells[n]]
-
-        def in_turn(frames: list[WarpFrame] = shells[n], outs: list[Array] = outs, q: Array = q) -> None:
-            for frame, out in zip(frames, outs, strict=True):
-                frame.positions(q, out)
-
-        functions[f"turn {n}"] = in_turn
-        functions[f"one {n}"] = lambda frame=shells[n][0], out=outs[0], q=q: frame.positions(q, out)
+        functions[f"turn {n}"] = partial(in_turn, shells[n], outs, q)
+        functions[f"one {n}"] = partial(shells[n][0].positions, q, outs[0])
     times = interleaved(functions, repeats, 10e-3)
     frame_times = np.array([times[f"turn {n}"] / len(shells[n]) for n in sizes])
     line = np.column_stack((np.ones(len(sizes)), sizes))
@@ -158,6 +155,12 @@ def scaling(
         }
         for n, seconds in zip(sizes, frame_times, strict=True)
     ]
+
+
+def in_turn(frames: list[WarpFrame], outs: list[Array], q: Array) -> None:
+    """One frame of each shell."""
+    for frame, out in zip(frames, outs, strict=True):
+        frame.positions(q, out)
 
 
 @njit(error_model="numpy")
@@ -196,7 +199,8 @@ def hinge_kernel(count: int = 39000, repeats: int = 15) -> dict[str, float]:
 
     def on_arrays(gradient: Array, hessian: Array) -> None:
         edges = x.T[:, stencils[:, 1:].T] - x.T[:, None, stencils[:, 0]]
-        flexure._second(*edges.transpose(1, 0, 2).reshape(9, -1), gradient, hessian)
+        second: Any = flexure._second  # mypy cannot count starred arguments
+        second(*edges.transpose(1, 0, 2).reshape(9, -1), gradient, hessian)
 
     def stores() -> None:
         gradients.fill(1.0)

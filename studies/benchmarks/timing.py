@@ -4,9 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
+
+from modalshell.errors import OptionError
+
+
+def one_blas_thread() -> AbstractContextManager[object]:
+    """BLAS on one thread within the context; OptionError where threadpoolctl is not installed."""
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError as error:
+        raise OptionError(
+            f"BLAS is timed on one thread by threadpoolctl: pip install threadpoolctl ({error})"
+        ) from error
+    limited: AbstractContextManager[object] = threadpool_limits(1)
+    return limited
 
 
 def interleaved(

@@ -328,9 +328,9 @@ def test_cubature_is_positive_and_sparse(sparse):
     model = sparse[0]
     found = model.cubature
     assert (found.factors > 0.0).all()
-    assert found.factors.size == found.triangles.size + found.hinges.size
-    triangles, edges, hinges = model.cubature_elements
-    assert (triangles, hinges) == (found.triangles.size, found.hinges.size)
+    assert found.factors.size == sum(group.size for group in found.chosen)
+    triangles, edges, hinges = (elements.rest.size for elements in model.energy.elements)
+    assert [triangles, hinges] == [group.size for group in found.chosen]
     assert edges <= 3 * triangles
     assert found.share < 0.35
     assert found.seconds > 0.0

@@ -1,4 +1,5 @@
 import json
+import subprocess
 import sys
 
 import numpy as np
@@ -122,3 +123,18 @@ def test_a_failed_write_leaves_nothing(tmp_path):
 def test_curves_that_cannot_be_drawn_are_refused(tmp_path, values):
     with pytest.raises(OptionError):
         draw_curves([Panel([Curve([1, 2], values, "a", "k")], "t", "x", "y", log=True)], tmp_path / "a.png")
+
+
+def test_studies_and_figures_are_imported_without_any_extra():
+    program = """
+import importlib, sys
+sys.modules.update(dict.fromkeys(sys.argv[1:]))  # None: an import of it fails
+from modalshell.reproduce import studies
+for study in studies().values():
+    for figure in study.FIGURES:
+        importlib.import_module(f"paper_figures.{figure}")
+import studies.benchmarks.run
+"""
+    extras = ["pyvista", "vtkmodules", "warp", "sympy", "threadpoolctl", "petsc4py", "distributed", "pyarrow"]
+    extras += ["sksparse", "pypardiso", "trame", "pytest", "hypothesis"]
+    subprocess.run([sys.executable, "-c", program, *extras], check=True, timeout=120)

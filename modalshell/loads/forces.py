@@ -1,0 +1,71 @@
+"""Dead forces at vertices and along edges."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from modalshell.checks import checked_vectors
+from modalshell.errors import OptionError
+from modalshell.loads.base import Load
+from modalshell.mesh import TriangleMesh
+from modalshell.selection import Selection, selected
+from modalshell.sharing import read_only_copy
+from modalshell.typing import Array, Vector
+
+
+@final
+class PointForce(Load, key="point"):
+    """A force at each selected vertex.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices: a text such as ``"x > 0.99"`` about the shape at rest, a mask, or indices.
+    force : (float, float, float)
+        Force at each of them [N].
+
+    Raises
+    ------
+    LoadError
+        If ``force`` is not three finite numbers.
+    """
+
+    def __init__(self, sel: Selection, force: Vector) -> None:
+        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
+
+    def force(self, mesh: TriangleMesh) -> Array:
+        """Force on every vertex (n, 3) [N]; OptionError where ``sel`` selects no vertex of ``mesh``."""
+        return np.where(selected("sel", self.sel, mesh.vertices)[:, None], self.vector, 0.0)
+
+
+@final
+class LineForce(Load, key="line"):
+    """A force along the edges whose two ends are selected.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices: a text such as ``"x > 0.99"`` about the shape at rest, a mask, or indices.
+    force : (float, float, float)
+        Force for each length of the edges at rest [N/m]; half of an edge's goes to each of its ends.
+
+    Raises
+    ------
+    LoadError
+        If ``force`` is not three finite numbers.
+    """
+
+    def __init__(self, sel: Selection, force: Vector) -> None:
+        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
+
+    def force(self, mesh: TriangleMesh) -> Array:
+        """Force on every vertex (n, 3) [N]; OptionError where ``sel`` selects no edge of ``mesh``."""
+        chosen = selected("sel", self.sel, mesh.vertices)
+        edges = np.flatnonzero(chosen[mesh.edges].all(axis=1))
+        if edges.size == 0:
+            raise OptionError(f"sel selects {chosen.sum()} vertices, but no edge between two of them: select more")
+        length = np.zeros(len(mesh.vertices))
+        np.add.at(length, mesh.edges[edges], 0.5 * mesh.edge_lengths[edges, None])
+        return length[:, None] * self.vector

@@ -1,0 +1,77 @@
+"""Tables of a scene whose keys are the parameters of a function: shapes, loads and energies."""
+
+from __future__ import annotations
+
+import inspect
+from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from typing import Any, cast, get_type_hints
+
+import msgspec
+
+from modalshell.loads import LOADS
+from modalshell.scene import tables
+from modalshell.scene.tables import Table
+from modalshell.selection import Selection
+from modalshell.shell.elements import ENERGIES
+
+
+class Built(Table, frozen=True):
+    """A table whose keys are the parameters of what it builds."""
+
+    @abstractmethod
+    def build(self) -> Any:
+        """What the table declares."""
+
+
+def signature_table(
+    function: Callable[..., Any], base: type[Any] = Built, tag_field: str | None = None, tag: str | None = None
+) -> type[Any]:
+    """The table of a function, a subclass of ``base``, with the function's parameters and defaults as its keys."""
+    hints = get_type_hints(function.__init__ if inspect.isclass(function) else function, include_extras=True)
+    fields: list[Any] = []
+    for name, parameter in inspect.signature(function).parameters.items():
+        hint = tuple[int, int] if name == "cells" else hints[name]
+        hint = tables.Selection if hint == Selection else hint
+        fields.append((name, hint) if parameter.default is parameter.empty else (name, hint, parameter.default))
+
+    def build(table: Built) -> Any:
+        return function(**{name: getattr(table, name) for name in table.__struct_fields__})
+
+    return msgspec.defstruct(
+        function.__name__, fields, bases=(base,), namespace={"build": build}, frozen=True, kw_only=True,
+        forbid_unknown_fields=True, tag_field=tag_field, tag=tag,
+    )  # fmt: skip
+
+
+def loads_table() -> type[tables.Loads]:
+    """``[loads]`` with a list of tables for every load that is registered."""
+    lists: list[Any] = [
+        (key, list[signature_table(kind)], msgspec.field(default_factory=list))  # type: ignore[misc]
+        for key, kind in LOADS.items()
+    ]
+    made = msgspec.defstruct(
+        "Loads", lists, bases=(tables.Loads,), frozen=True, kw_only=True, forbid_unknown_fields=True
+    )
+    return cast(type[tables.Loads], made)
+
+
+def energies_table() -> type[Table]:
+    """``[energies]`` with a table for every energy that is registered."""
+    further = [(key, signature_table(kind) | None, None) for key, kind in ENERGIES.items()]
+    made = msgspec.defstruct("Energies", further, bases=(Table,), frozen=True, kw_only=True, forbid_unknown_fields=True)
+    return cast(type[Table], made)
+
+
+def load_entries(loads: tables.Loads | None) -> Iterator[tuple[str, Built]]:
+    """Each table of a registered load in ``[loads]``, with its path."""
+    for key in LOADS:
+        for index, entry in enumerate(getattr(loads, key, ())):
+            yield f"loads.{key}[{index}]", entry
+
+
+def energy_entries(energies: Table | None) -> Iterator[tuple[str, Built]]:
+    """Each table in ``[energies]``, with its path."""
+    for key in ENERGIES:
+        if (entry := getattr(energies, key, None)) is not None:
+            yield f"energies.{key}", entry

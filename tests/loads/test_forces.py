@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+MESH = ms.flat_beam(length=1.0, width=0.2, cells=(8, 4))
+END = MESH.vertices[:, 0] > 0.99
+
+
+@pytest.mark.parametrize("sel", ["x > 0.99", END, np.flatnonzero(END), np.flatnonzero(END).tolist()])
+def test_a_point_force_acts_at_each_vertex(sel):
+    force = ms.PointForce(sel, (0.0, 1.0, -2.0)).force(MESH)
+    np.testing.assert_array_equal(force, np.where(END[:, None], [0.0, 1.0, -2.0], 0.0))
+
+
+def test_a_line_force_counts_by_length():
+    force = ms.LineForce("x > 0.99", (0.0, 0.0, -3.0)).force(MESH)
+    np.testing.assert_allclose(force.sum(axis=0), [0.0, 0.0, -3.0 * 0.2], rtol=1e-14)
+    assert not force[~END].any()
+    along = MESH.vertices[END, 1]
+    shares = force[END, 2] / (-3.0 * 0.05)
+    np.testing.assert_allclose(shares, np.where(np.abs(np.abs(along) - 0.1) < 1e-9, 0.5, 1.0), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (ms.PointForce("x > 2", (0, 0, 1)), r"sel selects no vertex \(got 'x > 2'\); the mesh reaches from"),
+        (ms.PointForce([], (0, 0, 1)), "sel selects no vertex"),
+        (ms.PointForce([999], (0, 0, 1)), "sel names vertex 999, but the mesh has vertices 0 to 44"),
+        (ms.PointForce(END[1:], (0, 0, 1)), r"sel must be a mask \(45,\)"),
+        (ms.PointForce("x >", (0, 0, 1)), "sel cannot read the selection"),
+        (ms.LineForce([0, 44], (0, 0, 1)), "sel selects 2 vertices, but no edge between two of them"),
+    ],
+)
+def test_selections_that_fit_no_mesh_are_refused(load, message):
+    with pytest.raises(ms.OptionError, match=message):
+        load.force(MESH)
+
+
+def test_loads_act_in_statics_as_their_forces_do():
+    shell = ms.Shell(MESH, ms.Material(20.0, 20.0, 0.05, 0.2), MESH.vertices[:, 0] < 0.13)
+    loads = [ms.PointForce(END, (0.0, 0.0, -1e-4)), ms.LineForce(END, (0.0, 1e-3, 0.0))]
+    force = sum(load.force(MESH) for load in loads)
+    for model in (ms.DiscreteShell(shell), ms.ModalWarping(ms.solve_modes(shell, 4))):
+        by_loads, by_force = model.equilibrium(loads=loads), model.equilibrium(force=force)
+        np.testing.assert_array_equal(by_loads.positions, by_force.positions)
+        both = model.equilibrium(loads=loads[:1], force=loads[1].force(MESH))
+        np.testing.assert_allclose(both.positions, by_force.positions, atol=1e-12)
+        with pytest.raises(ms.OptionError, match="each of loads must be a Load"):
+            model.equilibrium(loads=[force])

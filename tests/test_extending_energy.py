@@ -1,0 +1,198 @@
+"""An energy of another package takes three files: its SymPy definition, its registration, and a scene that uses it."""
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+from modalshell.plugins import load_plugins
+from modalshell.shell.elements import ENERGIES
+
+pytest.importorskip("sympy", reason="SymPy generates the toy's kernel: pip install 'modalshell[symbolic]'")
+
+DEFINITION = '''
+"""Half the squared length of an edge; run as a module this writes kernel.py."""
+
+from pathlib import Path
+
+import sympy as sp
+
+from modalshell.symbolic.energies import Energy
+from modalshell.symbolic.generator import generate
+
+e = sp.symbols("e_x e_y e_z", real=True)
+FIBRE = Energy(
+    name="fibre",
+    measure_name="half the squared edge length [m^2]",
+    stencil="x0, x1: the edge",
+    formula="E = k c^4 (|e|^2 - L^2)^2 / (4 L^3)",
+    unknowns=e,
+    measure=sum(x**2 for x in e) / 2,
+    gradient=e,
+    squares=tuple((sp.Integer(1), tuple(row)) for row in sp.eye(3).tolist()),
+)
+Path(__file__).with_name("kernel.py").write_text(generate(FIBRE).source)
+'''
+
+REGISTRATION = '''
+"""Fibres along a direction, on the edges of a shell."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from modalshell.shell.elements import ElementSet, Energy
+from modalshell.typing import Vector
+from toy_fibres import kernel
+
+
+@dataclass(frozen=True)
+class Fibres(Energy, key="fibres"):
+    stiffness: float
+    direction: Vector = (1.0, 0.0, 0.0)
+
+    def elements(self, mesh):
+        edges = mesh.vertices[mesh.edges[:, 1]] - mesh.vertices[mesh.edges[:, 0]]
+        cosine = edges @ np.array(self.direction) / mesh.edge_lengths / np.linalg.norm(self.direction)
+        weight = self.stiffness * cosine**4 / mesh.edge_lengths**3
+        return ElementSet.at_rest("fibres", kernel, mesh, mesh.edges, weight)
+'''
+
+ENTRY = "[modalshell]\nfibres = toy_fibres\n"
+METADATA = "Metadata-Version: 2.1\nName: toy-fibres\nVersion: 0.1\n"
+STILL = ("[motion]\nduration = 1\n", "")
+FLAT = ('"v_beam"', '"flat_beam"')
+WEAK = ("-9.81", "-1.0")
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    """A package of three files beside its metadata, found as an installed one is."""
+    package = tmp_path / "site" / "toy_fibres"
+    package.mkdir(parents=True)
+    (package / "definition.py").write_text(DEFINITION)
+    (package / "__init__.py").write_text(REGISTRATION)
+    metadata = tmp_path / "site" / "toy_fibres-0.1.dist-info"
+    metadata.mkdir()
+    (metadata / "entry_points.txt").write_text(ENTRY)
+    (metadata / "METADATA").write_text(METADATA)
+    exec(compile(DEFINITION, str(package / "definition.py"), "exec"), {"__file__": str(package / "definition.py")})
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    load_plugins.cache_clear()
+    yield
+    for name in [name for name in sys.modules if name.split(".")[0] == "toy_fibres"]:
+        del sys.modules[name]
+    ENERGIES.pop("fibres", None)
+    load_plugins.cache_clear()
+
+
+def command(*arguments):
+    with pytest.raises(SystemExit) as end:
+        main([str(argument) for argument in arguments])
+    assert end.value.code == 0
+
+
+def drop(shell, positions):
+    return float((positions - shell.rest_positions)[:, 2].min())
+
+
+def scene(text, stiffness, model):
+    table = f"[energies.fibres]\nstiffness = {stiffness}\ndirection = [1, 0, 0]\n[model]"
+    return text(FLAT, WEAK, STILL, ("[model]", table), ('"mwts"', f'"{model}"'))
+
+
+@pytest.mark.usefixtures("toy")
+def test_an_energy_of_another_package_runs_by_scene(scene_text, tmp_path):
+    (tmp_path / "bare.toml").write_text(scene_text(FLAT, WEAK, STILL, ('"mwts"', '"ds"')))
+    (tmp_path / "toy.toml").write_text(scene(scene_text, 40.0, "ds"))
+    for name in ("bare", "toy"):
+        command("run", tmp_path / f"{name}.toml", "--out", tmp_path / "out")
+    bare, stiffer = (ms.load_trajectory(tmp_path / "out" / f"{name}.npz") for name in ("bare", "toy"))
+    shell = ms.load_scene(tmp_path / "toy.toml").build_shell()
+    assert [elements.name for elements in shell.elements] == ["stretch", "shear", "flexure", "fibres"]
+    # Pulled along the fibres the beam is stiffer by them alone: (E A + k c) of the fibres that lie along it.
+    pull = np.where(shell.rest_positions[:, :1] > 0.99, [[1e-3, 0.0, 0.0]], 0.0)
+    plain = ms.Shell(shell.mesh, shell.material, shell.clamped)
+    with_fibres, without = (ms.DiscreteShell(s).equilibrium(force=pull).positions for s in (shell, plain))
+    assert (with_fibres - shell.rest_positions)[:, 0].max() < 0.7 * (without - shell.rest_positions)[:, 0].max()
+    assert drop(shell, stiffer.positions[-1]) != drop(shell, bare.positions[-1])
+    direct = ms.Shell(shell.mesh, shell.material, shell.clamped, energies=[ENERGIES["fibres"](stiffness=40.0)])
+    answer = ms.DiscreteShell(direct).equilibrium(gravity=(0, 0, -1))
+    np.testing.assert_array_equal(answer.positions, stiffer.positions[-1])
+
+
+@pytest.mark.usefixtures("toy")
+def test_its_derivatives_and_its_saved_basis_are_right(tmp_path):
+    load_plugins()
+    mesh = ms.v_beam(cells=(8, 4))
+    fibres = ENERGIES["fibres"](stiffness=40.0, direction=(1.0, 0.5, 0.0))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.13, energies=[fibres])
+    x = mesh.vertices + 1e-2 * np.random.default_rng(0).standard_normal(mesh.vertices.shape)
+    step = np.random.default_rng(1).standard_normal(mesh.vertices.shape)
+    slope = (shell.energy(x + 1e-5 * step) - shell.energy(x - 1e-5 * step)) / 2e-5
+    assert slope == pytest.approx(-np.vdot(shell.force(x), step), rel=1e-6)
+    change = (shell.force(x + 1e-5 * step) - shell.force(x - 1e-5 * step)) / 2e-5
+    expected = shell.stiffness(x) @ step.ravel()
+    np.testing.assert_allclose(-change.ravel(), expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    basis = ms.solve_modes(shell, 4)
+    assert basis.eigenvalues[0] > ms.solve_modes(ms.Shell(mesh, shell.material, shell.clamped), 4).eigenvalues[0]
+    basis.save(tmp_path / "basis.npz")
+    loaded = ms.Basis.load(tmp_path / "basis.npz")
+    assert loaded.shell.energy(x) == shell.energy(x)
+    ENERGIES.pop("fibres")
+    with pytest.raises(ms.FileFormatError, match="fibres"):
+        ms.Basis.load(tmp_path / "basis.npz")
+
+
+@pytest.mark.usefixtures("toy")
+def test_every_model_of_a_tradeoff_has_it(scene_text, tmp_path):
+    (tmp_path / "toy.toml").write_text(scene(scene_text, 4000.0, "mwts"))
+    command("tradeoff", tmp_path / "toy.toml", "--modes", "6", "--out", tmp_path / "out")
+    rows = json.loads((tmp_path / "out" / "toy_tradeoff.json").read_text())["findings"]["rows"]
+    errors = {row["label"]: row["worst_error"] for row in rows}
+    assert {"LMA 6", "MWTS 6", "RSW 6"} <= set(errors)
+    assert min(errors.values()) < 0.02
+
+
+@pytest.mark.usefixtures("toy")
+def test_its_table_is_checked_as_others_are(scene_text, tmp_path):
+    for wrong, message in (
+        ("[energies.fibres]\nstifness = 1.0\n", "energies.fibres.stifness: unknown key; did you mean 'stiffness'"),
+        ("[energies.fibres]\nstiffness = 'x'\n", "energies.fibres.stiffness: must be a number"),
+        ("[energies.fibers]\nstiffness = 1.0\n", "energies.fibers: unknown key; did you mean 'fibres'"),
+    ):
+        file = tmp_path / "wrong.toml"
+        file.write_text(scene_text(("[model]", f"{wrong}[model]")))
+        with pytest.raises(ms.SceneError) as refused:
+            ms.load_scene(file)
+        assert message in str(refused.value)
+
+
+def test_a_plugin_that_fails_is_named(tmp_path, monkeypatch, scene_file):
+    metadata = tmp_path / "broken-0.1.dist-info"
+    metadata.mkdir()
+    (metadata / "entry_points.txt").write_text("[modalshell]\nbroken = no_such_module\n")
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 0.1\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    load_plugins.cache_clear()
+    with pytest.raises(ms.OptionError, match=r"entry point 'broken' \(no_such_module\) cannot be imported"):
+        ms.load_scene(scene_file())
+    load_plugins.cache_clear()
+
+
+def test_cubature_chooses_among_the_elements_of_further_sets():
+    mesh = ms.v_beam(cells=(8, 4))
+    clamped = mesh.vertices[:, 0] < 0.13
+    half, whole = (ms.Shell(mesh, ms.Material(20.0, 20.0, flexure, 0.2), clamped) for flexure in (0.025, 0.05))
+    split = half.with_elements([*half.elements, replace(half.elements[2], name="more flexure")])
+    model = ms.ModalDerivatives(split, 3, cubature=True)
+    assert len(model.cubature.chosen) == 3
+    assert model.cubature.held_out_error < 0.05
+    answer = model.equilibrium(gravity=(0, 0, -1)).positions
+    truth = ms.ModalDerivatives(whole, 3).equilibrium(gravity=(0, 0, -1)).positions
+    assert ms.measure.displacement_error(answer, truth, mesh) < 0.02
