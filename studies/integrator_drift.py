@@ -27,9 +27,11 @@ from modalshell.integrators.state import Damping, Memory, MotionState
 from modalshell.kernels import rotations
 from modalshell.models.modal import ModalModel
 from modalshell.motion import Motion
+from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
 from modalshell.statics.least_potential import Statics
-from modalshell.study import StudyResult
+from modalshell.study import StudyResult, Table
+from studies.pages import number, numbers
 
 FIGURES = ("integrator_drift",)
 
@@ -138,7 +140,7 @@ class SummedWarp(ModalModel):
         assert isinstance(state.memory, SummedDisplacement)
         return np.asarray(self.shell.rest_positions + state.memory.displacement)
 
-    def fault(self, state: MotionState) -> str | None:
+    def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up, as the closed form does."""
         return self.closed.fault(state)
 
@@ -257,3 +259,15 @@ def table(result: StudyResult) -> str:
         for row in result.findings[scene]["motion"]:
             lines.append(f"| {scene} | 1/{1.0 / row['step']:.0f} | {row['sum']:.2e} | {row['closed_form']:.0e} |")
     return "\n".join(lines)
+
+
+def finding(tables: list[Table]) -> str:
+    """What the summed warp leaves at rest after one cycle."""
+    cycles, _ = tables
+    loops = [row for row in cycles if row["path"] == "loop"]
+    limits = [f"{100 * number(row['in the limit']):.2g} % of the length ({row['scene']})" for row in loops]
+    return (
+        f"After one cycle of two loads out of phase the warp that is summed step by step is off the rest shape by "
+        f"{' and '.join(limits)} however small the step; the closed form returns to it within "
+        f"{max(numbers(cycles, 'closed form, largest')):.0e}."
+    )

@@ -26,7 +26,7 @@ class DiscreteShell(FullModel):
     step_tolerance : float
         Out-of-balance force at which an implicit step's Newton stops, as a share of its load and inertia.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Attributes
     ----------

@@ -51,7 +51,7 @@ class ModalDerivatives(Model):
         Loads [N] to train on; every fourth is held out and only tells the error. Without it
         :func:`modalshell.reduction.cubature.default_loads`.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class ModalDerivatives(Model):
             found = follow(problem, self.basis.edge_change, None if start is None else self.coordinates_of(start))
         return Equilibrium(
             self._positions(found.z),
-            *verdict(found.residual, found.stable, found.converged),
+            *verdict(found.residual, found.stable),
             found.iterations,
             found.residual,
             found.stable,

@@ -41,7 +41,7 @@ class RotationStrain(TurnedTriangles):
     integrator : str or ModalIntegrator
         See :class:`ModalModel`.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
     """
 
     name = "RSW"

@@ -134,7 +134,7 @@ class ModalWarping(ModalModel):
         return np.asarray(self.basis.modes.T @ self._turned(blocks))
 
     def _turned(self, blocks: Array) -> Array:
-        """Derivatives by w (n, 3, 3) at every vertex as derivatives by q (3n, m), to be multiplied by modes or turns."""
+        """Derivatives by w (n, 3, 3) at every vertex as derivatives by q (3n, m)."""
         count_read(self.basis.rotations.nbytes + self.basis.modes.nbytes)
         count_products((3 + self.basis.count) * self.basis.modes.size)
         turns = self.basis.rotations.reshape(-1, 3, self.basis.count)
@@ -170,9 +170,9 @@ class ModalWarping(ModalModel):
             return Statics(q, residual, iterations, Outcome.UNSTABLE, message, stable)
         return Statics(q, residual, iterations, stable=True)
 
-    def fault(self, state: MotionState) -> str | None:
+    def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up: a vertex turned by more than 2 pi."""
-        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def _balance(self, y: Array, load: Array, root: Array) -> Array:
         """Out-of-balance ``y - p / sqrt(lambda)``."""
