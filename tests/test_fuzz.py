@@ -28,8 +28,8 @@ from fuzzing.harness import (
 
 import modalshell as ms
 from modalshell import atomic_io, cli
-from modalshell.mesh import file_checks, validation
 from modalshell.mesh import files as mesh_io
+from modalshell.mesh import polygon_files, validation
 from modalshell.scene import parts
 from modalshell.study import StudyResult
 
@@ -102,16 +102,16 @@ def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
 
 
 def crash(monkeypatch):
-    monkeypatch.setattr(file_checks, "_three_numbers", lambda words, _: [float(word) for word in words[:3]])
+    monkeypatch.setattr(polygon_files, "_three_numbers", lambda words, _: [float(word) for word in words[:3]])
 
 
 def hang(monkeypatch):
-    def clean(data, sound=mesh_io.clean_obj):
+    def read(data, sound=polygon_files.read_obj):
         while b"\\" in data:  # as if a continued line were read for ever
             pass
         return sound(data)
 
-    monkeypatch.setattr(mesh_io, "clean_obj", clean)
+    monkeypatch.setitem(mesh_io.POLYGONS, ".obj", read)
 
 
 def hang_that_swallows(monkeypatch):
