@@ -1,5 +1,6 @@
 """Thin shells from modal warping to discrete shells, and what each bit of accuracy costs."""
 
+from modalshell import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 from modalshell import measure
 from modalshell.compare import Advice, Tradeoff, advise, tradeoff
 from modalshell.constraints import OrientationConstraint, PositionConstraint

@@ -143,7 +143,7 @@ def settles_from_rest(model: ms.ModalWarping, gravity: np.ndarray, dt: float, da
     """Whether damped motion from the rest shape ends at the static answer, and not in a cycle or wound up."""
     factors = (damping.mass_factor, damping.stiffness_factor)
     run = ms.simulate(model, duration=2000 * dt, dt=dt, gravity=gravity, damping=factors, store_every=4)
-    return run.status == "completed"
+    return run.outcome.succeeded
 
 
 def numerical_damping(model: ms.LinearModal, dt: float, mode: int, damping: Damping) -> tuple[float, float]:

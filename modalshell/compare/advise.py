@@ -16,12 +16,17 @@ from modalshell.checks import checked_number
 from modalshell.compare.candidates import MODES
 from modalshell.compare.case import Case
 from modalshell.compare.path import Snap
-from modalshell.compare.runs import Row
+from modalshell.compare.runs import Measurement
 from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
 from modalshell.mesh import TriangleMesh
 from modalshell.scene import Scene
 from modalshell.shell import Shell
 from modalshell.typing import Progress
+
+NEAR_TIE = 1.25
+"""Counted costs of frames within this factor of the cheapest are ties, which go to the simplest rung."""
+RATE_MARGIN = 1.2
+"""Measured frames a second over those asked, from which a rung is fast enough: measured times scatter by this much."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +35,8 @@ class Advice:
 
     Attributes
     ----------
-    chosen : Row or None
-        The rung with the cheapest frame that meets both demands; None if none does.
+    chosen : Measurement or None
+        The simplest rung among those that meet both demands at nearly the cheapest frame; None if none does.
     error, frames_per_second : float
         What was asked.
     refused : dict
@@ -42,7 +47,7 @@ class Advice:
         What was found, in words.
     """
 
-    chosen: Row | None
+    chosen: Measurement | None
     error: float
     frames_per_second: float
     refused: dict[str, str]
@@ -50,7 +55,7 @@ class Advice:
     explanation: str
 
     @property
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[Measurement]:
         """Everything that was measured, cheapest frame first."""
         return self.measured.rows
 
@@ -88,15 +93,17 @@ def advise(
 ) -> Advice:
     """Find the cheapest rung and mode count that is as accurate and as fast as asked on a scene.
 
-    Every rung that the scene allows is run: static answers over the load range against DS, and frames of motion. Where
-    DS snaps, rungs whose elastic energy is quadratic in modes are refused whatever they measure.
+    Every rung that the scene allows is run: static answers over the load range against DS, and frames of motion. Rungs
+    are ranked by the counted work of a frame, which no machine changes; of those within :data:`NEAR_TIE` of the
+    cheapest the simplest is taken. Time counts only against ``fps``, by the margin :data:`RATE_MARGIN`. Where DS snaps,
+    rungs whose elastic energy is quadratic in modes are refused whatever they measure.
 
     Parameters
     ----------
     error : float
         Largest displacement error against DS over the load range, relative to how far DS moves.
     fps : float
-        Frames a second, on this machine.
+        Frames a second, on this machine; a rung must make :data:`RATE_MARGIN` times as many.
     scene, gravity, force, coarse, modes, loads, on_step
         See :func:`modalshell.compare.tradeoff.tradeoff`.
     """
@@ -110,11 +117,14 @@ def choose(measured: Tradeoff, error: float, fps: float) -> Advice:
     """The advice that follows from what was measured."""
     refused = refusals(measured)
     allowed = [row for row in measured.rows if row.label not in refused and row.worst_error is not None]
-    fitting = [row for row in allowed if _error(row) <= error and row.frames_per_second >= fps]
-    chosen = fitting[0] if fitting else None
+    fitting = [row for row in allowed if _error(row) <= error and row.frames_per_second >= RATE_MARGIN * fps]
+    ties = [row for row in fitting if row.cost <= NEAR_TIE * fitting[0].cost]
+    chosen = min(ties, key=lambda row: row.rank, default=None)
     text = _chosen_text(chosen, error, fps) if chosen else _none_text(allowed, error, fps)
     cheaper = measured.rows[: measured.rows.index(chosen)] if chosen else measured.rows
-    text += _faults(cheaper, refused, error)
+    text += _faults([row for row in cheaper if row not in ties], refused, error)
+    if also := [row.label for row in ties if row is not chosen]:
+        text.append(f"- Within {100 * (NEAR_TIE - 1):.0f} % of the same work, but less simple: {'; '.join(also)}.")
     return Advice(chosen, error, fps, refused, measured, "\n".join([*text, "", *_measured_text(measured)]))
 
 
@@ -130,11 +140,11 @@ def refusals(measured: Tradeoff) -> dict[str, str]:
     return refused
 
 
-def _error(row: Row) -> float:
+def _error(row: Measurement) -> float:
     return float("inf") if row.worst_error is None else row.worst_error
 
 
-def _chosen_text(row: Row, error: float, fps: float) -> list[str]:
+def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
     worst = _error(row)
     accuracy = "is the truth here" if row.rung == "DS" else f"is at most {100 * worst:.2g} % off DS"
     margin = "" if worst == 0.0 else f" (asked {100 * error:.3g} %: {error / worst:.2g} times better)"
@@ -145,18 +155,21 @@ def _chosen_text(row: Row, error: float, fps: float) -> list[str]:
     ]
 
 
-def _none_text(allowed: list[Row], error: float, fps: float) -> list[str]:
-    text = [f"No rung meets both an error of {100 * error:.3g} % and {fps:g} frames a second on this machine."]
+def _none_text(allowed: list[Measurement], error: float, fps: float) -> list[str]:
+    text = [
+        f"No rung meets both an error of {100 * error:.3g} % and {fps:g} frames a second on this machine, "
+        f"with a margin of {100 * (RATE_MARGIN - 1):.0f} % in the rate."
+    ]
     accurate = [row for row in allowed if _error(row) <= error]
     if accurate:
-        text.append(f"As accurate, the fastest is {accurate[0].label}: {accurate[0].frames_per_second:.3g} a second.")
-    fast = sorted((row for row in allowed if row.frames_per_second >= fps), key=_error)
+        text.append(f"As accurate, the cheapest is {accurate[0].label}: {accurate[0].frames_per_second:.3g} a second.")
+    fast = sorted((row for row in allowed if row.frames_per_second >= RATE_MARGIN * fps), key=_error)
     if fast:
         text.append(f"As fast, the most accurate is {fast[0].label}: {100 * _error(fast[0]):.3g} % off DS.")
     return text
 
 
-def _faults(rows: list[Row], refused: dict[str, str], error: float) -> list[str]:
+def _faults(rows: list[Measurement], refused: dict[str, str], error: float) -> list[str]:
     """Why ``rows`` were not taken, those with one reason on one line."""
     text = []
     reasons: dict[str, list[str]] = {}
@@ -185,7 +198,8 @@ def _measured_text(measured: Tradeoff) -> list[str]:
     shares = ", ".join(f"{path.factors[k]:g}" for k in path.known)
     text = [
         f"Measured: static answers of {len(measured.rows)} rungs at {shares} of the load against DS on the same mesh "
-        f"({len(case.shell.rest_positions)} vertices), and the median of frames of {1000 * case.dt:.3g} ms in motion."
+        f"({len(case.shell.rest_positions)} vertices), and frames of {1000 * case.dt:.3g} ms in motion: their "
+        "counted work, the same on every machine, ranks the rungs; their median time is held against the frame rate."
     ]
     if unknown := [f"{path.factors[k]:g}" for k in range(len(path.factors)) if k not in path.known]:
         text.append(f"DS found no equilibrium at {', '.join(unknown)} of the load, which are left out of the errors.")

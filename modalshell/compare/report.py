@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from modalshell.compare.runs import ANSWER_FRAMES
 from modalshell.outcome import Outcome
 
 _HEADS = (
-    *("rung", "ms a frame", "statics [s]", "preprocessing [s]", "worst error", "at the largest load", "area"),
+    *("rung", "elements", "solves", "kB read", "ms a frame", "statics [s]", "preprocessing [s]", "time to answer [s]"),
+    *("worst error", "at the largest load", "area"),
     *("tip turn", "first frequency"),
 )
 
@@ -19,8 +21,10 @@ def markdown_table(found: dict[str, Any]) -> str:
     heads = [*_HEADS, *(["outside solution"] if outside else []), "notes"]
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
     for row in found["rows"]:
-        cells = [f"**{row['label']}**" if row["front"] else row["label"], f"{row['frame_ms']:.3g}"]
-        cells += [f"{row['statics']:.2g}", f"{row['preprocessing']:.2g}"]
+        cells = [f"**{row['label']}**" if row["front"] else row["label"]]
+        cells += [f"{row['elements']:.0f}", f"{row['solves']:.3g}", f"{row['bytes_read'] / 1000.0:.0f}"]
+        cells += [f"{row['frame_ms']:.3g}", f"{row['statics']:.2g}", f"{row['preprocessing']:.2g}"]
+        cells += [f"{row['answer_seconds']:.2g}"]
         cells += [percent(row["worst_error"]), percent(row["final_error"]), percent(_last(row["area_errors"]), "+.2f")]
         turn, frequency = _last(row["tip_turns"]), row["frequency"]
         cells += ["-" if turn is None else f"{turn:.1f}°", "-" if frequency is None else f"{frequency:.3f}"]
@@ -29,7 +33,9 @@ def markdown_table(found: dict[str, Any]) -> str:
     shares = ", ".join(f"{factor:g}" for factor in found["load_factors"])
     lines += [
         "",
-        f"{found['vertices']} vertices; static answers at {shares} of the load, in the time named statics. Errors are "
+        f"{found['vertices']} vertices; static answers at {shares} of the load, in the time named statics. Element "
+        "evaluations, solves and bytes of model data are those of a frame, the same on every machine; they order the "
+        f"rows. The time to answer is that of preprocessing and {ANSWER_FRAMES} frames. Errors are "
         "of displacement against DS, area less that of DS, frequency over that of DS at rest; in bold what no cheaper "
         "frame matches in error.",
     ]

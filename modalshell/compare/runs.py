@@ -15,26 +15,34 @@ from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
+from modalshell.work import Work, counted
 
 _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
-_FRAME_BUDGET = 4.0
-"""Seconds after which no more frames are timed."""
+_FRAME_BUDGET = 4e6
+"""Counted cost [reference microseconds] after which no more frames are run: as many on every machine."""
+ANSWER_FRAMES = 600
+"""Frames of the time to answer: ten seconds at sixty a second."""
 
 
 @dataclass(frozen=True)
-class Row:
+class Measurement:
     """One rung at one size, measured.
 
     Attributes
     ----------
     rung, size, label : str
         Which one.
+    rank : int
+        Its place on the ladder, simplest rung first.
     quadratic : bool
         Whether its elastic energy is quadratic in modes about rest.
     preprocessing : float
         Time to build the model [s], its modes included.
     frame_ms : float
-        Median time of a step and its positions [ms], in motion from rest under the whole load.
+        Median time of a step and its positions [ms], in motion from rest under the whole load; without the time that
+        the process waits for a processor.
+    work : Work
+        Mean counted work of such a frame; its cost ranks the rungs.
     statics : float
         Time of all static answers [s].
     errors : list of float or None
@@ -61,9 +69,11 @@ class Row:
     rung: str
     size: str
     label: str
+    rank: int
     quadratic: bool
     preprocessing: float
     frame_ms: float
+    work: Work
     statics: float
     errors: list[float | None]
     area_errors: list[float | None]
@@ -81,6 +91,31 @@ class Row:
         return 1000.0 / self.frame_ms
 
     @property
+    def answer_seconds(self) -> float:
+        """Time to answer [s]: preprocessing and :data:`ANSWER_FRAMES` frames."""
+        return self.preprocessing + ANSWER_FRAMES * self.frame_ms / 1000.0
+
+    @property
+    def elements(self) -> float:
+        """Element evaluations in a frame."""
+        return self.work.elements
+
+    @property
+    def solves(self) -> float:
+        """Right sides solved for in a frame, each with a sparse factor."""
+        return self.work.solves
+
+    @property
+    def bytes_read(self) -> float:
+        """Bytes of model data read in a frame."""
+        return self.work.bytes_read
+
+    @property
+    def cost(self) -> float:
+        """Counted cost of a frame [reference microseconds]."""
+        return self.work.cost
+
+    @property
     def worst_error(self) -> float | None:
         """Largest error over the load range; None if the rung has no answer at a load where DS has one."""
         known = [error for error in self.errors if error is not None]
@@ -94,8 +129,8 @@ class Row:
 
 
 def measure_row(
-    candidate: Candidate, workshop: Workshop, path: LoadPath, tip: int, outside: Array | None = None
-) -> Row:
+    candidate: Candidate, rank: int, workshop: Workshop, path: LoadPath, tip: int, outside: Array | None = None
+) -> Measurement:
     """Build the rung, find its answers at the loads of ``path``, and time its frames.
 
     ``tip`` is the vertex whose turn is told; ``outside`` (n, 3) [m] an outside solution under the whole load.
@@ -116,7 +151,7 @@ def measure_row(
         errors.append(measure.displacement_error(answer.positions, exact.positions, shell) if both else None)
         areas.append(area_difference(answer, exact, mesh) if both else None)
         turns.append(turn_at(answer.positions, mesh, tip) if answer.converged else None)
-    frame_ms, motion = timed_frames(model, case)
+    frame_ms, work, motion = timed_frames(model, case)
     known = path.known
     frequency = None
     if known and answers[known[-1]].converged:
@@ -124,13 +159,15 @@ def measure_row(
         found = model.tangent_eigenvalue(answers[known[-1]], factor * case.load)
         frequency = None if found is None else float(np.sqrt(max(found, 0.0) / path.lowest))
     missed = any(not answers[k].converged for k in known) or motion.startswith("diverged")
-    return Row(
+    return Measurement(
         candidate.rung,
         candidate.size,
         candidate.label,
+        rank,
         candidate.quadratic,
         preprocessing,
         frame_ms,
+        work,
         statics,
         errors,
         areas,
@@ -162,22 +199,25 @@ def turn_at(positions: Array, mesh: TriangleMesh, vertex: int) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after)))
 
 
-def timed_frames(model: Model, case: Case) -> tuple[float, str]:
-    """Median time of a frame [ms] in motion from rest under the whole load, and how that motion went."""
+def timed_frames(model: Model, case: Case) -> tuple[float, Work, str]:
+    """Median time [ms] and mean counted work of a frame in motion from rest under the whole load, and how that went."""
     state = model.start_motion()
     times: list[float] = []
     failed = 0
-    with np.errstate(over="ignore", invalid="ignore"):
-        for count in range(_UNTIMED + _FRAMES):
-            begin = time.perf_counter()
+    motion = ""
+    with np.errstate(over="ignore", invalid="ignore"), counted() as work:
+        for count in range(1, _UNTIMED + _FRAMES + 1):
+            begin, began = time.perf_counter(), time.process_time()
             state, converged = model.step(state, case.dt, case.load, case.damping)
             positions = model.positions(state)
-            if count >= _UNTIMED:
-                times.append(time.perf_counter() - begin)
+            # On a busy machine the processor's time is the smaller one, with several threads the wall's.
+            times.append(min(time.perf_counter() - begin, time.process_time() - began))
             failed += not converged
             if not np.isfinite(positions.sum()):
-                return 1000.0 * float(np.median(times or [np.inf])), f"diverged at frame {count + 1}"
-            if len(times) >= _FEWEST and sum(times) > _FRAME_BUDGET:
+                motion = f"diverged at frame {count}"
                 break
-    motion = f"{failed} of {count + 1} steps did not converge" if failed else "completed"
-    return 1000.0 * float(np.median(times)), motion
+            if count >= _UNTIMED + _FEWEST and work.cost > _FRAME_BUDGET:
+                break
+    if not motion:
+        motion = f"{failed} of {count} steps did not converge" if failed else "completed"
+    return 1000.0 * float(np.median(times[_UNTIMED:] or [np.inf])), work.per(count), motion

@@ -19,7 +19,7 @@ from modalshell.compare.case import Case, CoarseMesh, make_case
 from modalshell.compare.draw import draw_fronts, draw_shapes
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import markdown_table
-from modalshell.compare.runs import Row, measure_row
+from modalshell.compare.runs import Measurement, measure_row
 from modalshell.errors import FileFormatError, ModalShellError, OptionError
 from modalshell.mesh import TriangleMesh, flat_beam, load_mesh
 from modalshell.provenance import run_record
@@ -35,6 +35,7 @@ _GAIN = 0.02
 
 _FINDINGS = (
     *("rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
+    *("elements", "solves", "bytes_read", "cost", "answer_seconds", "rank"),
     *("statuses", "frequency", "motion", "worst_error", "final_error", "outside_error"),
 )
 """What of a row goes to the findings."""
@@ -50,8 +51,8 @@ class Tradeoff:
         What was run.
     path : LoadPath
         DS over the load range, and whether it snaps.
-    rows : list of Row
-        Cheapest frame first.
+    rows : list of Measurement
+        Cheapest frame first, by counted cost.
     left_out : dict
         Rungs that were not run, and why.
     tip : int
@@ -62,16 +63,16 @@ class Tradeoff:
 
     case: Case
     path: LoadPath
-    rows: list[Row]
+    rows: list[Measurement]
     left_out: dict[str, str]
     tip: int
     outside: Array | None = field(default=None, repr=False)
 
-    def error_of(self, row: Row) -> float | None:
+    def error_of(self, row: Measurement) -> float | None:
         """The error that rungs are judged by: the worst over the load range, or against the outside solution."""
         return row.worst_error if self.outside is None else row.outside_error
 
-    def front(self) -> list[Row]:
+    def front(self) -> list[Measurement]:
         """The rows that no cheaper one matches in error, cheapest first; tiny gains do not count."""
         best, found = np.inf, []
         for row in self.rows:
@@ -180,13 +181,13 @@ def _measured(
     tip = int(np.argmax(np.linalg.norm(last - case.shell.rest_positions, axis=1)))
     rows = []
     workshop = Workshop(case)
-    for candidate in chosen:
+    for rank, candidate in enumerate(chosen):
         try:
-            rows.append(measure_row(candidate, workshop, path, tip, outside))
+            rows.append(measure_row(candidate, rank, workshop, path, tip, outside))
         except ModalShellError as error:
             left_out[candidate.label] = str(error)
         advance()
-    rows.sort(key=lambda row: row.frame_ms)
+    rows.sort(key=lambda row: row.cost)  # stable: of equals the simpler one, first on the ladder
     return Tradeoff(case, path, rows, left_out, tip, outside)
 
 

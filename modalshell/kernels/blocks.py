@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
+from modalshell.kernels.compiler import njit
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@njit(error_model="numpy", fastmath={"contract", "reassoc"})
 def multiply(indptr: Any, indices: Any, data: Any, vectors: Any, out: Any) -> None:
     """Write ``A vectors`` into ``out`` (3n, r), A in CSR form with the columns of each vertex together, in order."""
     count = vectors.shape[1]

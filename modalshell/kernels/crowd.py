@@ -11,10 +11,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange, types
+from numba import prange, types
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import HALF_DOUBLE, HALF_SINGLE, MIDDLE, THIRD_DOUBLE, THIRD_SINGLE, TILE
 from modalshell.kernels.packed import BYTES, any_above, larger, load, spread, store, store_triples, total
 from modalshell.kernels.rotations import coefficients
@@ -27,8 +28,8 @@ CHUNK = 32
 
 _LIMIT = 2.0 * MIDDLE
 
-_kernel = njit(cache=True, error_model="numpy", fastmath=False)
-_inline = njit(cache=True, error_model="numpy", fastmath=False, forceinline=True)
+_kernel = njit(error_model="numpy", fastmath=False)
+_inline = njit(error_model="numpy", fastmath=False, forceinline=True)
 
 
 def powers(dtype: Any) -> NDArray[Any]:
@@ -289,7 +290,7 @@ def crowd_forces(begin, end, order, modal, mass, q, powers, felt, work, out):  #
                         out[b, mode] += total(sum_b)
 
 
-@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
+@njit(error_model="numpy", fastmath=False, parallel=True)
 def crowd_positions_parallel(level, order, modal, rest, q, powers, poses, work, out):  # type: ignore[no-untyped-def]
     """:func:`crowd_positions` over as many equal parts of the chunks as ``work`` has rows, each on a thread."""
     parts, chunks = work.shape[0], (order.size + CHUNK - 1) // CHUNK
@@ -298,7 +299,7 @@ def crowd_positions_parallel(level, order, modal, rest, q, powers, poses, work, 
         crowd_positions(begin, end, level, order, modal, rest, q, powers, poses, work[part], out)
 
 
-@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
+@njit(error_model="numpy", fastmath=False, parallel=True)
 def crowd_forces_parallel(order, modal, mass, q, powers, felt, work, out):  # type: ignore[no-untyped-def]
     """:func:`crowd_forces` over as many equal parts of the chunks as ``work`` has rows, each on a thread."""
     parts, chunks = work.shape[0], (order.size + CHUNK - 1) // CHUNK

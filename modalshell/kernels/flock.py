@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from modalshell.kernels.compiler import njit
 
 SUMS = 10
 """Numbers a boid gathers: separation, sum of directions, sum of positions (three each), count of neighbours."""
 
-_kernel = njit(cache=True, error_model="numpy", fastmath=False)
+_kernel = njit(error_model="numpy", fastmath=False)
 
 
 _CHUNK = 128
@@ -132,7 +134,7 @@ def gather_places(first, last, bits, keys, starts, order, positions, directions,
                     _gather(near, squared, at, heading, begin, end, positions, directions, reach, cosine, own)
 
 
-@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
+@njit(error_model="numpy", fastmath=False, parallel=True)
 def gather_places_parallel(parts, bits, keys, starts, order, positions, directions, reach, cosine, sums):  # type: ignore[no-untyped-def]
     """:func:`gather_places` over as many equal parts, each on a thread."""
     count = positions.shape[1]

@@ -14,9 +14,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit, prange, types
+from numba import prange, types
 from numba.extending import overload
 
+from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients
 
 TILE = 128
@@ -86,7 +87,7 @@ THIRD_SINGLE = tuple(
 
 # Not "nnan" nor "ninf": coordinates that are not finite must come out as such.
 FASTMATH = {"contract", "reassoc", "nsz", "arcp"}
-_kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
+_kernel = njit(error_model="numpy", fastmath=FASTMATH)
 
 
 def polynomials(squared: Any) -> Any:
@@ -167,7 +168,7 @@ def warp_frame(modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     warp_tiles(0, modal.shape[0], modal, rest, q, work[0], out)
 
 
-@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
+@njit(error_model="numpy", fastmath=False, parallel=True)
 def warp_frame_parallel(modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     """:func:`warp_tiles` over as many equal parts as ``work`` (parts, WORK) has rows, each on a thread."""
     parts = work.shape[0]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from numba import njit
+from modalshell.kernels.compiler import njit
 
 
-@njit(cache=True, error_model="numpy", fastmath=False)
+@njit(error_model="numpy", fastmath=False)
 def fill(starts, others, lower, blocks, weight, free, values):  # type: ignore[no-untyped-def]
     """Write the blocks of every row into ``values`` (springs + rows, 3, 3), the diagonal one after the ``lower`` ones.
 

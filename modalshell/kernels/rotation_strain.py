@@ -26,8 +26,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
+from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import FASTMATH, TILE, polynomials
 from modalshell.kernels.rotations import coefficients
 
@@ -37,7 +36,7 @@ WORK = 14 * TILE
 _TINY = 1e-30
 _LIMIT = 39.0  # (2 pi)^2 and a little less: what the polynomials serve
 
-_kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
+_kernel = njit(error_model="numpy", fastmath=FASTMATH)
 
 
 @_kernel

@@ -17,10 +17,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from modalshell.kernels.compiler import njit
 
 # Said outright: without it a kernel is compiled, and cached, with the fastmath flags of whichever caller came first.
-_kernel = njit(cache=True, error_model="numpy", fastmath=False)
+_kernel = njit(error_model="numpy", fastmath=False)
 
 _TERMS = 9
 _EVEN, _ODD = (tuple((-1.0) ** k / math.factorial(2 * k + s) for k in reversed(range(_TERMS))) for s in (2, 3))
@@ -70,7 +71,7 @@ def _large_angle(x, y, z):  # type: ignore[no-untyped-def]
     return sine / angle, 2.0 * half_sine * half_sine / squared, (angle - sine) / (squared * angle)
 
 
-@njit(cache=True, error_model="numpy", fastmath=False, forceinline=True)
+@njit(error_model="numpy", fastmath=False, forceinline=True)
 def coefficients(x, y, z):  # type: ignore[no-untyped-def]
     """c1, c2, c3 of the rotation vector (x, y, z): half angles and a series where subtraction would cancel."""
     squared = x * x + y * y + z * z

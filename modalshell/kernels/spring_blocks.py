@@ -12,15 +12,16 @@ from __future__ import annotations
 
 import math
 
-from numba import njit, prange
+from numba import prange
 
+from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import FASTMATH
 
 PARTS = 64
 """Runs of particles that the work is cut into, whatever the threads."""
 
-_kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
-_threaded = njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
+_kernel = njit(error_model="numpy", fastmath=FASTMATH)
+_threaded = njit(error_model="numpy", fastmath=False, parallel=True)
 
 
 @_kernel
@@ -204,7 +205,7 @@ def move(factor, step, x):  # type: ignore[no-untyped-def]
         _move(k * n // PARTS, (k + 1) * n // PARTS, factor, step, x)
 
 
-@njit(cache=True, error_model="numpy", fastmath=False)
+@njit(error_model="numpy", fastmath=False)
 def scatter(order, values, out):  # type: ignore[no-untyped-def]
     """``out[order[k]] = values[k]``, rows of three."""
     for k in range(order.size):

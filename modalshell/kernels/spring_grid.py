@@ -13,9 +13,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, prange, types
+from numba import prange, types
 from numba.extending import overload
 
+from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import FASTMATH
 
 TILE = 1024
@@ -36,7 +37,7 @@ _RIGHT, _LEFT = _ROW, 2 * _ROW
 # Gates of the springs one and two columns to the right, and one to the left.
 _GATE_NEAR, _GATE_FAR, _GATE_LEFT = 0, _PITCH, 2 * _PITCH
 
-_kernel = njit(cache=True, error_model="numpy", fastmath=FASTMATH)
+_kernel = njit(error_model="numpy", fastmath=FASTMATH)
 
 
 def inverse_root(squared: Any) -> Any:
@@ -204,7 +205,7 @@ def _rows(first_row, last_row, x, before, coefficients, gravity, keep, tiny, pin
                             before[axis, row, column] = x[axis, row, column]
 
 
-@njit(cache=True, error_model="numpy", fastmath=False, parallel=True)
+@njit(error_model="numpy", fastmath=False, parallel=True)
 def verlet_steps(count, x, before, coefficients, gravity, keep, tiny, pin_starts, pin_columns, work):  # type: ignore[no-untyped-def]
     """Take ``count`` Verlet steps on as many parts as ``work`` (parts, WORK) has rows.
 

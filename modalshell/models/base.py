@@ -227,8 +227,8 @@ class Model(ABC):
         """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
         return 0.0
 
-    def fault(self, state: MotionState) -> str | None:  # noqa: ARG002 (most rungs have none)
-        """What is wrong with a state that has left what the model can describe, in words; None if nothing is."""
+    def fault(self, state: MotionState) -> Outcome | None:  # noqa: ARG002 (most rungs have none)
+        """What is wrong with a state that has left what the model can describe; None if nothing is."""
         return None
 
     def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)

@@ -22,7 +22,10 @@ from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.poisson import PoissonFit
 from modalshell.shell import Material, Shell
 from modalshell.typing import Array, Index
+from modalshell.work import count_products
 
+_PROLONGED = 10_000
+"""Operations that carrying positions to the fine mesh takes for each triangle of either mesh."""
 _NEAR = 12
 """Coarse triangles, by their centres, among which the one under a fine point is looked for."""
 _APART = 0.2
@@ -112,6 +115,7 @@ class CoarseDiscreteShell(Model):
     def carried_up(self, positions: Array) -> Array:
         """Fine positions (n, 3) [m] from coarse ones."""
         coarse = self.coarse.shell
+        count_products(_PROLONGED * len(self._rest_frames) + _PROLONGED * len(self._fine_frames))
         gradients = _frames(positions, coarse.mesh.faces) @ np.linalg.inv(self._rest_frames)
         left, stretch, right = np.linalg.svd(gradients)
         mirrored = np.linalg.det(left @ right) < 0.0  # of triangles that have collapsed: their third stretch is zero

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Literal, get_args
@@ -13,28 +14,16 @@ from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.errors import OptionError, SolverError
 from modalshell.models.base import Damping, Equilibrium, Model, MotionState
 from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue
-from modalshell.shell import EXACT, Shell
+from modalshell.shell import Shell
 from modalshell.statics.boundary import lead
-from modalshell.statics.newton import (
-    NewtonResult,
-    Potential,
-    descend,
-    is_minimum,
-    mixed_newton,
-    solve,
-    warped_step,
-)
+from modalshell.statics.full import equilibrium, scale_of
+from modalshell.statics.newton import NewtonResult, Potential, solve
+from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
 from modalshell.timings import Timings
 from modalshell.typing import Array, Index
 
 Integrator = Literal["implicit", "linear_implicit", "explicit", "verlet"]
-
-_STEP_TURN = 0.8
-"""Turn of a vertex [rad] that one load step may predict."""
-_LOAD_STEPS = 200
-_LOOSE = 1e-3
-_SMALLEST_TRUST = 1.0 / 300.0
 
 
 class FullModel(Model):
@@ -92,17 +81,25 @@ class FullModel(Model):
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         before = dict(self.costs)
-        if constraints:
-            patches = held_patches(constraints, self.shell)
-            first = self.shell.rest_positions if start is None else self._held(start)
-            # The load comes with the first step: a loose shell may have no rest of its own under it.
-            result = lead(self.shell, load, first, patches, Factoriser(self._factoriser.backend), self.costs)
-        else:
-            with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-                result = self._free_statics(load, start)
+        patches = held_patches(constraints, self.shell) if constraints else []
+        first = None if start is None else self._held(start)
+        # About the origin, where coordinates have the smallest rounding.
+        model = copy.copy(self)
+        model.shell, origin = self.shell.centred()
+        if origin.any() and first is not None:
+            first = first - origin
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+            if patches:
+                # The load comes with the first step: a loose shell may have no rest of its own under it.
+                result = lead(
+                    model.shell, load, first, patches, origin, Factoriser(self._factoriser.backend), self.costs
+                )
+            else:
+                problem = model._statics(load)
+                result = refine(problem, model._free_statics(problem, first), scale_of(problem, first))
         return Equilibrium(
-            result.positions,
-            *verdict(result.residual, result.stable, result.converged),
+            result.positions + origin if origin.any() else result.positions,
+            *verdict(result.residual, result.stable, limited=result.limited),
             result.iterations,
             result.residual,
             result.stable,
@@ -110,24 +107,9 @@ class FullModel(Model):
             constraint_residuals=np.zeros(len(constraints)),
         )
 
-    def _free_statics(self, load: Array, start: Array | None) -> NewtonResult:
-        """Equilibrium without constraints, the whole load at once from a start or in steps from rest."""
-        problem = self._statics(load)
-        iterations = 0
-        if start is not None:
-            first = self._held(start)
-            scale = problem.scale or float(np.linalg.norm(problem.residual(first))) or 1.0
-            result = mixed_newton(problem, first, scale)
-            if is_minimum(problem, result):
-                return result
-            iterations = result.iterations
-            if problem.scale == 0.0:
-                result = descend(problem, first, scale)
-                result.iterations += iterations
-                return result
-        followed = self._follow(load, problem.scale or 1.0)
-        followed.iterations += iterations
-        return followed
+    def _free_statics(self, problem: Potential, start: Array | None) -> NewtonResult:
+        """Equilibrium without constraints."""
+        return equilibrium(problem, start)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
@@ -152,50 +134,6 @@ class FullModel(Model):
 
     def _statics(self, load: Array) -> Potential:
         return Potential(self.shell, load, self.shell.rest_positions, self._factoriser, self.costs)
-
-    def _follow(self, load: Array, scale: float) -> NewtonResult:
-        """Load continuation from rest along tangents, each step as long as :data:`_STEP_TURN` allows."""
-        shell = self.shell
-        x, factor, trust, iterations, steps = shell.rest_positions, 0.0, 1.0, 0, 0
-        push = load.ravel()[shell.free_unknowns]
-        tangent: Array | None = None
-        while True:
-            steps += 1
-            if steps > _LOAD_STEPS:
-                trust = 0.0
-            target, guess, stresses = factor, x, None
-            try:
-                if trust < _SMALLEST_TRUST:
-                    raise SolverError("the branch has ended")
-                if tangent is None:  # at rest; later the factor that showed a minimum gives it
-                    problem = self._statics(load)
-                    tangent = problem.step(problem.factor(problem.linearise(x, EXACT)[1]), -push)
-                    iterations += 1
-                guess, moved, share = warped_step(shell, x, (1.0 - factor) * tangent, trust * _STEP_TURN)
-                target = factor + share * (1.0 - factor) if share < 0.999 else 1.0
-                stresses = shell.predicted_stresses(x, moved)
-            except SolverError:
-                trust = 0.0
-            last = target == 1.0
-            problem = self._statics(target * load)
-            if trust >= _SMALLEST_TRUST:
-                goal = {} if last else {"goal": _LOOSE}
-                result = mixed_newton(problem, guess, scale, limit=25, stresses=stresses, **goal)
-                iterations += result.iterations
-            if trust < _SMALLEST_TRUST or not is_minimum(problem, result):
-                trust *= 0.25
-                if trust >= _SMALLEST_TRUST:
-                    continue
-                # The branch ends here: go downhill to wherever the shell comes to rest under the whole load.
-                problem = self._statics(load)
-                result = descend(problem, x, scale)
-                result.iterations += iterations
-                return result
-            x, factor, trust = result.positions, target, min(1.0, 2.0 * trust)
-            if last:
-                return NewtonResult(x, result.residual, iterations, True, stable=True)
-            if result.factor is not None:  # a dead load leaves the Hessian alone: the minimum's serves the next step
-                tangent = problem.step(result.factor, -push)
 
     def stable_step(self, damping: Damping | None = None) -> float:
         """Largest stable step of explicit Euler, or of Verlet if that is the integrator, at the rest shape [s].

@@ -7,6 +7,7 @@ import numpy as np
 from modalshell.models.modal import ModalModel
 from modalshell.statics.least_potential import Statics
 from modalshell.typing import Array, Index
+from modalshell.work import count_read
 
 
 class LinearModal(ModalModel):
@@ -20,10 +21,12 @@ class LinearModal(ModalModel):
 
     def displacement(self, q: Array) -> Array:
         """Displacements ``Phi q`` (n, 3) [m]."""
+        count_read(self.basis.modes.nbytes)
         return np.asarray(self.basis.modes @ q).reshape(-1, 3)
 
     def modal_force(self, q: Array, load: Array) -> Array:  # noqa: ARG002 (the same at every q)
         """Modal force ``Phi^T f`` (m,)."""
+        count_read(self.basis.modes.nbytes)
         return np.asarray(self.basis.modes.T @ load.ravel())
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:

@@ -19,6 +19,7 @@ from modalshell.reduction.reduced_newton import ReducedPotential, descend, follo
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.verdict import verdict
 from modalshell.typing import Array
+from modalshell.work import count_read
 
 _STEP_GOAL = 1e-6
 """Out-of-balance force, as a share of load and inertia, at which an implicit step's Newton stops."""
@@ -102,7 +103,7 @@ class ModalDerivatives(Model):
             found = follow(problem, self.basis.edge_change, None if start is None else self.coordinates_of(start))
         return Equilibrium(
             self._positions(found.z),
-            *verdict(found.residual, found.stable, found.converged),
+            *verdict(found.residual, found.stable),
             found.iterations,
             found.residual,
             found.stable,
@@ -152,4 +153,5 @@ class ModalDerivatives(Model):
         return self.energy.value(state.coordinates)
 
     def _positions(self, z: Array) -> Array:
+        count_read(self._vectors.nbytes)
         return np.asarray(self.shell.rest_positions + (self._vectors @ z).reshape(-1, 3))

@@ -14,6 +14,7 @@ from modalshell.models.base import MotionState
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.typing import Array, Index
+from modalshell.work import count_read
 
 _CANDIDATES = 2000
 _FEATURES = 96
@@ -125,6 +126,7 @@ class ReducedRotationStrain(TurnedTriangles):
 
     def displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the reduced surface."""
+        count_read(self._modal.nbytes + self._map.nbytes + self._expansion.nbytes)
         sampled = np.empty((1, 6 * TILE))
         kernel.deformations(self._modal, q, np.empty(kernel.WORK), sampled)
         amounts = np.concatenate([q, self._map @ sampled[0]])

@@ -16,6 +16,7 @@ from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.modes import Basis
 from modalshell.reduction.poisson import PoissonFit
 from modalshell.typing import Array
+from modalshell.work import count_read
 
 _Scalar = TypeVar("_Scalar", np.float64, np.int64)
 
@@ -61,6 +62,7 @@ class RotationStrain(TurnedTriangles):
 
     def displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the fitted surface."""
+        count_read(self._modal.nbytes + self._shape.nbytes)
         right_side = np.empty((self._fit.rows, 3))
         kernel.spread(self._modal, self._shape, self._corners, q, np.empty(kernel.WORK), right_side)
         return self._fit.displacement(right_side, self._centres @ q)

@@ -12,8 +12,10 @@ from modalshell.kernels.frame import TILE
 from modalshell.models.base import MotionState
 from modalshell.models.modal import Integrator, ModalModel
 from modalshell.modes import Basis
+from modalshell.outcome import Outcome
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
+from modalshell.work import count_read
 
 _PATCHES_KEPT = 16
 
@@ -94,6 +96,7 @@ class TurnedTriangles(ModalModel):
         return self.shell.rest_positions[vertices].mean(axis=0) + np.array(moved), np.array(jacobian)
 
     def _work_of(self, adjoint: LoadAdjoint, q: Array) -> tuple[float, Array]:
+        count_read(self._modal.nbytes + adjoint.gradients.nbytes)
         force = adjoint.constant.copy()
         work = kernel.potential(self._modal, adjoint.gradients, q, np.empty(kernel.WORK), force)
         return float(work + adjoint.constant @ q), force
@@ -108,9 +111,9 @@ class TurnedTriangles(ModalModel):
         """Largest rotation angle of a triangle [rad] at q."""
         return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
 
-    def fault(self, state: MotionState) -> str | None:
+    def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up: a triangle turned by more than 2 pi."""
-        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         return least_potential(self, load, start)

@@ -109,13 +109,12 @@ class SpringSheet(FullModel):
             backend=self._factoriser.backend,
         )
 
-    def _free_statics(self, load: Array, start: Array | None) -> NewtonResult:
+    def _free_statics(self, problem: Potential, start: Array | None) -> NewtonResult:
         """As of DS; where Newton fails the sheet is let swing out first, then Newton goes on from there.
 
         The energies of flat sheets are quartic in bending, with minima that Newton's steps miss.
         """
-        found = super()._free_statics(load, start)
-        problem = self._statics(load)
+        found = super()._free_statics(problem, start)
         if found.converged or problem.scale == 0.0:
             return found
         relaxed, steps = self._relaxed(problem, start)

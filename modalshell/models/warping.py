@@ -19,12 +19,15 @@ from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
+from modalshell.work import count_products, count_read
 
 _TOLERANCE = 1e-9
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
 _NEWTON_LIMIT = 12
 _DIFFERENCE = 1e-5
 """Turn [rad] over which the modal force is differenced."""
+_DERIVATIVES = 600
+"""Operations of a vertex's warp with the derivatives of its work."""
 _LOAD_TURN = 0.5
 """Turn of a vertex [rad] that one load step may predict."""
 
@@ -75,10 +78,12 @@ class ModalWarping(ModalModel):
 
     def rotation_vectors(self, q: Array) -> Array:
         """Rotation vectors of the vertices (n, 3) [rad]."""
+        count_read(self.basis.rotations.nbytes)
         return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
 
     def displacement(self, q: Array) -> Array:
         """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
+        count_read(self.basis.modes.nbytes)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
         out = np.empty_like(linear)
         rotations.warp(self.rotation_vectors(q), linear, 1.0, out)
@@ -90,6 +95,7 @@ class ModalWarping(ModalModel):
             return self.shell.rest_positions + state.carried
         if self._frame is None:  # at first use: it holds a second copy of the modal data
             self._frame = WarpFrame(self.basis)
+        count_read(self._frame.bytes_read)
         return self._frame.positions(state.coordinates)
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
@@ -123,12 +129,15 @@ class ModalWarping(ModalModel):
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
         if self.consistent_force:
             return self.work(q, load)[1]
+        count_read(self.basis.modes.nbytes)
         rotated = np.empty_like(load)
         rotations.rotate(self.rotation_vectors(q), load, -1.0, rotated)
         return np.asarray(self.basis.modes.T @ rotated.ravel())
 
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
+        count_read(2 * self.basis.modes.nbytes + self.basis.rotations.nbytes)
+        count_products(_DERIVATIVES * len(load))
         w = self.rotation_vectors(q)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
         averaged, slope = np.empty_like(load), np.empty_like(load)
@@ -181,9 +190,9 @@ class ModalWarping(ModalModel):
             return Statics(q, residual, iterations, Outcome.UNSTABLE, message, stable)
         return Statics(q, residual, iterations, stable=True)
 
-    def fault(self, state: MotionState) -> str | None:
+    def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up: a vertex turned by more than 2 pi."""
-        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def _balance(self, y: Array, load: Array, root: Array) -> Array:
         """Out-of-balance ``y - p / sqrt(lambda)``."""

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from modalshell.errors import OptionError, SolverError
 from modalshell.typing import Array
+from modalshell.work import count_factorisation, count_solves
 
 Use = Literal["solve", "refactor"]
 """Whether one factor serves many solves, or one pattern many factors."""
@@ -40,9 +41,13 @@ class Factor(ABC):
 
     backend: str
 
-    @abstractmethod
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, k) right sides."""
+        count_solves(len(right_side), right_side.size // max(len(right_side), 1))
+        return self._solve(right_side)
+
+    @abstractmethod
+    def _solve(self, right_side: Array) -> Array: ...
 
     def is_definite(self) -> bool:
         """Whether A is positive definite, by the signs of its pivots; Cholesky factors exist for no other."""
@@ -106,7 +111,7 @@ class _SuperLU(Factor):
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
         self._order = None if ordering is None else ordering.order
 
-    def solve(self, right_side: Array) -> Array:
+    def _solve(self, right_side: Array) -> Array:
         if self._order is None:
             return np.asarray(self._factor.solve(np.ascontiguousarray(right_side)))
         solution = np.empty_like(right_side)
@@ -163,7 +168,7 @@ class _Cholmod(Factor):
         except cholmod.CholmodError as error:
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is not positive definite: {error}") from error
 
-    def solve(self, right_side: Array) -> Array:
+    def _solve(self, right_side: Array) -> Array:
         with _one_thread():
             return np.asarray(self._factor(right_side))
 
@@ -214,7 +219,7 @@ class _Pardiso(Factor):
             self.analysis.owner = None
             raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is not positive definite: {error}") from error
 
-    def solve(self, right_side: Array) -> Array:
+    def _solve(self, right_side: Array) -> Array:
         if self.analysis.owner is not self:
             raise SolverError("this factor's place was taken by a later one on the same pattern; factorise again")
         columns = np.asfortranarray(right_side.reshape(len(right_side), -1), dtype=np.float64)
@@ -270,6 +275,7 @@ class Factoriser(threading.local):
         _check_finite(matrix)
         if self.backend == "superlu":
             return self._superlu(matrix)
+        count_factorisation(matrix.shape[0])
         factor = _OPTIONAL[self.backend][1](matrix, self._analysis)
         self._analysis = factor.analysis
         return factor
@@ -285,6 +291,7 @@ class Factoriser(threading.local):
         return self._superlu(matrix)
 
     def _superlu(self, matrix: sps.csc_array) -> Factor:
+        count_factorisation(matrix.shape[0])
         if self._use == "refactor" and self._ordering is None:
             self._ordering = _Ordering.of(matrix)
         return _SuperLU(matrix, self._ordering)

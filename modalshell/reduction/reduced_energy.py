@@ -13,6 +13,7 @@ from modalshell.shell import elements as sums
 from modalshell.shell.elements import ElementSet
 from modalshell.shell.pattern import build_pattern
 from modalshell.typing import Array, Index
+from modalshell.work import count_products, count_read
 
 
 class ReducedEnergy:
@@ -69,6 +70,7 @@ class ReducedEnergy:
 
     def positions(self, z: Array) -> Array:
         """Positions (k, 3) [m] of the touched vertices."""
+        count_read(self._vectors.nbytes)
         return np.asarray(self._rest + (self._vectors @ z).reshape(-1, 3))
 
     def value(self, z: Array) -> float:
@@ -78,6 +80,7 @@ class ReducedEnergy:
     def gradient(self, z: Array) -> tuple[float, Array]:
         """Energy [J] and its gradient ``U^T grad E`` (r,)."""
         total, gradient = sums.energy_gradient(self.elements, self.positions(z))
+        count_read(self._vectors.nbytes)
         return total, np.asarray(gradient.ravel() @ self._vectors)
 
     def hessian(
@@ -91,6 +94,7 @@ class ReducedEnergy:
         product = np.empty_like(self._vectors)
         multiply(pattern.indptr, pattern.indices, data, self._vectors, product)
         reduced = self._vectors.T @ product
+        count_products((data.size + self._vectors.size) * self.size)
         return total, np.asarray(gradient.ravel() @ self._vectors), np.asarray(0.5 * (reduced + reduced.T))
 
     def predicted_stresses(self, z: Array, step: Array) -> list[Array]:

@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from modalshell.atomic_io import read_record
 from modalshell.checks import checked_number
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
+from modalshell.outcome import Outcome, read_outcome
 from modalshell.run.frame_reader import FrameReader
 from modalshell.scene import load_scene
 from modalshell.typing import Array
@@ -21,6 +22,9 @@ from modalshell.typing import Array
 _FRAMES = ".frames"
 _PAUSE = 0.05
 """Wall time [s] between two looks while there is nothing to show yet."""
+
+State = Literal["waiting", "running", "stopped", "running or stopped", "finished"]
+_STATES: dict[bool | None, State] = {True: "running", False: "stopped", None: "running or stopped"}
 
 
 class RunFollower:
@@ -42,8 +46,10 @@ class RunFollower:
     state : str
         "waiting" for a first frame, "running", "stopped" (no process is at work on it, its results are missing),
         "finished", or "running or stopped" where the system cannot tell.
-    outcome : str
-        The finished run's own status, such as "completed".
+    outcome : Outcome or None
+        The finished run's own, such as "completed"; "stopped" of a stopped one; None before.
+    message : str
+        The finished run's own sentence about what is wrong; "" if nothing is.
     index, time, positions
         Number of the newest frame, its time [s] and positions (n, 3) [m].
     rest_positions, faces, held, gravity
@@ -68,7 +74,9 @@ class RunFollower:
         self._reader: FrameReader | None = None
         self._generation: object = None
         self._identity: dict[str, Any] = {}
-        self.name, self.state, self.outcome = "", "waiting", ""
+        self.name, self.message = "", ""
+        self.state: State = "waiting"
+        self.outcome: Outcome | None = None
         self.index, self.time, self.restarts = -1, 0.0, 0
         self.positions, self.rest_positions, self.gravity = np.empty((0, 3)), np.empty((0, 3)), np.zeros(3)
         self.faces, self.held = np.empty((0, 3), np.int64), np.empty(0, bool)
@@ -106,7 +114,9 @@ class RunFollower:
         """One line: name, frame, time, state."""
         if self.index < 0:
             return f"{self.name or self._given}; {self.state}"
-        state = f"{self.state}: {self.outcome}" if self.state == "finished" else self.state
+        state: str = self.state
+        if state == "finished" and self.outcome is not None:
+            state += f": {self.outcome.with_message(self.message)}"
         parts = [self.name, f"frame {self.index}", f"t = {self.time:.6g} s", state]
         return "; ".join([*parts, "restarted"] if self.restarts else parts)
 
@@ -129,7 +139,8 @@ class RunFollower:
         if self.index < 0 or self._reader.index < 0:  # at work, if at all, on what comes before the first frame
             self.state = "waiting"
         else:
-            self.state = {True: "running", False: "stopped", None: "running or stopped"}[held]
+            self.state = _STATES[held]
+        self.outcome = Outcome.STOPPED if self.state == "stopped" else None
 
     def _take_newest(self, reader: FrameReader) -> None:
         if not reader.read_newest():
@@ -143,13 +154,17 @@ class RunFollower:
         """Without a file of frames the run is finished, or not begun, or somebody has deleted what it stored."""
         record = _record(path.with_suffix(".json"))
         if record is not None and self.index >= 0 and _same(record["identity"], self._identity):
-            self.state, self.outcome = "finished", str(record.get("status"))
+            self._finish(record)
         elif self._reader is not None and self._reader.index >= 0 and self._reader.is_held():
             self.state = "running"
         elif record is not None and self._take_results(path.with_suffix(".npz"), record["identity"]):
-            self.state, self.outcome = "finished", str(record.get("status"))
+            self._finish(record)
         elif self.index >= 0:
-            self.state = "stopped"
+            self.state, self.outcome = "stopped", Outcome.STOPPED
+
+    def _finish(self, record: dict[str, Any]) -> None:
+        self.state = "finished"
+        self.outcome, self.message = read_outcome(str(record.get("status")), record.get("message"))
 
     def _take_results(self, path: Path, identity: dict[str, Any]) -> bool:
         try:

@@ -18,6 +18,7 @@ from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import SparsePattern
 from modalshell.typing import Array, Index
+from modalshell.work import count_elements
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +102,19 @@ def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.boo
     ]
 
 
+def _size(elements: Sequence[ElementSet]) -> int:
+    return sum(e.rest.size for e in elements)
+
+
 def energy(elements: Sequence[ElementSet], x: Array) -> float:
     """Energy [J] of all sets at positions ``x`` (n, 3); not finite at collapsed elements."""
+    count_elements(_size(elements))
     return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in elements))
 
 
 def energy_gradient(elements: Sequence[ElementSet], x: Array) -> tuple[float, Array]:
     """Energy [J] and gradient (n, 3) [N] in one pass."""
+    count_elements(_size(elements))
     gradient = np.zeros_like(x)
     total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in elements)
     return float(total), gradient
@@ -125,6 +132,7 @@ def energy_gradient_hessian(
 
     ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
     """
+    count_elements(_size(elements))
     gradient = np.zeros_like(x)
     data = np.zeros(pattern.indices.size)
     total = 0.0
@@ -138,6 +146,7 @@ def energy_gradient_hessian(
 
 def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> list[Array]:
     """Stress of every element after ``step`` (n, 3) by the measures linearised at ``x``."""
+    count_elements(_size(elements))
     stresses = []
     for e in elements:
         stress = np.empty(e.rest.size)

@@ -1,11 +1,12 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import modalshell as ms
 from modalshell.cli import main
-from modalshell.compare.advise import choose
+from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
 from modalshell.compare.candidates import Workshop, candidates
 from modalshell.compare.case import Case, drawn_to_supports, make_case
 from modalshell.compare.path import find_jump
@@ -41,6 +42,15 @@ def snapping():
     mesh = ms.v_beam(fold=150.0, cells=(20, 4))
     shell = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.08)
     return ms.tradeoff(shell, gravity=(0, 0, -90), modes=(4,))
+
+
+def timed(measured, milliseconds=1.0, **costs):
+    """What was measured, with frames of other times, and of other counted costs by label."""
+    rows = [
+        replace(row, frame_ms=milliseconds, work=replace(row.work, cost=costs.get(row.label, row.cost)))
+        for row in measured.rows
+    ]
+    return replace(measured, rows=sorted(rows, key=lambda row: row.cost))
 
 
 def test_rows_agree_with_direct_calls(bent):
@@ -84,8 +94,8 @@ def test_tangent_eigenvalue_of_a_modal_model_is_that_of_the_slope_of_the_balance
 
 
 def test_cheapest_comes_first_and_the_front_only_improves(bent):
-    times = [row.frame_ms for row in bent.rows]
-    assert times == sorted(times)
+    costs = [row.cost for row in bent.rows]
+    assert costs == sorted(costs)
     errors = [row.worst_error for row in bent.front()]
     assert errors == sorted(errors, reverse=True)
     assert errors[-1] == 0.0
@@ -101,10 +111,10 @@ def test_turns_are_angles_of_normals():
 
 
 def test_advice_climbs_with_the_load(bent):
-    little = ms.advise(beam(), gravity=(0, 0, -0.05), error=0.02, fps=60, modes=(4,), loads=(1.0,))
+    little = choose(timed(ms.tradeoff(beam(), gravity=(0, 0, -0.05), modes=(4,), loads=(1.0,))), 0.02, 60.0)
     assert little.chosen.rung == "LMA"
     assert min(little.margin) > 1.0
-    much = choose(bent, 0.02, 60.0)
+    much = choose(timed(bent), 0.02, 60.0)
     assert much.chosen.rung not in ("rigid", "LMA", "MWTS")
     assert much.chosen.worst_error <= 0.02
     assert all(row.worst_error > 0.02 for row in much.rows[: much.rows.index(much.chosen)])
@@ -112,12 +122,44 @@ def test_advice_climbs_with_the_load(bent):
     assert "Not accurate enough: rigid (100 %); LMA 4" in much.explanation
 
 
+def test_near_ties_go_to_the_simpler_rung(bent):
+    def named(factor):
+        costs = {"reduced RSW 4": 1e9, "RSW 4": factor * 10.0, "MD-ROM 4": 10.0}
+        return choose(timed(bent, **costs), 0.02, 60.0)
+
+    assert named(0.99 * NEAR_TIE).chosen.label == "RSW 4"
+    assert "less simple: MD-ROM 4" in named(0.99 * NEAR_TIE).explanation
+    assert named(1.01 * NEAR_TIE).chosen.label == "MD-ROM 4"
+
+
+def test_measured_times_count_against_the_frame_rate_alone(bent):
+    named = {choose(timed(bent, time), 0.02, 60.0).chosen.label for time in (0.001, 0.1, 999.0 / 60.0 / RATE_MARGIN)}
+    assert len(named) == 1
+    assert choose(timed(bent, 1001.0 / 60.0 / RATE_MARGIN), 0.02, 60.0).chosen is None
+
+
+def test_work_is_counted_alike_every_time(bent):
+    again = ms.tradeoff(
+        bent.case.shell, gravity=(0, 0, -4), coarse=[ms.flat_beam(cells=(6, 2))], modes=(4,), loads=(0.5, 1.0)
+    )
+    assert [(row.label, row.work) for row in again.rows] == [(row.label, row.work) for row in bent.rows]
+    rows = {row.label: row for row in bent.rows}
+    assert rows["LMA 4"].bytes_read == 2 * 8 * 3 * len(bent.case.shell.rest_positions) * 4  # Phi: load, positions
+    assert rows["RSW 4"].solves >= 3.0  # one for each axis
+    assert rows["LMA 4"].elements == rows["LMA 4"].solves == rows["rigid"].cost == 0.0
+    elements = sum(one.rest.size for one in bent.case.shell.elements)
+    assert rows["DS"].elements >= 2 * elements
+    assert rows["DS"].work.factorisations >= 1.0
+    assert 0.0 < rows["coarse DS 24 triangles"].elements < rows["DS"].elements
+    assert rows["DS"].answer_seconds > rows["DS"].preprocessing
+
+
 def test_advice_says_when_none_meets_it(bent):
     none = choose(bent, 1e-12, 1e6)
     assert none.chosen is None
     assert none.margin is None
     assert "No rung meets both" in none.explanation
-    assert "As accurate, the fastest is DS" in none.explanation
+    assert "As accurate, the cheapest is DS" in none.explanation
     with pytest.raises(ms.OptionError, match="error"):
         ms.advise(beam(), gravity=(0, 0, -1), error=0.0)
 
@@ -126,7 +168,7 @@ def test_rungs_without_a_snap_are_refused_where_it_snaps(snapping):
     path = snapping.path
     assert path.snap is not None
     assert path.snap.low < path.snap.high
-    advice = choose(snapping, 1.5, 1.0)
+    advice = choose(timed(snapping), 1.5, 1.0)
     assert advice.chosen is not None
     assert {row.label for row in advice.rows if row.quadratic} <= set(advice.refused)
     assert not advice.chosen.quadratic
@@ -215,7 +257,7 @@ def test_commands_write_tables_and_pictures(scene_text, tmp_path, capsys):
     rows = json.loads((tmp_path / "out" / "bent_tradeoff.json").read_text())["findings"]["rows"]
     assert next(row for row in rows if row["rung"] == "DS")["outside_error"] < 1e-5
     assert next(row for row in rows if row["rung"] == "rigid")["outside_error"] == pytest.approx(1.0)
-    assert "Take " in run(capsys, "advise", str(file), "--error", "0.05", "--fps", "30", *options)
+    assert "Take " in run(capsys, "advise", str(file), "--error", "0.05", "--fps", "1e-3", *options)
     assert "Take " in (tmp_path / "out" / "bent_advice.md").read_text()
 
 

@@ -215,6 +215,7 @@ def test_assembled_gradient_and_hessian_are_the_elements_own(name):
     np.testing.assert_allclose(shell.stiffness(x).toarray(), total, rtol=0, atol=1e-12 * np.abs(total).max())
 
 
+@settings(deadline=None)
 @given(angle=st.floats(-math.pi + 1e-6, math.pi - 1e-6))
 def test_fold_angle_is_the_turn_about_the_edge(angle):
     vertices, _ = hinge_mesh(angle)

@@ -1,6 +1,7 @@
 """Following runs from another process: whole frames only, the newest one, and neither side minds the other's death."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.atomic_io import read_record, write_record
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells who holds a file")
@@ -28,6 +31,7 @@ ms.run_scene(scene, out=out, on_step=on_step)
 FOLLOWERS = """
 import os, sys, time
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
 frames, count = sys.argv[1], int(sys.argv[2])
 for _ in range(count):
@@ -197,7 +201,7 @@ def test_a_killed_run_is_stopped_and_followed_when_it_goes_on(write, follower, t
     process.kill()
     process.communicate()
     one.poll()
-    assert one.state == "stopped"
+    assert (one.state, one.outcome) == ("stopped", Outcome.STOPPED)
     assert_shows(one, expected)
     last = one.index
     assert 100 <= last <= 200
@@ -320,6 +324,18 @@ def test_results_of_earlier_times_are_shown(finished, follower, tmp_path):
     assert_shows(one, answer)
 
 
+def test_records_of_earlier_versions_are_shown(finished, follower, tmp_path):
+    shutil.copytree(finished[0].parent / "out", tmp_path / "out")
+    path = tmp_path / "out" / "beam.json"
+    record = read_record(path)
+    del record["message"]
+    write_record(path, record | {"status": "completed, but wound up at 0.1 s"})
+    one = follower(tmp_path / "out")
+    one.wait(0.0)
+    assert (one.state, one.outcome) == ("finished", Outcome.WOUND_UP)
+    assert one.status().endswith("finished: wound up: completed, but wound up at 0.1 s")
+
+
 def test_deleted_frames_leave_a_stopped_run(finished, follower, tmp_path):
     scene, expected = finished
     stopped_run(scene, tmp_path, 20)
@@ -327,7 +343,7 @@ def test_deleted_frames_leave_a_stopped_run(finished, follower, tmp_path):
     one.poll()
     (tmp_path / "beam.frames").unlink()
     assert not one.poll()
-    assert one.state == "stopped"
+    assert (one.state, one.outcome) == ("stopped", Outcome.STOPPED)
     assert_shows(one, expected)
 
 

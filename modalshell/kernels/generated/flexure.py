@@ -10,7 +10,7 @@ Operations of one element: 85 (g, gradient), 374 (g, gradient, Hessian).
 import math
 
 import numpy as np
-from numba import njit
+from modalshell.kernels.compiler import njit
 
 VERTICES = 4
 UNKNOWNS = 9
@@ -329,7 +329,7 @@ def _split(e_x, e_y, e_z, a_x, a_y, a_z, b_x, b_y, b_z, factors, squares, firsts
     seconds[3, 8] = t41
 
 
-_options = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+_options = {"error_model": "numpy", "fastmath": {"contract"}}
 measure = njit(**_options)(_measure)
 first_derivatives = njit(**_options)(_first)
 second_derivatives = njit(**_options)(_second)

@@ -10,7 +10,7 @@ Operations of one element: 11 (g, gradient), 32 (g, gradient, Hessian).
 import math
 
 import numpy as np
-from numba import njit
+from modalshell.kernels.compiler import njit
 
 VERTICES = 2
 UNKNOWNS = 3
@@ -75,7 +75,7 @@ def _split(e_x, e_y, e_z, factors, squares, firsts, seconds):
     squares[2, 2] = 0
 
 
-_options = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+_options = {"error_model": "numpy", "fastmath": {"contract"}}
 measure = njit(**_options)(_measure)
 first_derivatives = njit(**_options)(_first)
 second_derivatives = njit(**_options)(_second)

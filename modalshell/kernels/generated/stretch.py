@@ -10,7 +10,7 @@ Operations of one element: 43 (g, gradient), 178 (g, gradient, Hessian).
 import math
 
 import numpy as np
-from numba import njit
+from modalshell.kernels.compiler import njit
 
 VERTICES = 3
 UNKNOWNS = 6
@@ -176,7 +176,7 @@ def _split(a_x, a_y, a_z, b_x, b_y, b_z, factors, squares, firsts, seconds):
     seconds[1, 5] = t11
 
 
-_options = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+_options = {"error_model": "numpy", "fastmath": {"contract"}}
 measure = njit(**_options)(_measure)
 first_derivatives = njit(**_options)(_first)
 second_derivatives = njit(**_options)(_second)

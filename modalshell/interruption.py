@@ -1,0 +1,27 @@
+"""Ctrl-C while the command still imports ends it with one line; the package imports this module first."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import TracebackType
+
+_previous = sys.excepthook
+
+
+def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    if issubclass(kind, KeyboardInterrupt):
+        print("modalshell: stopped", file=sys.stderr)
+    else:
+        _previous(kind, error, trace)
+
+
+def is_command(arguments: list[str]) -> bool:
+    """Whether a process with these arguments is the package's own command, by its script or by ``-m``."""
+    if len(arguments) > 1 and "-m" in arguments[1:]:
+        return arguments[arguments.index("-m") + 1 :][:1] == ["modalshell"]
+    return any(Path(argument).stem == "modalshell" for argument in arguments[:2])
+
+
+if is_command(sys.orig_argv):
+    sys.excepthook = _hook

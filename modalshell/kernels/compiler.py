@@ -1,0 +1,90 @@
+"""Numba's compiler, its results cached in the user's cache folder, else in a temporary one, else not at all."""
+
+from __future__ import annotations
+
+import functools
+import os
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from modalshell.errors import ModalShellWarning
+
+_THREADS = "NUMBA_NUM_THREADS"
+
+
+def _usable_thread_count() -> None:
+    """Drop a number of threads that numba would refuse to start with, and say so."""
+    try:
+        refused = int(os.environ.get(_THREADS, "1")) < 1
+    except ValueError:  # numba itself warns of it, and goes on
+        return
+    if refused:
+        told = os.environ.pop(_THREADS)
+        message = f"{_THREADS} must be a positive integer (got {told!r}): it is ignored, and all cores may be used"
+        warnings.warn(message, ModalShellWarning, stacklevel=2)
+
+
+_usable_thread_count()  # before numba reads it
+import numba  # noqa: E402
+
+
+def _user_folder() -> Path:
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    return (
+        Path(base or os.path.expanduser("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")) / "modalshell"
+    )
+
+
+def _temporary_folder() -> Path:
+    return Path(tempfile.gettempdir()) / f"modalshell-{os.getuid() if hasattr(os, 'getuid') else 'kernels'}"
+
+
+def _own(folder: Path) -> Path:
+    """``folder`` if it is this user's and nobody else may write to it, for code is loaded from there; else OSError."""
+    folder = _writable(folder)
+    status = folder.stat()
+    if hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & 0o022):
+        raise PermissionError(f"{folder} can be written to by others")
+    return folder
+
+
+def _writable(folder: Path) -> Path:
+    """``folder``, made if need be; OSError where nothing can be written to it."""
+    if not folder.is_absolute():
+        raise FileNotFoundError(f"{folder} is no absolute path")
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    tempfile.TemporaryFile(dir=folder).close()
+    return folder
+
+
+@functools.cache
+def cache_folder() -> Path | None:
+    """Where compiled kernels are kept; None where nothing can be written, and every process compiles anew.
+
+    Numba's own variable ``NUMBA_CACHE_DIR`` goes first, then the user's cache folder, then a temporary one.
+    """
+    asked = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    with suppress(OSError, ValueError):
+        if asked:
+            return _writable(Path(asked).absolute())
+    for folder in (_user_folder, _temporary_folder):
+        with suppress(OSError, ValueError):  # ValueError: a null character in the name
+            return _own(folder())
+    return None
+
+
+def njit(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """``numba.njit`` with the package's cache."""
+    if function is None:
+        return functools.partial(njit, **options)
+    folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    numba.config.CACHE_DIR = str(folder or "")  # type: ignore[attr-defined]
+    try:
+        return numba.njit(cache=folder is not None, **options)(function)
+    finally:
+        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
