@@ -181,6 +181,10 @@ def evaluated(monkeypatch):
     monkeypatch.setattr(selection, "select_vertices", select)
 
 
+def believed_headers(monkeypatch):
+    monkeypatch.setattr(sys.modules["modalshell.run.follow"], "_fault", lambda *_: "")
+
+
 @pytest.mark.parametrize(
     ("plant", "surface", "kinds"),
     [
@@ -190,6 +194,7 @@ def evaluated(monkeypatch):
         (short_message, "mesh_files", UselessMessage),
         (not_a_number, "arrays", SilentNonFinite),
         (unchecked_files, "saved", HalfRead),
+        (believed_headers, "saved", (UncaughtException, SilentNonFinite)),
         (beside_the_folder, "scenes", Escape),
         (evaluated, "scenes", (UncaughtException, Hang)),
         (traceback_at_the_command_line, "command_line", (UncaughtException, DirtyExit)),

@@ -312,20 +312,29 @@ def is_minimum(problem: Potential, result: NewtonResult) -> bool:
     return result.stable
 
 
-def leave_saddle(problem: Potential, x: Array) -> Array:
-    """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
+def lowest_curvature(problem: Potential, x: Array) -> tuple[float, Array]:
+    """Lowest of the Hessian's eigenvalues next to zero, as a share of its mean diagonal entry, and its direction (N,).
+
+    SolverError or ArpackError where they cannot be found.
+    """
     _, hessian = problem.linearise(x, EXACT)
     if hessian.shape[0] < 30:  # Lanczos needs room
         values, vectors = np.linalg.eigh(hessian.toarray())
     else:
         start = np.random.default_rng(0).standard_normal(hessian.shape[0])
-        try:
-            factor = problem.factor(hessian)
-            inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
-            values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
-        except (SolverError, spla.ArpackError):
-            return x
-    direction = vectors[:, int(np.argmin(values))]
+        factor = problem.factor(hessian)
+        inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
+        values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
+    lowest = int(np.argmin(values))
+    return float(values[lowest]) / float(np.abs(hessian.diagonal()).mean()), vectors[:, lowest]
+
+
+def leave_saddle(problem: Potential, x: Array) -> Array:
+    """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
+    try:
+        _, direction = lowest_curvature(problem, x)
+    except (SolverError, spla.ArpackError):
+        return x
     direction *= problem.shell.size / float(np.abs(direction).max())
     trials = [_moved(problem.shell, x, direction, sign * size) for size in (3e-2, 1e-2, 1e-3) for sign in (1, -1)]
     return min([x, *trials], key=lambda trial: (not np.isfinite(value := problem.value(trial)), value))

@@ -9,6 +9,7 @@ import pytest
 import modalshell as ms
 from modalshell.models import Damping
 from modalshell.outcome import Outcome
+from studies.integrator_drift import SummedWarp
 
 STEP = 1.0 / 30.0
 STEPS = 10_000
@@ -38,7 +39,7 @@ def models(basis, integrator):
         "LMA": ms.LinearModal(basis, integrator=integrator),
         "MWTS": ms.ModalWarping(basis, integrator=integrator),
         "MWTS, consistent": ms.ModalWarping(basis, integrator=integrator, consistent_force=True),
-        "MWTS, sum": ms.ModalWarping(basis, integrator=integrator, warp="sum"),
+        "MWTS, sum": SummedWarp(basis, integrator=integrator),
         "RSW": ms.RotationStrain(basis, integrator=integrator),
     }
 
@@ -125,7 +126,7 @@ def coordinate_bound(model, damping, load):
     """Largest |q_j| that modal forces no larger than ``sum_i |Phi_ij| |f_i|`` can bring about: sums of the response."""
     stiffness, h = model.basis.eigenvalues, STEP
     damp = damping[0] + damping[1] * stiffness
-    share = 1.0 if model.integrator == "implicit_euler" else 0.5
+    share = 1.0 if model.integrator.name == "implicit_euler" else 0.5
     inertia = 1.0 + share * h * damp + (share * h) ** 2 * stiffness
     q, total = np.zeros_like(stiffness), np.zeros_like(stiffness)
     rates = np.zeros_like(stiffness)
@@ -323,6 +324,19 @@ def test_running_away_is_named_before_the_numbers_end(basis):
         assert motion.outcome is outcome
         assert np.isfinite(motion.positions).all()
         assert np.isfinite(motion.energies).all()
+
+
+@pytest.mark.parametrize(("factor", "outcome"), [(0.5, Outcome.COMPLETED), (5.0, Outcome.UNSTABLE)])
+def test_a_straight_column_that_stays_straight_is_named(factor, outcome):
+    """Nothing pushes it aside, so that motion keeps its symmetry; it buckles near 7.84 D over density and length^3."""
+    mesh = ms.flat_beam(cells=(20, 2))
+    shell = ms.Shell(mesh, ms.Material(200.0, 200.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.08)
+    model = ms.DiscreteShell(shell)
+    buckling = gravity_at(7.84, shell)[2]
+    motion = ms.simulate(model, duration=3.0, dt=STEP, gravity=(factor * buckling, 0, 0), damping=(0.5, 0.001))
+    assert np.abs(motion.positions[..., 2]).max() == 0.0
+    assert motion.outcome is outcome
+    assert ("saddle" in motion.message) == (outcome is Outcome.UNSTABLE)
 
 
 def test_free_fall_does_not_run_away():
