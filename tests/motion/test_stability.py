@@ -10,6 +10,7 @@ from scenes import strip
 import modalshell as ms
 from modalshell.models import Damping
 from modalshell.outcome import Outcome
+from studies.integrator_drift import SummedWarp
 
 STEP = 1.0 / 30.0
 STEPS = 10_000
@@ -39,7 +40,7 @@ def models(basis, integrator):
         "LMA": ms.LinearModal(basis, integrator=integrator),
         "MWTS": ms.ModalWarping(basis, integrator=integrator),
         "MWTS, consistent": ms.ModalWarping(basis, integrator=integrator, consistent_force=True),
-        "MWTS, sum": ms.ModalWarping(basis, integrator=integrator, warp="sum"),
+        "MWTS, sum": SummedWarp(basis, integrator=integrator),
         "RSW": ms.RotationStrain(basis, integrator=integrator),
     }
 
@@ -126,7 +127,7 @@ def coordinate_bound(model, damping, load):
     """Largest |q_j| that modal forces no larger than ``sum_i |Phi_ij| |f_i|`` can bring about: sums of the response."""
     stiffness, h = model.basis.eigenvalues, STEP
     damp = damping[0] + damping[1] * stiffness
-    share = 1.0 if model.integrator == "implicit_euler" else 0.5
+    share = 1.0 if model.integrator.name == "implicit_euler" else 0.5
     inertia = 1.0 + share * h * damp + (share * h) ** 2 * stiffness
     q, total = np.zeros_like(stiffness), np.zeros_like(stiffness)
     rates = np.zeros_like(stiffness)
