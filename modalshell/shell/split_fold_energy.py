@@ -197,7 +197,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """Entries of the first, positive semi-definite part of the Hessian."""
         folds, strides = self._folds, pattern.strides
         data = np.zeros(pattern.size)
-        factors = (folds.weights, folds.shares, folds.moments)
+        factors = (folds.shares, folds.moments)
         tables = (folds.triangles, folds.folds, folds.places)
         kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
         for e, place in zip(self._membrane, slots[3:5], strict=True):

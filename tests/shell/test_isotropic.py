@@ -143,7 +143,7 @@ def test_homogenised_bending_constants(family, poisson):
     fields = np.column_stack([0.5 * x**2, 0.5 * y**2, x * y])
     angles = hinge_operator(mesh) @ fields
     shares = -np.linalg.solve(own, coupling @ angles)
-    gamma = folds.weights[:, :, None] * np.where(folds.folds[:, :, None] >= 0, angles[folds.folds], 0.0)
+    gamma = np.where(folds.folds[:, :, None] >= 0, angles[folds.folds], 0.0)
     gamma += folds.shares[:, :, None] * np.where(folds.share_index[:, :, None] >= 0, shares[folds.share_index], 0.0)
     middle = np.flatnonzero((np.abs(mesh.vertices[mesh.faces].mean(axis=1)[:, :2] - (0.5, 0.0)) < 0.15).all(axis=1))
     density = np.einsum("tki,tkl,tlj->ij", gamma[middle], folds.moments[middle], gamma[middle])
