@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint, nearest_branch
 from modalshell.constraints.manipulation import Evaluate, meet
-from modalshell.errors import OptionError
+from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
@@ -82,6 +82,12 @@ class ModalModel(Model):
         """Static answer, with or without constraints, from the model's own :meth:`_free_statics`."""
         begin = None if start is None else self.coordinates_of(start)
         left = np.empty(0)
+        slack = np.flatnonzero(self.basis.eigenvalues[self.basis.rigid_modes :] <= 0.0)
+        if slack.size:
+            raise SolverError(
+                f"elastic mode {slack[0]} has no stiffness (got eigenvalue 0), so that statics has no answer: give the "
+                "material a stretch, shear and flexure above 0, or let simulate move the shell"
+            )
         if constraints:
             found, left = self._constrained_statics(load, begin, constraints)
         else:

@@ -246,3 +246,16 @@ def test_unreadable_files_are_named(tmp_path):
     (tmp_path / "bad.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(ms.SceneError, match="UTF-8"):
         ms.load_scene(tmp_path / "bad.toml")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a = " + "[" * 5000 + "]" * 5000, "a = " + "{a=" * 300 + "1" + "}" * 300, ".".join(["a"] * 20_000) + " = 1"],
+)
+def test_deeply_nested_tables_are_refused(tmp_path, text):
+    path = tmp_path / "deep.toml"
+    path.write_text(text)
+    for load in (ms.load_scene, ms.run_sweep):
+        with pytest.raises(ms.SceneError, match="deep") as caught:
+            load(path)
+        assert len(str(caught.value)) < 400
