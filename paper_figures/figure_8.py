@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from modalshell.render import ShadedSurface, View, draw_views, write_scene_film
-from modalshell.render.glyphs import Shape, joined, rod, sphere
+from modalshell.render.glyphs import GlyphMesh, joined, rod, sphere
 from modalshell.study import StudyResult
 from modalshell.typing import Array
 
@@ -34,7 +34,7 @@ BODY = [
 ]
 
 
-def head() -> list[tuple[str, str, Shape]]:
+def head() -> list[tuple[str, str, GlyphMesh]]:
     """Head, nose, ears and eyes."""
     vertices, faces = sphere((0.0, 0.0, 0.0), 0.115, detail=3)
     skull = (vertices * [0.92, 1.0, 1.14] + [0.0, -0.005, 1.605], faces)
@@ -118,7 +118,7 @@ def body(result: StudyResult) -> dict[str, tuple[Array, NDArray[np.int64]]]:
     return joined_parts
 
 
-def stage() -> tuple[Shape, Shape]:
+def stage() -> tuple[GlyphMesh, GlyphMesh]:
     """A round floor, and rings on it, drawn by their borders."""
     angles = np.linspace(0.0, 2.0 * np.pi, 97)[:-1]
     circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(96)])

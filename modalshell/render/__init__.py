@@ -5,8 +5,8 @@ Importing this package imports neither library: both are loaded when something i
 
 from modalshell.render.backend import choose_backend
 from modalshell.render.camera import look_at
+from modalshell.render.content import ShadedSurface, View
 from modalshell.render.film import write_film, write_scene_film
-from modalshell.render.scene import ShadedSurface, View
 from modalshell.render.stream import draw_surface, write_streamed_film
 from modalshell.render.views import draw_views
 

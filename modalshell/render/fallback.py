@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
+from modalshell.render.content import ShadedSurface
 from modalshell.render.painter import (
     LIGHTS,
     LINE_WIDTH,
@@ -20,7 +21,6 @@ from modalshell.render.painter import (
     shrink,
 )
 from modalshell.render.raster import Layer, Triangles, blend
-from modalshell.render.scene import ShadedSurface
 from modalshell.render.surfaces import (
     EdgeTable,
     ScalarColors,

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.errors import OptionError
 from modalshell.render.camera import frame_points
 from modalshell.render.compose import Page, paste
-from modalshell.render.open_painter import open_painter
-from modalshell.render.scene import (
+from modalshell.render.content import (
     DEFAULT_CAMERA,
     Color,
     ShadedSurface,
@@ -23,6 +22,7 @@ from modalshell.render.scene import (
     checked_positions,
     checked_size,
 )
+from modalshell.render.open_painter import open_painter
 
 RATE_FACTOR = 18
 """H.264's constant rate factor where nothing is said about a film's size: higher is smaller and coarser."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
+from modalshell.render.content import ShadedSurface
 from modalshell.render.painter import (
     LIGHTS,
     LINE_WIDTH,
@@ -20,7 +21,6 @@ from modalshell.render.painter import (
     reflectance,
     shrink,
 )
-from modalshell.render.scene import ShadedSurface
 from modalshell.render.surfaces import EdgeTable, ScalarColors, line_color, vertex_colors, vertex_normals
 
 

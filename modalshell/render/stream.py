@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
+from modalshell.render.content import ShadedSurface, checked_path, checked_positions, checked_size
 from modalshell.render.film import RATE_FACTOR, encode
 from modalshell.render.open_painter import open_painter
-from modalshell.render.scene import ShadedSurface, checked_path, checked_positions, checked_size
 from modalshell.render.surfaces import scalar_colors
 from modalshell.render.views import save_picture
 

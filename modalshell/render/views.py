@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from modalshell.errors import OptionError
 from modalshell.render.camera import camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
+from modalshell.render.content import View, checked_path, checked_size, rgb
 from modalshell.render.open_painter import open_painter
-from modalshell.render.scene import View, checked_path, checked_size, rgb
 from modalshell.render.surfaces import scalar_colors
 
 

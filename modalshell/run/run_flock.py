@@ -19,7 +19,7 @@ from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
 from modalshell.render import ShadedSurface, draw_surface, look_at, write_streamed_film
 from modalshell.render.camera import Camera
-from modalshell.render.scene import checked_size, rgb
+from modalshell.render.content import checked_size, rgb
 from modalshell.run.flight_film import FlightFilm, FlightReport
 from modalshell.run.frame_file import FrameFile
 from modalshell.scene import Scene

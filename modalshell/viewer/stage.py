@@ -14,8 +14,8 @@ from modalshell.errors import OptionError
 from modalshell.render import choose_backend
 from modalshell.render.backend import drawing_hint
 from modalshell.render.camera import frame_points
+from modalshell.render.content import DEFAULT_CAMERA, ShadedSurface
 from modalshell.render.painter import LIGHTS, LINE_WIDTH
-from modalshell.render.scene import DEFAULT_CAMERA, ShadedSurface
 from modalshell.render.surfaces import EdgeTable, line_color, vertex_normals
 from modalshell.typing import Array
 from modalshell.viewer.session import gravity_limit
