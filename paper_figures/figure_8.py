@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalshell.render import ShadedSurface, View, draw_views, write_scene_film
+from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.glyphs import GlyphMesh, joined, rod, sphere
 from modalshell.study import StudyResult
 from modalshell.typing import Array
@@ -64,7 +64,7 @@ def draw(results: Path, folder: Path) -> list[Path]:
         f"MWTS under constraints, met within {residual:.0e} m"
     )
     picture = draw_views(views, folder / "figure_8.png", columns=3, size=(1800, 1760), title=title)
-    film = write_scene_film(folder / "figure_8.mp4", surfaces, motions, fps=30.0, camera=CAMERA, size=(560, 720))
+    film = write_film(folder / "figure_8.mp4", surfaces, motions, fps=30.0, camera=CAMERA, size=(560, 720))
     return [picture, film]
 
 
