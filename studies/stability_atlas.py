@@ -33,6 +33,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
+from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
 from modalshell.models import Damping, Model
 from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel
@@ -44,6 +45,7 @@ from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
 from studies import stability_limits as limits
 from studies import stability_models as models
+from studies.integrator_drift import SummedWarp
 from studies.pages import numbers
 from studies.stability_page import page
 
@@ -188,8 +190,8 @@ def excess(row: models.IntegratedModel, scene: models.StripScene) -> float | Non
 @cache
 def _equilibrium(row: str, ratio: float, gamma: float, aspect: float, fold: float) -> np.ndarray | None:
     model = models.model_of(row, ratio, aspect, fold)
-    if isinstance(model, ms.ModalWarping) and model.warp == "sum":  # the coordinates move as with the closed form
-        model = ms.ModalWarping(model.basis, integrator=model.integrator)
+    if isinstance(model, SummedWarp):  # the coordinates move as with the closed form
+        model = model.closed
     assert isinstance(model, ModalModel)
     return limits.at_rest(model, replace(models.BASE, gamma=gamma).gravity)
 
@@ -215,11 +217,11 @@ def coloured_step(row: models.IntegratedModel, scene: models.StripScene) -> floa
     if row.theory == "implicit":
         # A damping ratio: about omega h / 2.
         steps = np.geomspace(1e-3, 1.0, 2000) / omega
-        ratio = -np.log(stability.implicit_euler_amplification(omega**2, 0.0, steps)) / (omega * steps)
+        ratio = -np.log(ImplicitEuler().amplification(omega**2, 0.0, steps)) / (omega * steps)
         return float(steps[np.searchsorted(ratio, ADDED_DAMPING)])
     if row.theory == "midpoint":
         steps = np.geomspace(1e-3, 10.0, 2000) / omega
-        shift = 1.0 - stability.midpoint_frequency(omega, steps) / omega
+        shift = 1.0 - ImplicitMidpoint().frequency(omega**2, 0.0, steps) / omega
         return float(steps[np.searchsorted(shift, FREQUENCY_SHIFT)])
     return None
 
@@ -256,7 +258,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
             return [limits.entry(name, "shrinking of mode 1 stepped at 30 Hz", "1", theory, measured)]
         theory, measured = limits.oscillation(model, models.BASE.step, 1, 1000)
         return [limits.entry(name, "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, measured)]
-    if not isinstance(model, ModalModel) or name.startswith("MWTS sum"):  # its coordinates move as with the closed form
+    if not isinstance(model, ModalModel) or isinstance(model, SummedWarp):  # moves as with the closed form
         return []
     unit = models.BASE.gravity  # Gamma = 1
     found = [

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, Model
 from modalshell.modes import solve_modes
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives
