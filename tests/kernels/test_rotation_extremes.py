@@ -207,7 +207,7 @@ def test_turned_triangles_keep_their_stated_error(angle):
 
 @pytest.mark.parametrize("angle", [a for a in ANGLES if a > 1e-100] + [math.pi + 1e-12, math.pi - 1e-12, 9.0 * math.pi])
 def test_the_nearest_branch_keeps_its_digits(angle):
-    """The rotation meant, to rounding of the longer of both vectors, at half turns too; for many turns, of the target."""
+    """The rotation meant, to rounding of the longest vector (the target's counts beyond a turn), also at half turns."""
     rng = np.random.default_rng(3)
     for direction in directions():
         for reach in (0.0, math.pi, 7.0):
