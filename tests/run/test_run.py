@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from scenes import beam_text
 
 import modalshell as ms
 from modalshell.cli import main
@@ -24,19 +25,10 @@ _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"
 SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/test_flock_scene.py
 LARGE = ("creature", "v_beam_stiff")
 
-BEAM = """
-name = "beam"
-[mesh]
-shape = "v_beam"
-cells = [{cells}, 4]
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.13"
-{path}
+BEAM = (
+    'name = "beam"\n'
+    + beam_text("{cells}", "x < 0.13")
+    + """{path}
 [loads]
 gravity = [0.0, 0.0, -4.0]
 [model]
@@ -49,6 +41,7 @@ damping = [0.1, 0.0]
 [output]
 {output}
 """
+)
 MOVING = """times = [0.0, 0.1, 0.3]
 translations = [[0, 0, 0], [0, 0.1, 0.1], [0, 0, 0]]
 rotations = [[0, 0, 0], [0.5, 0, 0.2], [0, 0.1, 0]]"""

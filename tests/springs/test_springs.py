@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import grid_model, grid_of, shaken
 from scipy.spatial.transform import Rotation
-from spring_scenes import grid_model, grid_of, shaken
 
 import modalshell as ms
 from modalshell.errors import MaterialError, MeshError, OptionError, SupportError

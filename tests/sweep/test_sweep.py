@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from scenes import beam_text
 
 import modalshell as ms
 from modalshell.cli import main
@@ -17,18 +18,9 @@ from modalshell.sweep.case import run_case
 from modalshell.sweep.plan import Plan
 from modalshell.sweep.store import CaseFolder
 
-SCENE = """
-[mesh]
-shape = "v_beam"
-cells = [8, 4]
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.13"
-[loads]
+SCENE = (
+    beam_text(8, "x < 0.13")
+    + """[loads]
 gravity = [0.0, 0.0, -4.0]
 [[loads.forces]]
 where = "x > 0.9"
@@ -37,6 +29,7 @@ total = [0.0, 0.0, -0.01]
 name = "mwts"
 modes = 4
 """
+)
 GRAVITY = '"loads.gravity" = [[0, 0, -1], [0, 0, -2]]\n'
 AXES = GRAVITY + '"model.name" = ["lma", "mwts", "ds"]\n'
 
