@@ -101,7 +101,7 @@ def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping) -> Array
 def step_potential(body: Body, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[Potential, float]:
     """``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning; and its scale."""
     shell, x = body.shell, state.coordinates
-    quadratic = np.zeros(shell.pattern.indices.size)
+    quadratic = np.zeros(shell.pattern.size)
     if damping.stiffness_factor or shell.has_dashpots:
         quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
