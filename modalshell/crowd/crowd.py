@@ -22,6 +22,7 @@ LEVELS = ("rigid", "LMA", "MWTS")
 """Levels of detail, by the number that stands for each in :attr:`Crowd.levels`."""
 
 _BATCH = 256
+"""Instances whose levels are chosen in one go: as many as stay in the cache."""
 _RULE = ImplicitEuler()
 
 
