@@ -85,7 +85,7 @@ def stop_after(steps):
 def started(scene, folder, *options):
     """A process of its own that runs the scene."""
     command = [sys.executable, "-m", "modalshell", "run", str(scene), "--out", str(folder), *options]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MODALSHELL_RENDERER": "matplotlib"}
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MODALSHELL_RENDERER": "built-in"}
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
@@ -401,7 +401,7 @@ def test_scenes_of_the_repository_run(tmp_path, file):
 
 
 def test_the_command_prints_what_it_wrote(tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     scene = write(tmp_path, duration=0.05, output='formats = ["png", "vtkhdf"]')
     with pytest.raises(SystemExit) as stop:
         main(["run", str(scene), "--out", str(tmp_path / "out")])
