@@ -18,7 +18,7 @@ _SOFTEST, _HARDER, _HARDEST = 1e-3, 0.01, 1e-14
 _PASSES = 12
 """Gauss-Newton steps at one softness at most."""
 _STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
-"""Largest residual that is approached in one stage, and the softness used in stages."""
+"""Largest residual met in one stage, and the softness of the constraints until the last stage."""
 _MOST_STAGES = 200
 """Enough for 30 sizes of the shell; no mode reaches a target beyond them anyhow."""
 _STALLED = 0.7

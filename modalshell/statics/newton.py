@@ -24,16 +24,12 @@ from modalshell.statics.verdict import ACCEPTED
 from modalshell.timings import Timings
 from modalshell.typing import Array
 
-_GOAL = 1e-10
-"""Relative residual that is aimed at."""
-_LARGEST_TURN = 1.0
-"""Largest turn [rad] of a vertex in one step."""
+_GOAL = 1e-10  # relative residual that is aimed at
+_LARGEST_TURN = 1.0  # of a vertex in one step [rad]
 _SHIFTS = (1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
 """Shifts of a singular Hessian, as shares of its mean diagonal entry."""
-_STRETCH = 25
-"""Iterations between two looks at the tangent's lowest eigenvalue."""
+_STRETCH = 25  # iterations of descent before mixed steps are tried
 _STRETCHES = 12
-"""Such rounds at most."""
 _EPSILON = float(np.finfo(np.float64).eps)
 _STILL = 1e-8
 """Newton step, as a share of the shell's size, up to which a residual can be due to rounding."""
