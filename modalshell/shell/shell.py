@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import LoadError
+from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell import elements as sums
@@ -20,6 +21,8 @@ from modalshell.shell.pattern import build_pattern
 from modalshell.shell.supports import held_vertices
 from modalshell.typing import Array
 
+_VERTEX_BYTES = 8_000
+"""Memory that the pattern of the stiffness takes while it is made."""
 GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
 """How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""
 
@@ -71,6 +74,8 @@ class Shell(ReadOnlyArrays):
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         self.material = checked_kind("material", material, Material)
         self.rest_positions: Array = np.asarray(mesh.vertices)
+        count = len(mesh.vertices)
+        demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
         clamped = held_vertices(clamped, len(mesh.vertices))
         self.energies = tuple(
             checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
