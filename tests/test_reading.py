@@ -13,7 +13,7 @@ import modalshell as ms
 from modalshell import memory
 from modalshell.atomic_io import read_npz, read_record
 from modalshell.cli import main
-from modalshell.lock import hold
+from modalshell.lock import acquire_lock
 from modalshell.memory import available_memory, demand_memory
 from modalshell.reading import open_regular, read_regular, read_text
 from modalshell.run import RunFollower
@@ -88,7 +88,7 @@ def test_runs_neither_follow_nor_write_to_special_files(kind, made, tmp_path):
     with pytest.raises(OSError, match="not a regular file"):
         RunFollower(frames).poll()
     with pytest.raises(ms.OptionError, match="cannot be written"):
-        hold(frames)
+        acquire_lock(frames)
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "socket"])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.lock import is_held
+from modalshell.lock import is_locked
 from modalshell.reading import open_regular
 from modalshell.run.frame_file import (
     ALIGNMENT,
@@ -90,7 +90,7 @@ class FrameReader:
 
     def is_held(self) -> bool | None:
         """Whether a process is at work on the file; None where the system cannot tell."""
-        return is_held(self._descriptor)
+        return is_locked(self._descriptor)
 
     def is_file(self, path: Path) -> bool:
         """Whether ``path`` is the file that is open here, and not another of its name."""

@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Struct
 
 from modalshell.atomic_io import make_folder, write_bytes
-from modalshell.lock import hold
+from modalshell.lock import acquire_lock
 from modalshell.outcome import Outcome, read_outcome
 from modalshell.reading import read_regular
 from modalshell.sweep.case import CaseResult
@@ -42,7 +42,7 @@ class CaseFolder:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         make_folder(folder)
-        self._descriptor = hold(folder / "lock")
+        self._descriptor = acquire_lock(folder / "lock")
         for leftover in folder.glob(".*.part.json"):  # what killed processes had begun to write
             if re.fullmatch(r"\.[0-9a-f]{64}\.\d+\.part\.json", leftover.name):
                 leftover.unlink()

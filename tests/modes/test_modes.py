@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+from scenes import PLAIN, cantilever
 
 from modalshell import Basis, Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, solve_modes, v_beam
 from modalshell.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError, SolverError
@@ -17,12 +18,6 @@ from modalshell.modes.rigid import rigid_motions
 DATA = json.loads(
     (Path(__file__).resolve().parents[1] / "data" / "plate_and_beam_frequencies.json").read_text(encoding="utf-8")
 )
-PLAIN = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-
-
-def cantilever(cells=(10, 4), **options):
-    mesh = v_beam(cells=cells, **options)
-    return Shell(mesh, PLAIN, mesh.vertices[:, 0] < 1.5 / cells[0])
 
 
 def dense_pairs(shell):
@@ -43,7 +38,7 @@ def subspace_angle(shell, first, second):
 
 
 SHELLS = {
-    "clamped v_beam": cantilever(),
+    "clamped v_beam": cantilever((10, 4)),
     "free leaf": Shell(leaf(cells=(8, 6)), PLAIN),
     "free cylinder": Shell(cylinder_panel(cells=(6, 5), angle=100.0), PLAIN),
     "hinged leaf": Shell(leaf(cells=(8, 6)), PLAIN, [0]),
