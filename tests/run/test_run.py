@@ -22,7 +22,7 @@ from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 
 _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"
-SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/test_flock_scene.py
+SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/run/test_flock_scene.py
 LARGE = ("creature", "v_beam_stiff")
 
 BEAM = (
