@@ -163,8 +163,11 @@ class FrameFile:
     def _write(self, place: int, data: bytes) -> None:
         os.lseek(self._descriptor, place, os.SEEK_SET)
         left = memoryview(data)
-        while left:
-            left = left[os.write(self._descriptor, left) :]
+        try:
+            while left:
+                left = left[os.write(self._descriptor, left) :]
+        except OSError as error:  # a full disk: the system does not say of which file
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
 
 
 def record_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.lock import is_locked
+from modalshell.reading import open_regular
 from modalshell.run.frame_file import (
     ALIGNMENT,
     CHECKSUM_BYTES,
@@ -73,7 +74,8 @@ class FrameReader:
     """
 
     def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_RDONLY)
+        with open_regular(path) as file:
+            self._descriptor = os.dup(file.fileno())
         self._header: _Header | None = None
         self._seen: object = None
         self.index = -1
