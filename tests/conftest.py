@@ -92,7 +92,7 @@ def quick_study(tmp_path_factory):
     def run(name):
         if name not in done:
             with pytest.MonkeyPatch.context() as patch:
-                patch.setenv("MODALSHELL_RENDERER", "matplotlib")
+                patch.setenv("MODALSHELL_RENDERER", "built-in")
                 reproduce(name, folder, folder / "figures", quick=True)
             done.add(name)
         return folder

@@ -13,7 +13,7 @@ from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint, nearest_branch
 from modalshell.constraints.manipulation import Evaluate, meet
 from modalshell.errors import OptionError, SolverError
-from modalshell.integrators.modal import MODAL_INTEGRATORS, ModalIntegrator
+from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
 from modalshell.modes import Basis
@@ -27,7 +27,9 @@ CONSTRAINT_MET = 1e-6
 _DIFFERENCE = 1e-5
 """Turn [rad] over which a modal force is differenced."""
 _FIXED_POINT = 1e-7
+"""Relative change of the coordinates at which a fixed-point iteration has converged."""
 _FIXED_POINT_LIMIT = 200
+"""Fixed-point iterations at most."""
 _OUT_OF_REACH_LIMIT = 20
 """Iterations after which targets that were not reached in any of them are given up."""
 
@@ -41,7 +43,7 @@ class ModalModel(Model):
         Modes, eigenvalues and modal rotations of the shell.
     integrator : str or ModalIntegrator
         "implicit_euler" (first order, loses energy), "implicit_midpoint" (second order, keeps the energy of linear
-        motion), any other rule of :data:`modalshell.integrators.modal.MODAL_INTEGRATORS`, or one made by hand.
+        motion), the key of any other :class:`ModalIntegrator`, or a rule itself.
     """
 
     in_shell_frame = True
@@ -50,7 +52,7 @@ class ModalModel(Model):
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
-        self.integrator: ModalIntegrator = MODAL_INTEGRATORS.choose(integrator)
+        self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
 

@@ -24,7 +24,7 @@ STILL = ("[motion]\nduration = 1\n", "")
 
 @pytest.fixture(autouse=True)
 def _without_opengl(monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
 
 
 def beam(cells=(12, 4), **shape):

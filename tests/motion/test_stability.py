@@ -127,7 +127,7 @@ def coordinate_bound(model, damping, load):
     """Largest |q_j| that modal forces no larger than ``sum_i |Phi_ij| |f_i|`` can bring about: sums of the response."""
     stiffness, h = model.basis.eigenvalues, STEP
     damp = damping[0] + damping[1] * stiffness
-    share = 1.0 if model.integrator.name == "implicit_euler" else 0.5
+    share = 1.0 if model.integrator.key == "implicit_euler" else 0.5
     inertia = 1.0 + share * h * damp + (share * h) ** 2 * stiffness
     q, total = np.zeros_like(stiffness), np.zeros_like(stiffness)
     rates = np.zeros_like(stiffness)

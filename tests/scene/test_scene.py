@@ -61,7 +61,7 @@ def test_every_model_can_be_named(load, name):
 
 def test_model_options_reach_the_model(load):
     model = load('"mwts"', '"mwts"\nmodes = 5\nintegrator = "implicit_midpoint"\nconsistent_force = true').build().model
-    assert (model.basis.count, model.integrator.name, model.consistent_force) == (5, "implicit_midpoint", True)
+    assert (model.basis.count, model.integrator.key, model.consistent_force) == (5, "implicit_midpoint", True)
 
 
 def test_mesh_files_are_looked_for_beside_the_scene_and_in_the_package(load, tmp_path):

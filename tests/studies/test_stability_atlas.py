@@ -10,8 +10,8 @@ import pytest
 import modalshell as ms
 import modalshell.models
 from modalshell.errors import OptionError
-from modalshell.integrators.full import FULL_INTEGRATORS
-from modalshell.integrators.modal import MODAL_INTEGRATORS
+from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.modal import ModalIntegrator
 from modalshell.models import Damping, Model, MotionState
 from modalshell.motion import Trajectory, stability
 from modalshell.outcome import Outcome
@@ -107,7 +107,7 @@ def variants(table):
     hints = get_type_hints(table)
     values = {option: get_args(hints[option]) or (False, True) for option in CHOICES if option in hints}
     if "integrator" in hints:
-        values["integrator"] = (*MODAL_INTEGRATORS.names, *FULL_INTEGRATORS.names)
+        values["integrator"] = (*ModalIntegrator.known, *FullIntegrator.known)
     if "cubature" in hints:
         values["cubature"] = (False, True)
     for chosen in product(*values.values()):

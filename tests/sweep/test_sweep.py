@@ -12,7 +12,7 @@ from scenes import beam_text
 
 import modalshell as ms
 from modalshell.cli import main
-from modalshell.lock import hold
+from modalshell.lock import acquire_lock
 from modalshell.sweep import load_sweep
 from modalshell.sweep.case import run_case
 from modalshell.sweep.plan import Plan
@@ -386,7 +386,7 @@ def test_workers_that_do_not_start_are_an_error(write, tmp_path, monkeypatch):
 def test_two_drivers_may_not_share_a_folder(write, tmp_path):
     with CaseFolder(tmp_path / "out" / "beams_cases"), pytest.raises(ms.OptionError, match="in use by another process"):
         ms.run_sweep(write(), out=tmp_path / "out")
-    os.close(hold(tmp_path / "out" / "beams_cases" / "lock"))  # and a lock that is let go is free
+    os.close(acquire_lock(tmp_path / "out" / "beams_cases" / "lock"))  # and a lock that is let go is free
 
 
 @pytest.mark.usefixtures("here")

@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from modalshell.integrators.registry import Integrator, Registry
+from modalshell.integrators.base import Integrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
@@ -46,6 +46,7 @@ class FullIntegrator(Integrator):
         Whether it has a longest stable step; :meth:`stable_step` then says which.
     """
 
+    known: ClassVar[dict[str, type[FullIntegrator]]] = {}
     explicit: ClassVar[bool] = False
 
     def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002 (for rules that keep something)
@@ -67,10 +68,6 @@ class FullIntegrator(Integrator):
         ``drag`` [1/s] is its damping by the mass, ``viscosity`` [1/s] that by strain rates.
         """
         return np.inf
-
-
-FULL_INTEGRATORS = Registry(FullIntegrator)  # type: ignore[type-abstract]
-"""Rules that full models take, by name."""
 
 
 def symplectic_limit(stiffness: float, damp: float) -> float:
