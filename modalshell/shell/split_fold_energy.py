@@ -73,22 +73,33 @@ class SplitFoldEnergy(ElasticEnergy):
         Held vertices: their edges are clamped.
     further : list of ElementSet
         Further energies, which are added.
+    held : ndarray of bool, shape (n,), optional
+        Vertices held by constraints besides: triangles of them do not bend, and are clamps of their neighbours, but
+        single rows of them leave the slope free.
     """
 
     def __init__(
-        self, mesh: TriangleMesh, material: Isotropic, clamped: NDArray[np.bool_], further: list[ElementSet]
+        self,
+        mesh: TriangleMesh,
+        material: Isotropic,
+        clamped: NDArray[np.bool_],
+        further: list[ElementSet],
+        held: NDArray[np.bool_] | None = None,
     ) -> None:
+        self._parts = mesh, material, clamped, further
+        self._origin = np.zeros(3)
+        held = clamped if held is None else held
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
-        folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, float(stiffness.mean()))
+        folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, held, float(stiffness.mean()))
         self._shares = _Shares(folds)
         self._edges = np.ascontiguousarray(mesh.edges)
         self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
         angles = np.zeros(len(mesh.hinges))
         rest = np.asarray(mesh.vertices)
         kernels.fold_angles(rest, np.asarray(mesh.hinges), np.zeros_like(angles), angles, np.empty((angles.size, 9)))
-        self._membrane = membrane_elements(mesh, stiffness, poisson, clamped, angles)
+        self._membrane = membrane_elements(mesh, stiffness, poisson, held, angles)
         self._tension = membrane_matrix(self._membrane, len(self._edges))
         state = self._measured(rest)
         self._rest_angles, self._rest_squares = state.folds, state.stretches
@@ -225,8 +236,13 @@ class SplitFoldEnergy(ElasticEnergy):
     def shifted(self, origin: Array) -> ElasticEnergy:
         """The same energy with its ghosts moved as the positions are."""
         other = copy.copy(self)
+        other._origin = self._origin + origin
         other._folds = replace(self._folds, ghosts=self._folds.ghosts - origin)
         return other
+
+    def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:
+        """The same energy with the vertices ``held`` (n,) held, its clamped ones among them."""
+        return SplitFoldEnergy(*self._parts, held).shifted(self._origin)
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""

@@ -92,7 +92,12 @@ class SplitFolds:
 
 
 def split_folds(
-    mesh: TriangleMesh, rigidity: Array, poisson: Array, clamped: NDArray[np.bool_], scale: float
+    mesh: TriangleMesh,
+    rigidity: Array,
+    poisson: Array,
+    clamped: NDArray[np.bool_],
+    held_vertices: NDArray[np.bool_],
+    scale: float,
 ) -> SplitFolds:
     """Split folds of a mesh.
 
@@ -103,12 +108,14 @@ def split_folds(
     rigidity, poisson : ndarray, shape (T,)
         Bending stiffness D [N m] and Poisson's ratio of every triangle.
     clamped : ndarray of bool, shape (n,)
-        Held vertices; an edge is clamped where both ends are.
+        Vertices held by supports; an edge is clamped where both ends are.
+    held_vertices : ndarray of bool, shape (n,)
+        All held vertices; triangles of them do not bend.
     scale : float
         Diagonal entry that the shares' stiffness is scaled to [N/m], near those of the positions.
     """
     faces = mesh.faces
-    held: NDArray[np.bool_] = np.asarray(clamped[faces].all(axis=1))
+    held: NDArray[np.bool_] = np.asarray(held_vertices[faces].all(axis=1))
     bending = np.flatnonzero(~held)
     corners = faces[bending]
     # Edge k lies opposite corner k and runs from corner k + 1 to corner k + 2.
