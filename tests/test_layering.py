@@ -52,6 +52,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "mesh",
         "modes",
         "outcome",
+        "plugins",
         "reduction",
         "sharing",
         "shell",
@@ -78,7 +79,6 @@ MAY_IMPORT: dict[str, set[str]] = {
         "provenance",
         "selection",
         "shell",
-        "springs",
         "typing",
     },
     "compare": {

@@ -31,15 +31,6 @@ _FEWEST = (6, 2)
 
 
 @dataclass(frozen=True)
-class CoarseMesh:
-    """A coarser mesh of the same surface, its material where that is calibrated on the mesh, and a short name."""
-
-    mesh: TriangleMesh
-    name: str
-    material: Material | None = None
-
-
-@dataclass(frozen=True)
 class Case:
     """What the rungs are compared on.
 
@@ -145,26 +136,3 @@ def coarse_meshes(scene: Scene, shell: Shell) -> list[CoarseMesh]:
         material = build_material(scene.material, mesh) if isinstance(scene.material, PhysicalSheet) else None
         made[cells] = CoarseMesh(mesh, f"{cells[0]}x{cells[1]}", material)
     return list(made.values())
-
-
-def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
-    """A coarse mesh with a second row of vertices where the held region of ``shell`` ends.
-
-    With one held row it would be hinged where the fine shell is clamped. The neighbours of that row are moved onto the
-    held vertices nearest to them.
-    """
-    nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
-    held = shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
-    if not held.any() or held[mesh.faces].all(axis=1).any():
-        return mesh
-    beside = np.zeros(len(held), dtype=bool)
-    beside[mesh.faces[held[mesh.faces].any(axis=1)]] = True
-    places = shell.rest_positions[shell.clamped]
-    vertices = np.array(mesh.vertices)
-    for vertex in np.flatnonzero(beside & ~held):
-        vertices[vertex] = places[np.argmin(np.linalg.norm(places - vertices[vertex], axis=1))]
-    try:
-        moved = TriangleMesh(vertices, mesh.faces)
-    except MeshError:  # the fine shell has one held row too
-        return mesh
-    return moved if moved.face_areas.min() > 0.02 * moved.face_areas.mean() else mesh
