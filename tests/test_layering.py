@@ -66,6 +66,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "motion": {"checks", "constraints", "errors", "kernels", "models", "shell", "timings", "typing"},
     "export": {"atomic_io", "checks", "errors", "motion", "typing"},
     "scene": {
+        "atomic_io",
         "checks",
         "constraints",
         "crowd",
@@ -123,6 +124,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "lock",
         "measure",
         "mesh",
+        "models",
         "motion",
         "provenance",
         "render",
@@ -150,7 +152,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "shell",
         "sweep",
     },
-    "viewer": {"checks", "errors", "models", "modes", "motion", "render", "run", "scene", "timings", "typing"},
+    "viewer": {"checks", "errors", "models", "modes", "motion", "render", "run", "scene", "shell", "timings", "typing"},
     "cli": {
         "atomic_io",
         "checks",

@@ -1,7 +1,7 @@
 """The ladder: models that answer the same scene, cheapest first."""
 
 from modalshell.models.base import Damping, Equilibrium, Model, MotionState
-from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell, coarse_shell
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell, CoarseMesh, coarse_shell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.linear import LinearModal
 from modalshell.models.modal_derivatives import ModalDerivatives
@@ -13,6 +13,7 @@ from modalshell.models.warping import ModalWarping
 
 __all__ = [
     "CoarseDiscreteShell",
+    "CoarseMesh",
     "Damping",
     "DiscreteShell",
     "Equilibrium",

@@ -66,8 +66,7 @@ class ReducedRotationStrain(TurnedTriangles):
         basis, shell = model.basis, model.shell
         rank = checked_count("rank", rank)
         samples = checked_vectors("coordinates", coordinates, (vector_count(coordinates), basis.count), OptionError)
-        if basis.rigid_modes:
-            raise OptionError(f"reduced RSW needs a shell that its supports hold (got {basis.rigid_modes} rigid modes)")
+        _check_held(basis)
         if len(samples) < rank:
             raise OptionError(f"training needs at least rank = {rank} coordinates (got {len(samples)})")
         if np.abs(samples).max() < 1.0 / LARGEST:
@@ -137,7 +136,7 @@ class ReducedRotationStrain(TurnedTriangles):
         OptionError
             If neither or both of ``gravities`` and ``loads`` are given, or a number is out of range.
         """
-        checked_kind("model", model, RotationStrain)
+        _check_held(checked_kind("model", model, RotationStrain).basis)
         if (gravities is None) == (loads is None):
             raise OptionError("training takes either gravities or loads, and not both")
         rng = np.random.default_rng(checked_count("seed", seed, at_least=0))
@@ -219,6 +218,11 @@ def deformations(modal: Array, q: Array) -> Array:
     out = np.empty((len(modal), 6 * TILE))
     kernel.deformations(modal.reshape(len(modal), q.size, 6 * TILE), q, np.empty(kernel.WORK), out)
     return out.ravel()
+
+
+def _check_held(basis: Basis) -> None:
+    if basis.rigid_modes:
+        raise OptionError(f"reduced RSW needs a shell that its supports hold (got {basis.rigid_modes} rigid modes)")
 
 
 def trained_on_loads(

@@ -80,7 +80,8 @@ class SpringSheet(FullModel):
         reference_fold: float = REFERENCE_FOLD,
     ) -> None:
         checked_kind("shell", shell, Shell)
-        self.springs = shell_springs(shell, reference_fold) if springs is None else checked_kind("springs", springs, Springs)
+        springs = shell_springs(shell, reference_fold) if springs is None else springs
+        self.springs = checked_kind("springs", springs, Springs)
         count = len(shell.rest_positions)
         if len(self.springs) == 0 or self.springs.pairs.max() >= count:
             worst = self.springs.pairs.max(initial=-1)
