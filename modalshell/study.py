@@ -16,6 +16,9 @@ from modalshell.atomic_io import digest, read_npz, write_npz, write_text
 from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
 
+Table = list[dict[str, str]]
+"""A table of a study's page: the cells of each row by their headings."""
+
 _DIGEST = "sha256"
 
 

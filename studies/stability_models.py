@@ -12,6 +12,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.errors import ModalShellError
 from modalshell.models import CoarseMesh, Damping, Model
+from studies.integrator_drift import SummedWarp
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
@@ -113,7 +114,7 @@ def full(name: str, kind: Callable[..., Model]) -> list[Row]:
 ON_MODES: dict[str, Callable[..., Model]] = {
     "LMA": partial(modal, ms.LinearModal),
     "MWTS": partial(modal, ms.ModalWarping),
-    "MWTS sum": partial(modal, ms.ModalWarping, warp="sum"),
+    "MWTS sum": partial(modal, SummedWarp),
     "MWTS consistent": partial(modal, ms.ModalWarping, consistent_force=True),
     "RSW": partial(modal, ms.RotationStrain),
     "reduced RSW": reduced,

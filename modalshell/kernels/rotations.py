@@ -228,6 +228,58 @@ def warped_work(rotation_vectors, vectors, load, averaged, slope):  # type: igno
 
 
 @_kernel
+def _curvatures(squared, slope_second, slope_third, second, third):  # type: ignore[no-untyped-def]
+    """``(d/dphi) / phi`` of both :func:`_slopes` at phi^2 = ``squared``, given these, c2 and c3 there."""
+    if squared < 1.0:
+        # sum (-1)^k 2k (2k-2) phi^(2k-4) / (2k+2)!, and with (2k+3)!: the factorials as a running product.
+        term = -1.0 / 24.0
+        curve_second = curve_third = 0.0
+        for k in range(2, 12):
+            term *= -1.0 / ((2.0 * k + 1.0) * (2.0 * k + 2.0))
+            curve_second += 4.0 * k * (k - 1.0) * term
+            curve_third += 4.0 * k * (k - 1.0) * term / (2.0 * k + 3.0)
+            term *= squared
+        return curve_second, curve_third
+    return (third - second - 4.0 * slope_second) / squared, (slope_second - 5.0 * slope_third) / squared
+
+
+@_kernel
+def warped_work_curvature(rotation_vectors, vectors, load, mixed, curvature):  # type: ignore[no-untyped-def]
+    """Second derivatives of ``f_i . Rt(w_i) v_i`` by v and w, and by w twice, into ``mixed``, ``curvature`` (n, 3, 3).
+
+    With ``a = f . (w x v)`` and ``b = f . (w x (w x v))`` the work is ``f . v + c2 a + c3 b``.
+    """
+    slope_b = np.empty(3)
+    for i in range(vectors.shape[0]):
+        w, v, f = rotation_vectors[i], vectors[i], load[i]
+        _warp_slope(-w, f, mixed[i])  # Rt(w)^T = Rt(-w)
+        squared = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+        first, second, third = coefficients(w[0], w[1], w[2])
+        slope_second, slope_third = _slopes(squared, first, second, third)
+        curve_second, curve_third = _curvatures(squared, slope_second, slope_third, second, third)
+        slope_a = (v[1] * f[2] - v[2] * f[1], v[2] * f[0] - v[0] * f[2], v[0] * f[1] - v[1] * f[0])
+        fw, vw, fv = 0.0, 0.0, 0.0
+        for axis in range(3):
+            fw += f[axis] * w[axis]
+            vw += v[axis] * w[axis]
+            fv += f[axis] * v[axis]
+        for axis in range(3):
+            slope_b[axis] = f[axis] * vw + v[axis] * fw - 2.0 * fv * w[axis]
+        a = slope_a[0] * w[0] + slope_a[1] * w[1] + slope_a[2] * w[2]
+        b = fw * vw - fv * squared
+        for row in range(3):
+            for column in range(3):
+                mixed[i, row, column] = -mixed[i, row, column]
+                curvature[i, row, column] = (
+                    slope_second * (w[row] * slope_a[column] + slope_a[row] * w[column])
+                    + slope_third * (w[row] * slope_b[column] + slope_b[row] * w[column])
+                    + third * (f[row] * v[column] + v[row] * f[column])
+                    + (curve_second * a + curve_third * b) * w[row] * w[column]
+                )
+            curvature[i, row, row] += slope_second * a + slope_third * b - 2.0 * third * fv
+
+
+@_kernel
 def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-untyped-def]
     """Rotation vectors (n, 3) that fit small ``displacements`` (n, 3) about ``positions`` best, into ``out``.
 

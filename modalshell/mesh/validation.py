@@ -18,6 +18,7 @@ from modalshell.mesh.winding import faces_to_flip
 DEGENERATE = 1e-12
 LARGEST = 1e100  # [m]
 COINCIDENT = 1e-8  # of the bounding box's diagonal
+FARTHEST = 1e9  # distance from the origin, in lengths of the mesh
 
 
 def as_vertices(vertices: ArrayLike) -> FloatArray:
@@ -45,6 +46,12 @@ def as_vertices(vertices: ArrayLike) -> FloatArray:
     if size < 1.0 / LARGEST:
         raise MeshError(
             f"all vertices lie within {size:g} m (got {len(result)}), where areas underflow: scale the mesh to metres"
+        )
+    away = float(np.abs(result).max())
+    if away > FARTHEST * size:
+        raise MeshError(
+            f"the mesh is {size:.3g} m long and lies {away:.3g} m from the origin, where rounding has taken its shape "
+            f"(got {away / size:.1g} of its lengths, at most {FARTHEST:g}): subtract its mean position"
         )
     return result
 

@@ -8,10 +8,9 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import LARGEST, checked_count, checked_kind, checked_number, checked_vectors, vector_count
 from modalshell.errors import OptionError
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import MotionState
-from modalshell.models.modal import Integrator
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.modes import Basis
@@ -226,7 +225,7 @@ def _check_held(basis: Basis) -> None:
 
 
 def trained_on_loads(
-    basis: Basis, loads: Array, *, integrator: Integrator = "implicit_euler", rank: int = 32, mixtures: int = 16
+    basis: Basis, loads: Array, *, integrator: str = "implicit_euler", rank: int = 32, mixtures: int = 16
 ) -> ReducedRotationStrain:
     """Reduced RSW trained on the loads (k, n, 3) [N] of a scene, and on random coordinates about their answers."""
     full = RotationStrain(basis, integrator=integrator)

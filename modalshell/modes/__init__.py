@@ -2,13 +2,13 @@
 
 from modalshell.modes.basis import Basis, solve_modes
 from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_tangent_eigenvalue
-from modalshell.modes.factorisation import Factor, Factoriser, available_backends
+from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser
 
 __all__ = [
+    "BACKENDS",
     "Basis",
     "Factor",
     "Factoriser",
-    "available_backends",
     "largest_eigenvalue",
     "lowest_tangent_eigenvalue",
     "solve_modes",

@@ -85,7 +85,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             del solver
         values, vectors = _canonical(values, vectors, elastic)
     scaled, _ = mass_scaled(shell, data)
-    norm = float(spla.norm(scaled, 1))
+    norm = float(spla.norm(scaled, 1)) or 1.0
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
     residual = float(residuals.max(initial=0.0))
     if residual > _RESIDUAL_LIMIT:

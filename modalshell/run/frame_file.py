@@ -90,7 +90,7 @@ class FrameFile:
             If the file belongs to another run, or its header is damaged; it is left as it is.
         """
         self._dtype = record_dtype(fields)
-        whole_identity = identity | {"record": repr(fields)}
+        whole_identity = identity | {"record": json.dumps(fields)}
         self._header = _header(whole_identity, constants or {})
         if restart:
             os.ftruncate(self._descriptor, 0)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from modalshell.atomic_io import digest, read_npz, read_record, write_npz, write_record
 from modalshell.crowd import Flight
-from modalshell.motion.simulate import step_count
+from modalshell.motion.recorder import step_count
+from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
 from modalshell.render import ShadedSurface, draw_surface, look_at, write_streamed_film
 from modalshell.render.camera import Camera
@@ -50,6 +51,11 @@ class FlightResult:
     frames: int
     files: list[Path]
     resumed: int
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the flight ended: birds fly to the end, or what stops them is raised."""
+        return Outcome.COMPLETED
 
     @property
     def summary(self) -> str:

@@ -47,8 +47,8 @@ def _table(spec: ModelSpec) -> type[ModelTable]:
     for name, parameter in list(inspect.signature(builder).parameters.items())[spec.given :]:
         if name == "count":
             fields["modes"] = (Count, parameter.default)
-        elif _in_toml(hints[name]):
-            fields[name] = (hints[name], parameter.default)
+        elif (kind := _in_toml(hints[name])) is not None:
+            fields[name] = (kind, parameter.default)
     made = msgspec.defstruct(
         spec.key, [(name, *field) for name, field in fields.items()], bases=(ModelTable,), namespace={"spec": spec},
         frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="name", tag=spec.key,
@@ -56,11 +56,13 @@ def _table(spec: ModelSpec) -> type[ModelTable]:
     return cast(type[ModelTable], made)
 
 
-def _in_toml(hint: Any) -> bool:
-    """Whether TOML can state values of a type."""
+def _in_toml(hint: Any) -> Any:
+    """The part of a type whose values TOML can state; None if there is none."""
     if hint in (bool, int, float, str, NoneType):
-        return True
+        return hint
     origin, arguments = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        return _in_toml(arguments[0])
-    return origin is Literal or (origin in (Union, UnionType, tuple) and all(_in_toml(part) for part in arguments))
+    if origin in (Union, UnionType):
+        parts = [part for part in map(_in_toml, arguments) if part not in (None, NoneType)]
+        return Union[(*parts, *([NoneType] if NoneType in arguments else []))] if parts else None
+    known = origin is Literal or (origin is Annotated and _in_toml(arguments[0]) is not None)
+    return hint if known or (origin is tuple and all(_in_toml(part) is not None for part in arguments)) else None

@@ -102,6 +102,26 @@ class Shell(ReadOnlyArrays):
         other._hold(self.clamped)
         return other
 
+    @property
+    def size(self) -> float:
+        """Longest side of the box around the rest shape [m]."""
+        return float(np.ptp(self.rest_positions, axis=0).max())
+
+    def centred(self) -> tuple[Shell, Array]:
+        """The same shell about the origin, and where its origin was (3,) [m]; itself where it is near the origin.
+
+        Far away the rounding of coordinates would be felt. The shift is by whole multiples of a power of two, so that
+        not a bit of the shape is lost.
+        """
+        grid = 4.0 * 2.0 ** np.ceil(np.log2(self.size))
+        origin = grid * np.round(0.5 * (self.rest_positions.min(axis=0) + self.rest_positions.max(axis=0)) / grid)
+        if not origin.any():
+            return self, origin
+        other = copy.copy(self)
+        other.rest_positions = self.rest_positions - origin
+        other.rest_positions.flags.writeable = False
+        return other, origin
+
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
 

@@ -50,7 +50,7 @@ def petsc() -> ModuleType:
     except ImportError as error:
         words = "sheets over MPI ranks need PETSc and petsc4py, see the text of modalshell.springs.ranks"
         raise OptionError(f"{words} ({error})") from error
-    return PETSc  # type: ignore[no-any-return]
+    return PETSc
 
 
 class RankedSprings:

@@ -11,6 +11,7 @@ from modalshell.errors import SolverError
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.newton import NewtonResult, Potential, descend, is_minimum, mixed_newton, warped_step
+from modalshell.statics.refine import refine
 from modalshell.timings import Timings
 from modalshell.typing import Array
 
@@ -19,17 +20,26 @@ _STEP_TURN = 0.6
 
 
 def lead(
-    shell: Shell, load: Array, start: Array, patches: Sequence[HeldPatch], factoriser: Factoriser, costs: Timings
+    shell: Shell,
+    load: Array,
+    start: Array | None,
+    patches: Sequence[HeldPatch],
+    origin: Array,
+    factoriser: Factoriser,
+    costs: Timings,
 ) -> NewtonResult:
-    """Equilibrium with the patches at their targets, moved there from ``start`` (n, 3) in steps that adapt.
+    """Equilibrium with the patches at their targets, moved there from ``start`` (n, 3), or rest, in steps that adapt.
+
+    Targets are in the world's frame, where the shell's origin is at ``origin`` (3,).
 
     Each step is predicted along the tangent, warped, and solved by mixed Newton; where that ends at no minimum the step
     is shortened, and at last the potential is minimised.
     """
     held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
     problem = Potential(held, load, shell.rest_positions, factoriser, costs)
-    origins = [start[patch.vertices] for patch in patches]
-    goals = [patch.at(0.0) for patch in patches]
+    x = shell.rest_positions if start is None else start
+    origins = [x[patch.vertices] for patch in patches]
+    goals = [patch.at(0.0) - origin for patch in patches]
 
     def placed(share: float) -> Array:
         return np.concatenate([a + share * (b - a) for a, b in zip(origins, goals, strict=True)])
@@ -37,10 +47,11 @@ def lead(
     if any(patch.orientation is not None for patch in patches):
         # Turn rigidly on the way: straight paths would crush the patch. From rest, that is; a start is left behind.
         def placed(share: float) -> Array:
-            return np.concatenate([patch.at(0.0, share) for patch in patches])
+            return np.concatenate([patch.at(0.0, share) - origin for patch in patches])
 
     vertices = np.concatenate([patch.vertices for patch in patches])
-    x, share, step, iterations = start, 0.0, _FIRST_STEP, 0
+    share, step, iterations = 0.0, _FIRST_STEP, 0
+    scale = max(problem.scale, 1e-300)
     while share < 1.0:
         step = min(step, 1.0 - share)
         target = placed(share + step)
@@ -75,4 +86,5 @@ def lead(
                 result.iterations = iterations
                 return result
         x, share, step = result.positions, share + step, 2.0 * step
-    return NewtonResult(x, result.residual, iterations, True, stable=True)
+    result.iterations = iterations
+    return refine(problem, result, scale)

@@ -31,6 +31,8 @@ _SHIFTS = (1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
 _STRETCH = 25
 _STRETCHES = 12
 _EPSILON = float(np.finfo(np.float64).eps)
+_STILL = 1e-8
+"""Newton step, as a share of the shell's size, up to which a residual can be due to rounding."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,8 @@ class Potential:
 def rounding_residual(hessian: sps.csc_array, x: Array, scale: float) -> float:
     """Residual that the rounding of the positions alone leaves: each force by eps times its stiffness times |x|.
 
-    A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced any better.
+    A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced any better in double
+    precision; :mod:`modalshell.statics.refine` goes on from there.
     """
     return _EPSILON * float(np.abs(x).max()) * float(np.linalg.norm(hessian.diagonal())) / scale
 
@@ -144,11 +147,13 @@ class NewtonResult:
     iterations : int
         Factorisations used.
     converged : bool
-        Whether the residual met :data:`ACCEPTED`, or :func:`rounding_residual` where that is larger.
+        Whether the residual met :data:`ACCEPTED`, or :func:`rounding_residual` with Newton's steps at their end.
     factor : Factor or None
         Of the last Hessian, a step before the end; of the one at the end where :func:`is_minimum` has found it so.
     stable : bool or None
         Whether the exact Hessian at the end is positive definite; None where that was not found out.
+    limited : bool
+        Whether rounding keeps the residual above :data:`ACCEPTED`.
     """
 
     positions: Array
@@ -157,6 +162,7 @@ class NewtonResult:
     converged: bool
     factor: Factor | None = None
     stable: bool | None = None
+    limited: bool = False
 
 
 def _moved(shell: Shell, x: Array, direction: Array, fraction: float = 1.0) -> Array:
@@ -211,7 +217,7 @@ def mixed_newton(
     shell = problem.shell
     x = start
     best = NewtonResult(start, np.inf, 0, False)
-    stalled = 0
+    stalled, length = 0, np.inf
     for iteration in range(limit + 1):
         gradient, hessian = problem.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
         residual = float(np.linalg.norm(gradient)) / scale
@@ -219,12 +225,14 @@ def mixed_newton(
             break
         if residual < best.residual:
             stalled = stalled + 1 if residual > 0.5 * best.residual else 0
-            accepted = max(ACCEPTED, goal, rounding_residual(hessian, x, scale))
+            accepted = max(ACCEPTED, goal)
             if iteration == 0 and problem.quadratic is not None:
                 accepted = _GOAL  # a step must be taken, or a small load on a fast shell would never act
             best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor)
         else:
             stalled += 1
+        if length <= _STILL * shell.size and best.residual <= rounding_residual(hessian, x, scale):
+            best.converged = True
         if (
             (residual <= goal and best.converged)
             or iteration == limit
@@ -241,6 +249,7 @@ def mixed_newton(
             break
         moved, step, _ = warped_step(shell, x, direction, _LARGEST_TURN)
         stresses = shell.predicted_stresses(x, step)
+        length = float(np.abs(moved - x).max())
         x = moved
         best.iterations = iteration + 1
     return best
@@ -250,11 +259,10 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
     """Newton with line search on the potential, its Hessian projected element by element where it is indefinite."""
     x = start
     value = problem.value(x)
-    residual, accepted = np.inf, ACCEPTED
+    residual, still = np.inf, False
     for iteration in range(limit + 1):
         gradient, hessian = problem.linearise(x, EXACT)
         residual = float(np.linalg.norm(gradient)) / scale
-        accepted = max(ACCEPTED, rounding_residual(hessian, x, scale))
         if residual <= _GOAL or iteration == limit or not np.isfinite(residual):
             break
         factor = problem.definite_factor(hessian)
@@ -263,6 +271,8 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
             if factor is None:
                 break
         direction = problem.step(factor, gradient)
+        still = float(np.abs(direction).max()) <= _STILL * problem.shell.size
+        still = still and residual <= rounding_residual(hessian, x, scale)
         slope = float(direction @ gradient)
         fraction = 1.0
         while fraction > 1e-10:
@@ -274,7 +284,7 @@ def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -
         else:
             break
         x, value = trial, trial_value
-    return NewtonResult(x, residual, iteration, bool(residual <= accepted))
+    return NewtonResult(x, residual, iteration, bool(residual <= ACCEPTED or still))
 
 
 def shifted_factor(problem: Potential, hessian: sps.csc_array) -> Factor | None:
@@ -302,21 +312,30 @@ def is_minimum(problem: Potential, result: NewtonResult) -> bool:
     return result.stable
 
 
-def leave_saddle(problem: Potential, x: Array) -> Array:
-    """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
+def lowest_curvature(problem: Potential, x: Array) -> tuple[float, Array]:
+    """Lowest of the Hessian's eigenvalues next to zero, as a share of its mean diagonal entry, and its direction (N,).
+
+    SolverError or ArpackError where they cannot be found.
+    """
     _, hessian = problem.linearise(x, EXACT)
     if hessian.shape[0] < 30:  # Lanczos needs room
         values, vectors = np.linalg.eigh(hessian.toarray())
     else:
         start = np.random.default_rng(0).standard_normal(hessian.shape[0])
-        try:
-            factor = problem.factor(hessian)
-            inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
-            values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
-        except (SolverError, spla.ArpackError):
-            return x
-    direction = vectors[:, int(np.argmin(values))]
-    direction *= float(np.ptp(problem.shell.rest_positions, axis=0).max()) / float(np.abs(direction).max())
+        factor = problem.factor(hessian)
+        inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
+        values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
+    lowest = int(np.argmin(values))
+    return float(values[lowest]) / float(np.abs(hessian.diagonal()).mean()), vectors[:, lowest]
+
+
+def leave_saddle(problem: Potential, x: Array) -> Array:
+    """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
+    try:
+        _, direction = lowest_curvature(problem, x)
+    except (SolverError, spla.ArpackError):
+        return x
+    direction *= problem.shell.size / float(np.abs(direction).max())
     trials = [_moved(problem.shell, x, direction, sign * size) for size in (3e-2, 1e-2, 1e-3) for sign in (1, -1)]
     return min([x, *trials], key=lambda trial: (not np.isfinite(value := problem.value(trial)), value))
 

@@ -8,10 +8,18 @@ ACCEPTED = 1e-7
 """Out-of-balance force, as a share of the load, at which an answer counts as converged."""
 
 
-def verdict(residual: float, stable: bool | None, converged: bool) -> tuple[Outcome, str]:
-    """Outcome and message of an answer with this residual, whose Hessian is positive definite or not."""
-    if converged:
-        return Outcome.CONVERGED, ""
-    if stable is not False or not residual <= ACCEPTED:
-        return Outcome.NOT_CONVERGED, f"residual {residual:.1e} of {ACCEPTED:.0e}"
-    return Outcome.UNSTABLE, "in balance at a saddle, which the smallest push aside leaves"
+def verdict(residual: float, stable: bool | None, *, limited: bool = False, note: str = "") -> tuple[Outcome, str]:
+    """Outcome and message of an answer with this residual, whose Hessian is positive definite or not.
+
+    ``limited`` says that rounding keeps the residual where it is; ``note`` is what else there is to say.
+    """
+    if residual <= ACCEPTED:
+        if stable:
+            return Outcome.CONVERGED, note
+        return Outcome.UNSTABLE, "in balance at a saddle, which the smallest push aside leaves"
+    if limited:
+        return (
+            Outcome.ROUNDING_LIMITED,
+            f"rounding keeps the residual at {residual:.1e} of {ACCEPTED:.0e}: the membrane is too stiff for this load",
+        )
+    return Outcome.NOT_CONVERGED, f"residual {residual:.1e} of {ACCEPTED:.0e}"

@@ -21,7 +21,7 @@ from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.render.maps import MapPanel, draw_maps
 from modalshell.sweep.grid import Axis
-from modalshell.sweep.summary import Row
+from modalshell.sweep.summary import SummaryRow
 from modalshell.typing import Array
 
 Chosen = dict[int, int]
@@ -45,7 +45,7 @@ _WIDE = 30.0
 """Ratio of largest to smallest from which an axis is logarithmic."""
 
 
-def draw_summary(rows: Sequence[Row], axes: Sequence[Axis], value: str, path: Path, title: str) -> str:
+def draw_summary(rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, path: Path, title: str) -> str:
     """Draw ``value`` over the axes into a PNG.
 
     Returns

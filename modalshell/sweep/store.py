@@ -12,7 +12,16 @@ from msgspec import Struct
 
 from modalshell.atomic_io import make_folder, write_bytes
 from modalshell.lock import hold
-from modalshell.sweep.case import Outcome
+from modalshell.outcome import Outcome, read_outcome
+from modalshell.sweep.case import CaseResult
+
+_ENDINGS = {
+    "refused": Outcome.REFUSED,
+    "failed": Outcome.FAILED,
+    "crashed": Outcome.FAILED,
+    "timed out": Outcome.STOPPED,
+}
+"""What earlier versions called cases without an answer."""
 
 
 class _Stored(Struct, frozen=True):
@@ -43,25 +52,35 @@ class CaseFolder:
     ) -> None:
         os.close(self._descriptor)
 
-    def read(self, digest: str) -> Outcome | None:
+    def read(self, digest: str) -> CaseResult | None:
         """The result of a case; None where it is missing or damaged."""
         try:
             stored = msgspec.json.decode(self._path(digest).read_bytes(), type=_Stored)
-            found = msgspec.json.decode(stored.result, type=Outcome)
+            found = _decoded(stored.result)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError):
             return None
         sound = _checksum(bytes(stored.result)) == stored.checksum and found.digest == digest
         return found if sound else None
 
-    def write(self, outcome: Outcome) -> None:
+    def write(self, result: CaseResult) -> None:
         """Store a result: once this returns it outlives the process."""
-        result = msgspec.json.encode(outcome)
-        data = msgspec.json.encode(_Stored(_checksum(result), msgspec.Raw(result))) + b"\n"
-        write_bytes(self._path(outcome.digest), data)
+        text = msgspec.json.encode(result)
+        data = msgspec.json.encode(_Stored(_checksum(text), msgspec.Raw(text))) + b"\n"
+        write_bytes(self._path(result.digest), data)
 
     def _path(self, digest: str) -> Path:
         return self.folder / f"{digest}.json"
 
 
-def _checksum(result: bytes) -> str:
-    return hashlib.sha256(result).hexdigest()
+def _checksum(text: bytes) -> str:
+    return hashlib.sha256(text).hexdigest()
+
+
+def _decoded(text: bytes) -> CaseResult:
+    """The result, also as earlier versions wrote it: outcomes of the process, and a sentence for a status."""
+    plain = msgspec.json.decode(text)
+    if isinstance(plain, dict) and "status" in plain:
+        outcome, message = read_outcome(plain["status"], None)
+        plain |= {"outcome": _ENDINGS.get(plain["outcome"], outcome), "message": message}
+        plain["info"] = plain.pop("made", {})
+    return msgspec.convert(plain, CaseResult)

@@ -164,9 +164,9 @@ def _too_long(*_: Any, **__: Any) -> Any:
 
 
 def check_exit(status: Any, errors: str) -> None:
-    """DirtyExit unless a command ended well, or with one line, which is then raised as the error that it tells of."""
+    """DirtyExit unless a command ended its work (status 0 or 1) or with one line, which is then raised as an error."""
     lines = [line for line in errors.splitlines() if not line.startswith("modalshell: warning: ")]
-    if "Traceback" in errors or status not in (0, 2):
+    if "Traceback" in errors or status not in (0, 1, 2):
         raise DirtyExit(f"status {status}: {errors[-500:]}")
     if status == 2:
         if len(lines) != 1 or not lines[0].startswith("modalshell: "):

@@ -7,11 +7,11 @@ exact values belong to w as it is stored, so that at 1e6 rad no digit may be los
 import importlib
 import math
 import pkgutil
-from types import SimpleNamespace
 
 import mpmath
 import numpy as np
 import pytest
+from bases import bare_basis
 from mpmath import mpf
 from numba.core.dispatcher import Dispatcher
 
@@ -128,8 +128,7 @@ def test_the_average_of_a_frame_keeps_its_stated_error(angle, dtype, bound):
             w = (angle * direction).astype(dtype)
         columns = []
         for axis in np.eye(3):
-            shell = SimpleNamespace(rest_positions=np.zeros((1, 3)))
-            basis = SimpleNamespace(shell=shell, modes=axis[:, None], rotations=w.astype(float)[:, None], count=1)
+            basis = bare_basis(np.zeros((1, 3)), axis[:, None], w.astype(float)[:, None])
             columns.append(WarpFrame(basis, dtype=dtype).positions([1.0])[0])
         assert distance(np.transpose(columns), exact([float(x) for x in w])[1]) < bound
 

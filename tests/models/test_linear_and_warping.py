@@ -9,8 +9,19 @@ import scipy.linalg
 import scipy.sparse.linalg as spla
 from scipy.spatial.transform import Rotation
 
-from modalshell import DiscreteShell, LinearModal, Material, ModalWarping, Shell, flat_beam, leaf, measure, solve_modes
-from modalshell.errors import LoadError
+from modalshell import (
+    DiscreteShell,
+    LinearModal,
+    Material,
+    ModalWarping,
+    RotationStrain,
+    Shell,
+    flat_beam,
+    leaf,
+    measure,
+    solve_modes,
+)
+from modalshell.errors import LoadError, SolverError
 from modalshell.models import Damping, MotionState
 
 V_BEAM = json.loads((Path(__file__).resolve().parents[1] / "data" / "v_beam_static.json").read_text(encoding="utf-8"))
@@ -418,3 +429,12 @@ def test_a_load_that_is_not_finite_names_its_vertex(v_basis):
     force[11, 2] = np.inf
     with pytest.raises(LoadError, match=r"\b11\b"):
         LinearModal(v_basis).equilibrium(force=force)
+
+
+@pytest.mark.filterwarnings("ignore:mode 3 belongs to a repeated eigenvalue")
+@pytest.mark.parametrize("model", [LinearModal, ModalWarping, RotationStrain])
+def test_statics_without_stiffness_is_refused(model):
+    mesh = flat_beam(cells=(4, 2))
+    basis = solve_modes(Shell(mesh, Material(0.0, 0.0, 0.0, 1.0), mesh.vertices[:, 0] < 0.3), 3)
+    with pytest.raises(SolverError, match="elastic mode 0 has no stiffness"):
+        model(basis).equilibrium(gravity=(0, 0, -1))

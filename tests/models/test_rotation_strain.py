@@ -24,7 +24,7 @@ from modalshell import (
 )
 from modalshell.errors import LoadError
 from modalshell.models import Damping, MotionState
-from modalshell.modes import available_backends
+from modalshell.modes import BACKENDS
 
 LEAF = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
 
@@ -95,7 +95,7 @@ def test_positions_are_those_of_the_definition(turn):
     np.testing.assert_array_equal(x, basis.shell.rest_positions + model.displacement(q))
 
 
-@pytest.mark.parametrize("backend", available_backends())
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_every_back_end_gives_the_same_positions(v_basis, v_model, backend):
     model = RotationStrain(v_basis, backend=backend)
     q = random_state(v_model, 1.0)

@@ -17,6 +17,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 
 _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"
@@ -73,7 +74,7 @@ def assert_same(found, expected):
         one, other = getattr(found, name), getattr(expected, name)
         assert one.dtype == other.dtype
         np.testing.assert_array_equal(one, other, err_msg=name)
-    assert (found.status, found.unconverged_steps) == (expected.status, expected.unconverged_steps)
+    assert (found.message, found.unconverged_steps) == (expected.message, expected.unconverged_steps)
 
 
 class Stopped(Exception):
@@ -199,10 +200,10 @@ def test_what_was_seen_before_a_stop_is_in_the_status(tmp_path):
     more = '[[loads.forces]]\nwhere = "x > 0.9"\ntotal = [0, 0, -40]\n'
     scene = write(tmp_path, more=more)
     expected = ms.run_scene(scene, out=tmp_path / "whole").trajectory
-    assert expected.status.startswith("completed, but wound up at ")
+    assert expected.message.startswith("a part of the shell turned by more than 2 pi at ")
     with pytest.raises(Stopped):
         ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop_after(29))
-    assert ms.run_scene(scene, out=tmp_path / "stopped").trajectory.status == expected.status
+    assert ms.run_scene(scene, out=tmp_path / "stopped").trajectory.message == expected.message
 
 
 @pytest.fixture(scope="module")
@@ -380,8 +381,13 @@ def test_leftovers_of_killed_writers_are_removed(tmp_path):
 
 def test_a_run_that_diverges_says_so(tmp_path):
     scene = write(tmp_path, model='ds"\nintegrator = "explicit"\nallow_unstable_step = true\nstep_tolerance = 1e-6#')
-    run = ms.run_scene(scene, out=tmp_path).trajectory
-    assert run.status.startswith("diverged at ")
+    result = ms.run_scene(scene, out=tmp_path)
+    run = result.trajectory
+    assert result.outcome is run.outcome is Outcome.DIVERGED
+    assert run.message.startswith("positions left the finite numbers at ")
+    with pytest.raises(SystemExit) as exit_:
+        main(["run", str(scene), "--out", str(tmp_path)])
+    assert exit_.value.code == 1  # also where its results are there already
     assert np.isfinite(run.positions).all()
 
 

@@ -1,0 +1,43 @@
+"""Static answers that rounding keeps from balance, refined with residuals in extended precision."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from modalshell.shell.extended import extended_gradient
+from modalshell.statics.newton import NewtonResult, Potential
+from modalshell.statics.verdict import ACCEPTED
+
+_LIMIT = 10
+
+
+def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResult:
+    """Newton's steps on displacements in extended precision, from a minimum that double precision cannot balance.
+
+    The factor of the minimum's Hessian serves all steps, which are of the size of rounding. The residual is that of the
+    displacements before they are rounded to double precision. Where it stays above :data:`ACCEPTED` the result is
+    limited by rounding, and not converged.
+    """
+    if result.residual <= ACCEPTED or not (result.converged and result.stable) or result.factor is None:
+        return result
+    shell = problem.shell
+    free = shell.free_unknowns
+    moved = result.positions.astype(np.longdouble) - shell.rest_positions
+    best, residual = moved, np.inf
+    for iteration in range(_LIMIT + 1):
+        gradient = (extended_gradient(shell.elements, shell.rest_positions, moved) - problem.load).ravel()[free]
+        # Both in double precision and scaled: squares of the smallest loads would underflow.
+        out = (gradient / scale).astype(np.float64)
+        size = float(np.linalg.norm(out))
+        if not size < 0.5 * residual:
+            break
+        best, residual = moved, size
+        if size <= 0.01 * ACCEPTED or iteration == _LIMIT:
+            break
+        moved = moved.copy()
+        moved.reshape(-1)[free] += problem.step(result.factor, out) * np.longdouble(scale)
+    positions = (shell.rest_positions + best).astype(np.float64)
+    limited = not residual <= ACCEPTED
+    return NewtonResult(
+        positions, residual, result.iterations + iteration, not limited, result.factor, result.stable, limited
+    )
