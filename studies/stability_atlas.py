@@ -113,7 +113,7 @@ def classify(trajectory: Trajectory, truth: np.ndarray | None, static: bool = Tr
     return str(Outcome.STEPS_NOT_CONVERGED if trajectory.unconverged_steps else Outcome.INACCURATE)
 
 
-def follow(model: Model, scene: models.Scene, dt: float, count: int) -> Trajectory:
+def follow(model: Model, scene: models.StripScene, dt: float, count: int) -> Trajectory:
     """A run of ``count`` steps; given up once a few steps have not converged. ModalShellError where it is refused."""
     damping = scene.rayleigh
     spins = isinstance(model, ms.RigidShell)
@@ -125,12 +125,12 @@ def follow(model: Model, scene: models.Scene, dt: float, count: int) -> Trajecto
     return recorder.trajectory(np.array([motion.positions() for _ in recorder.frames()]))
 
 
-def spin_of(scene: models.Scene) -> np.ndarray:
+def spin_of(scene: models.StripScene) -> np.ndarray:
     """Angular velocity (3,) [rad/s] of the rigid body: ``sqrt(g / L)`` about the axis across the strip."""
     return np.sqrt(scene.gamma * models.RIGIDITY / models.DENSITY) / models.LENGTH**2 * np.array([0.0, 1.0, 0.0])
 
 
-def outcome(row: models.Row, scene: models.Scene) -> str:
+def outcome(row: models.IntegratedModel, scene: models.StripScene) -> str:
     """Class of one cell."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
@@ -154,20 +154,20 @@ def outcome(row: models.Row, scene: models.Scene) -> str:
     return classify(run, truth, static)
 
 
-def own_base(row: models.Row) -> models.Scene:
+def own_base(row: models.IntegratedModel) -> models.StripScene:
     """The base point, with an explicit row's own step."""
     if row.theory != "explicit":
         return models.BASE
     return replace(models.BASE, step=0.5 * explicit_limit(row, models.BASE))
 
 
-def explicit_limit(row: models.Row, scene: models.Scene) -> float:
+def explicit_limit(row: models.IntegratedModel, scene: models.StripScene) -> float:
     """Longest stable step [s] at rest, by theory."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     return model.stable_step(scene.rayleigh)  # type: ignore[union-attr]
 
 
-def excess(row: models.Row, scene: models.Scene) -> float | None:
+def excess(row: models.IntegratedModel, scene: models.StripScene) -> float | None:
     """Positive where theory calls a scene unstable, negative where stable; None where there is no theory."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
@@ -196,7 +196,7 @@ def _equilibrium(row: str, ratio: float, gamma: float, aspect: float, fold: floa
     return limits.at_rest(model, replace(models.BASE, gamma=gamma).gravity)
 
 
-def crossings(row: models.Row, plane: Slice, base: models.Scene, y: float) -> list[float]:
+def crossings(row: models.IntegratedModel, plane: Slice, base: models.StripScene, y: float) -> list[float]:
     """Values of x at which theory's limit is crossed in one row of a map; the first x where all of it is unstable."""
     grid = np.geomspace(plane.x_values[0], plane.x_values[-1], 3 * len(plane.x_values))
     at = [excess(row, replace(base, **{plane.y: y, plane.x: float(x)})) for x in grid]
@@ -209,7 +209,7 @@ def crossings(row: models.Row, plane: Slice, base: models.Scene, y: float) -> li
     return found
 
 
-def coloured_step(row: models.Row, scene: models.Scene) -> float | None:
+def coloured_step(row: models.IntegratedModel, scene: models.StripScene) -> float | None:
     """Step from which the integrator colours the first mode: numerical damping, or frequency, off by 5 %."""
     omega = models.first_frequency(scene.ratio, scene.fold)
     if row.name.startswith("springs"):  # flat, they have no bending mode
@@ -289,7 +289,7 @@ def settles_from_rest(model: ms.ModalWarping, unit: np.ndarray, damping: Damping
     return limits.settles_from_rest(model, factor * unit, models.BASE.step, damping)
 
 
-def full_limits(row: models.Row, model: FullModel, count: int) -> list[dict[str, Any]]:
+def full_limits(row: models.IntegratedModel, model: FullModel, count: int) -> list[dict[str, Any]]:
     """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
     omega = float(np.sqrt(largest_eigenvalue(model.shell)))
     if row.theory == "implicit":

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import cantilever, held
 
 import modalshell as ms
 from modalshell.modes import BACKENDS
@@ -20,15 +21,13 @@ TWO_THREADS = 1e-10
 
 def answers(cells):
     """Modes by every back end, equilibrium and motion of every kind of model."""
-    mesh = ms.v_beam(cells=cells)
-    material = ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-    shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 / cells[0])
+    shell = cantilever(cells)
     found = {}
     for backend in BACKENDS:
         basis = ms.solve_modes(shell, 8, backend=backend)
         for name in ("eigenvalues", "modes", "rotations"):
             found[f"{backend}: {name}"] = getattr(basis, name)
-        found[f"{backend}: modes of a free shell"] = ms.solve_modes(ms.Shell(mesh, material), 10, backend=backend).modes
+        found[f"{backend}: modes of a free shell"] = ms.solve_modes(held(shell.mesh), 10, backend=backend).modes
     models = [ms.LinearModal(basis), ms.ModalWarping(basis), ms.RotationStrain(basis)]
     models += [ms.ModalDerivatives(shell, count=4), ms.ModalDerivatives(shell, count=3, cubature=True)]
     models += [ms.DiscreteShell(shell, backend=backend) for backend in BACKENDS]
@@ -38,8 +37,8 @@ def answers(cells):
         run = ms.simulate(model, duration=4 / 30, dt=1 / 30, gravity=gravity, damping=(0.1, 0.0))
         assert rest.converged
         assert run.status == "completed"
-        found[f"{number} {model.name}: equilibrium"] = rest.positions - mesh.vertices
-        found[f"{number} {model.name}: motion"] = run.positions - mesh.vertices
+        found[f"{number} {model.name}: equilibrium"] = rest.positions - shell.rest_positions
+        found[f"{number} {model.name}: motion"] = run.positions - shell.rest_positions
     return found
 
 

@@ -8,7 +8,7 @@ from modalshell.modes import BACKENDS
 
 
 def test_doctor_tells_what_is_here_and_how_to_get_the_rest(monkeypatch, capsys):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     readings = {reading.name: reading for reading in examine()}
     assert readings["factorisation"].value.split(", ") == list(BACKENDS)
     assert "apt-get install" in readings["drawing"].hint

@@ -88,7 +88,7 @@ def test_every_public_name_and_command_is_fuzzed():
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
 def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
     work = command_line.prepared(tmp_path)
-    environment = os.environ | {"PYTHONIOENCODING": encoding, "MODALSHELL_RENDERER": "matplotlib"}
+    environment = os.environ | {"PYTHONIOENCODING": encoding, "MODALSHELL_RENDERER": "built-in"}
     command = [sys.executable, "-m", "modalshell", *argv]
     found = subprocess.run(command, cwd=work, env=environment, capture_output=True, timeout=60, check=False)
 

@@ -16,6 +16,7 @@ from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
 from modalshell.motion import Trajectory
 from modalshell.outcome import read_outcome
+from modalshell.reading import open_regular
 
 _FORMAT = 2
 _WITHOUT_MESSAGE = 1
@@ -86,7 +87,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     """
     file = Path(path)
     try:
-        with zipfile.ZipFile(file) as archive:
+        with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
             mark = int(read_member(archive, _MARK))
             if mark not in (_WITHOUT_MESSAGE, _FORMAT):
                 raise ValueError(f"format {mark} (this version reads up to {_FORMAT})")

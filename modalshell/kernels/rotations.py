@@ -8,8 +8,9 @@ For a rotation vector :math:`w`, with :math:`\phi = |w|`,
 with :math:`c_1 = \sin\phi/\phi`, :math:`c_2 = (1-\cos\phi)/\phi^2`, :math:`c_3 = (\phi-\sin\phi)/\phi^3`.
 :math:`\tilde R` is the left Jacobian of SO(3): :math:`d\,e^{[w]} = [\tilde R\,dw]\,e^{[w]}`.
 
-From :math:`\phi = 0` to 1e6 rad, R, :math:`\tilde R` and their derivatives by w are within 1e-14 of those of w as it is
-stored, in the Frobenius norm and relative to it (of all 27 numbers for a derivative).
+From :math:`\phi = 0` to 20 rad (modal states beyond 2 pi count as wound up), R, :math:`\tilde R` and their derivatives
+by w are within 1e-14 of those of w as it is stored, in the Frobenius norm and relative to it (of all 27 numbers for a
+derivative). Beyond, the rounding of :math:`\phi` itself is felt: within 4.5e-16 for every radian.
 """
 
 from __future__ import annotations
@@ -27,49 +28,6 @@ _TERMS = 9
 _EVEN, _ODD = (tuple((-1.0) ** k / math.factorial(2 * k + s) for k in reversed(range(_TERMS))) for s in (2, 3))
 """c2 = sum (-1)^k phi^(2k) / (2k + 2)! and c3, with (2k + 3)!, highest power first: exact to rounding for phi < 1."""
 
-_LARGE = 40.0
-"""phi^2 beyond which the rounding of phi itself is felt: about a turn."""
-
-
-@_kernel
-def _square(a):  # type: ignore[no-untyped-def]
-    """``a^2`` as the nearest number and what it leaves [dekker1971]."""
-    square = a * a
-    split = 134217729.0 * a
-    high = split - (split - a)
-    low = a - high
-    return square, ((high * high - square) + 2.0 * high * low) + low * low
-
-
-@_kernel
-def _sum(a, b):  # type: ignore[no-untyped-def]
-    """``a + b`` as the nearest number and what it leaves, for ``|a| >= |b|`` [dekker1971]."""
-    total = a + b
-    return total, b - (total - a)
-
-
-@_kernel
-def _length(x, y, z):  # type: ignore[no-untyped-def]
-    """|(x, y, z)| as the nearest number and what it leaves: an angle of 1e6 rad, too, shall be right to 1e-16 rad."""
-    total, left = _square(x)
-    for component in (y, z):
-        square, rest = _square(component)
-        total, carried = _sum(max(total, square), min(total, square))
-        left += rest + carried
-    length = math.sqrt(total)
-    square, rest = _square(length)
-    return length, ((total - square) - rest + left) / (2.0 * length)
-
-
-@_kernel
-def _large_angle(x, y, z):  # type: ignore[no-untyped-def]
-    """c1, c2, c3 with |w| as exact as its numbers are."""
-    angle, left = _length(x, y, z)
-    half_sine, half_cosine = math.sin(0.5 * angle), math.cos(0.5 * angle)
-    half_sine, half_cosine = half_sine + 0.5 * left * half_cosine, half_cosine - 0.5 * left * half_sine
-    sine, squared = 2.0 * half_sine * half_cosine, angle * angle
-    return sine / angle, 2.0 * half_sine * half_sine / squared, (angle - sine) / (squared * angle)
-
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
 def coefficients(x, y, z):  # type: ignore[no-untyped-def]
@@ -81,8 +39,6 @@ def coefficients(x, y, z):  # type: ignore[no-untyped-def]
             second = second * squared + _EVEN[k]
             third = third * squared + _ODD[k]
         return 1.0 - squared * third, second, third
-    if squared > _LARGE:
-        return _large_angle(x, y, z)
     angle = math.sqrt(squared)
     sine, half_sine = math.sin(angle), math.sin(0.5 * angle)
     return sine / angle, 2.0 * half_sine * half_sine / squared, (angle - sine) / (squared * angle)

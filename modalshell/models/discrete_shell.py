@@ -19,8 +19,8 @@ class DiscreteShell(FullModel):
     integrator : str or FullIntegrator
         ``"implicit"``: implicit Euler, solved to ``step_tolerance`` (first order, stable at any step, loses energy).
         ``"linear_implicit"``: one Newton step of it (first order). ``"explicit"``: symplectic Euler (first order, the
-        paper's choice for DS) and ``"verlet"`` (second order), both stable below :meth:`stable_step` only. Or any
-        other rule of :data:`modalshell.integrators.full.FULL_INTEGRATORS`, or one made by hand.
+        paper's choice for DS) and ``"verlet"`` (second order), both stable below :meth:`stable_step` only. Or
+        the key of any other :class:`modalshell.integrators.full.FullIntegrator`, or a rule itself.
     allow_unstable_step : bool
         Whether explicit rules may go on above their stability estimate.
     step_tolerance : float

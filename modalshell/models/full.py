@@ -12,7 +12,7 @@ from scipy.sparse.linalg import ArpackError
 from modalshell.checks import checked_kind, checked_number
 from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.errors import OptionError, SolverError
-from modalshell.integrators.full import FULL_INTEGRATORS, ExplicitEuler, FullIntegrator
+from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, Placement
@@ -62,7 +62,7 @@ class FullModel(Model):
         backend: str | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
-        self.integrator: FullIntegrator = FULL_INTEGRATORS.choose(integrator)
+        self.integrator: FullIntegrator = FullIntegrator.chosen(integrator)
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None
         self.step_tolerance = checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2)
@@ -150,7 +150,7 @@ class FullModel(Model):
         """Refuse an explicit step above the stability estimate."""
         if self.integrator.explicit and not self.allow_unstable_step and dt > (stable := self.stable_step(damping)):
             raise OptionError(
-                f"{self.integrator.label} needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): "
+                f"{self.integrator.name} needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): "
                 "shorten the step, use integrator='implicit', or pass allow_unstable_step=True"
             )
 

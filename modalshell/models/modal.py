@@ -13,7 +13,7 @@ from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint, nearest_branch
 from modalshell.constraints.manipulation import Evaluate, meet
 from modalshell.errors import OptionError, SolverError
-from modalshell.integrators.modal import MODAL_INTEGRATORS, ModalIntegrator
+from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
 from modalshell.modes import Basis
@@ -41,7 +41,7 @@ class ModalModel(Model):
         Modes, eigenvalues and modal rotations of the shell.
     integrator : str or ModalIntegrator
         "implicit_euler" (first order, loses energy), "implicit_midpoint" (second order, keeps the energy of linear
-        motion), any other rule of :data:`modalshell.integrators.modal.MODAL_INTEGRATORS`, or one made by hand.
+        motion), the key of any other :class:`ModalIntegrator`, or a rule itself.
     """
 
     in_shell_frame = True
@@ -50,7 +50,7 @@ class ModalModel(Model):
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
-        self.integrator: ModalIntegrator = MODAL_INTEGRATORS.choose(integrator)
+        self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
 

@@ -81,6 +81,7 @@ class ModalDerivatives(Model):
         backend: str | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
+        _ = shell.elements  # refuses energies that have no element sets to sum over
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
         self.basis = modal_derivatives(solve_modes(shell, count, backend=backend), backend=backend)

@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number
 from modalshell.errors import MeshError, OptionError
-from modalshell.integrators.full import FULL_INTEGRATORS, ConjugateGradientEuler, FullIntegrator, LinearImplicitEuler
+from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, LinearImplicitEuler
 from modalshell.integrators.state import Damping
 from modalshell.models.full import FullModel
 from modalshell.shell import Shell
@@ -85,11 +85,11 @@ class SpringSheet(FullModel):
             worst = self.springs.pairs.max(initial=-1)
             raise MeshError(f"springs must join the vertices 0 to {count - 1} of the mesh (got {worst})")
         checked_choice("solver", solver, ("factor", "cg"))
-        rule = FULL_INTEGRATORS.choose(integrator)
+        rule = FullIntegrator.chosen(integrator)
         self.iterations = checked_count("iterations", iterations)
         if solver == "cg":
-            if rule.name != LinearImplicitEuler.name:
-                raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {rule.name!r})")
+            if rule.key != LinearImplicitEuler.key:
+                raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {rule.key!r})")
             rule = ConjugateGradientEuler(self.springs, shell, self.iterations)
         super().__init__(
             shell.with_elements([self.springs.element_set()]),

@@ -2,13 +2,14 @@
 
 from modalshell.modes.basis import Basis, solve_modes
 from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_tangent_eigenvalue
-from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser
+from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
 
 __all__ = [
     "BACKENDS",
     "Basis",
     "Factor",
     "Factoriser",
+    "condensed_factor",
     "largest_eigenvalue",
     "lowest_tangent_eigenvalue",
     "solve_modes",

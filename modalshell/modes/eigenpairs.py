@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spla
 
 from modalshell.checks import finite_answer
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.modes.factorisation import Factoriser
+from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.typing import Array
@@ -76,7 +76,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         # One mode more shows whether the last one asked for is part of a repeated eigenvalue.
         wanted = min(elastic + 1, size - rigid.shape[1])
         if size <= max(_DENSE_BELOW, 3 * wanted):
-            values, vectors = _dense(mass_scaled(shell, data)[0].toarray(), root[:, None] * rigid, wanted)
+            dense = np.asarray(mass_scaled(shell, data) @ np.eye(size))
+            values, vectors = _dense(0.5 * (dense + dense.T), root[:, None] * rigid, wanted)
         else:
             # The factor is the peak of memory: no matrix but its own stands beside it.
             solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid, mass, backend)
@@ -84,8 +85,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             values, vectors = _lanczos(solver, root, root[:, None] * rigid, wanted)
             del solver
         values, vectors = _canonical(values, vectors, elastic)
-    scaled, _ = mass_scaled(shell, data)
-    norm = float(spla.norm(scaled, 1)) or 1.0
+    scaled = mass_scaled(shell, data)
+    norm = _norm(shell, data) or 1.0
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
     residual = float(residuals.max(initial=0.0))
     if residual > _RESIDUAL_LIMIT:
@@ -101,13 +102,35 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name
 
 
-def mass_scaled(shell: Shell, data: Array) -> tuple[sps.csc_array, Array]:
-    """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, and ``M^1/2`` (N,)."""
+def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
+    """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, without internal unknowns."""
+    whole, free = _whole_scaled(shell, data), shell.free_unknowns.size
+    inner = shell.pattern.internal
+    if inner is None:
+        return spla.aslinearoperator(whole)
+    own, coupling = sps.csr_array(whole[:free, :free]), sps.csr_array(whole[free:, :free])
+    solve = inner.solve
+
+    def product(vectors: Array) -> Array:
+        return np.asarray(own @ vectors - coupling.T @ solve(coupling @ vectors))
+
+    return spla.LinearOperator(own.shape, matvec=product, matmat=product, dtype=np.float64)
+
+
+def _whole_scaled(shell: Shell, data: Array) -> sps.csc_array:
+    """``M^-1/2 K M^-1/2`` of the free unknowns and of the internal ones, to which no mass is assigned."""
     scaled = shell.pattern.free_matrix(data)
     root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+    root = np.concatenate([root, np.ones(scaled.shape[0] - root.size)])
     scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
     finite_answer("the stiffness over the mass", scaled.data)
-    return scaled, root
+    return scaled
+
+
+def _norm(shell: Shell, data: Array) -> float:
+    """1-norm of the mass-scaled stiffness by positions, fold shares and the like held."""
+    size = shell.free_unknowns.size
+    return float(spla.norm(_whole_scaled(shell, data)[:size, :size], 1))
 
 
 def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
@@ -117,8 +140,8 @@ def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
     """
     if data is None:
         data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
-    scaled, root = mass_scaled(shell, data)
-    start = np.random.default_rng(0).standard_normal(root.size)
+    scaled = mass_scaled(shell, data)
+    start = np.random.default_rng(0).standard_normal(scaled.shape[0])
     value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
     return float(value[0]) * (1.0 + 1e-4)
 
@@ -128,10 +151,11 @@ def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
 
     On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap.
     """
-    scaled, root = mass_scaled(shell, shell.energy_gradient_hessian(positions, EXACT)[2])
-    factor = Factoriser().symmetric(scaled)
+    data = shell.energy_gradient_hessian(positions, EXACT)[2]
+    scaled, whole = mass_scaled(shell, data), _whole_scaled(shell, data)
+    factor = condensed_factor(Factoriser().symmetric(whole), whole.shape[0] - scaled.shape[0])
     inverse = spla.LinearOperator(scaled.shape, matvec=factor.solve, dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(root.size)
+    start = np.random.default_rng(0).standard_normal(scaled.shape[0])
     value = spla.eigsh(scaled, k=1, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False)
     return float(value[0])
 
@@ -248,8 +272,12 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     """Largest Rayleigh quotient [1/s^2] that K gives to a rigid motion of the whole shell: zero but for rounding."""
     fields = six_motions(shell.rest_positions).reshape(-1, 6)
     mass = np.repeat(shell.mass, 3)
+    # Internal unknowns do not take part in rigid motions. Vertices that share an element with a clamped edge do resist.
     stiffness = shell.pattern.matrix(data)
-    return float((np.abs(np.sum(fields * (stiffness @ fields), axis=0)) / (mass @ fields**2)).max())
+    clamped = (3 * shell.held_slopes()[:, None] + np.arange(3)).ravel()
+    forces = stiffness @ fields
+    forces[stiffness[clamped].indices] = 0.0
+    return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
 
 
 def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
@@ -281,17 +309,12 @@ def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]
 def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array:
     """Eigenvalues as twice the strain energy of each mass-normalised mode, summed over elements.
 
-    A sum of squares keeps the digits that ``phi^T K phi`` loses where membrane and bending stiffness are many decades
+    The measures' rates keep the digits that ``phi^T K phi`` loses where membrane and bending stiffness are many decades
     apart.
     """
     values = np.empty_like(approximate)
     step = np.zeros(shell.rest_positions.size)
-    zero = shell.predicted_stresses(shell.rest_positions, np.zeros_like(shell.rest_positions))
     for k in range(modes.shape[1]):
         step[shell.free_unknowns] = modes[:, k]
-        stresses = shell.predicted_stresses(shell.rest_positions, step.reshape(-1, 3))
-        values[k] = sum(
-            float(np.sum((stress - offset)[e.weight != 0] ** 2 / (2.0 * e.weight[e.weight != 0])))
-            for stress, offset, e in zip(stresses, zero, shell.elements, strict=True)
-        )
+        values[k] = 2.0 * shell.linear_energy(shell.rest_positions, step.reshape(-1, 3))
     return values

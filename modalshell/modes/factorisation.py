@@ -51,6 +51,38 @@ class Factor(ABC):
         return True
 
 
+class CondensedFactor(Factor):
+    """Factor of a matrix whose last unknowns have no load of their own: solves with the Schur complement of the others.
+
+    It is positive definite with the whole matrix where the block of those unknowns is.
+
+    Parameters
+    ----------
+    factor : Factor
+        Of the whole matrix.
+    internal : int
+        Number of the last unknowns.
+    """
+
+    def __init__(self, factor: Factor, internal: int) -> None:
+        self._factor = factor
+        self._internal = internal
+        self.backend = factor.backend
+
+    def _solve(self, right_side: Array) -> Array:
+        none = np.zeros((self._internal, *right_side.shape[1:]))
+        return self._factor._solve(np.concatenate([right_side, none]))[: len(right_side)]
+
+    def is_definite(self) -> bool:
+        """Whether the whole matrix is positive definite."""
+        return self._factor.is_definite()
+
+
+def condensed_factor(factor: Factor, internal: int) -> Factor:
+    """``factor`` as one of the unknowns before the last ``internal`` ones; itself where there are none of these."""
+    return CondensedFactor(factor, internal) if internal else factor
+
+
 @dataclass(frozen=True)
 class _Ordering:
     """SuperLU's order of one pattern: the permuted pattern, and which entry of the matrix goes where in it.

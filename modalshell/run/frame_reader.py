@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.lock import is_held
+from modalshell.lock import is_locked
+from modalshell.reading import open_regular
 from modalshell.run.frame_file import (
     ALIGNMENT,
     CHECKSUM_BYTES,
@@ -73,7 +74,8 @@ class FrameReader:
     """
 
     def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_RDONLY)
+        with open_regular(path) as file:
+            self._descriptor = os.dup(file.fileno())
         self._header: _Header | None = None
         self._seen: object = None
         self.index = -1
@@ -88,7 +90,7 @@ class FrameReader:
 
     def is_held(self) -> bool | None:
         """Whether a process is at work on the file; None where the system cannot tell."""
-        return is_held(self._descriptor)
+        return is_locked(self._descriptor)
 
     def is_file(self, path: Path) -> bool:
         """Whether ``path`` is the file that is open here, and not another of its name."""

@@ -15,6 +15,7 @@ import msgspec
 
 from modalshell.checks import shortened
 from modalshell.errors import ModalShellError, SceneError
+from modalshell.reading import read_text
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -29,7 +30,7 @@ _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 def read_toml(file: Path) -> dict[str, Any]:
     """The file as plain tables, all numbers finite; else SceneError."""
     try:
-        document = tomllib.loads(file.read_bytes().decode("utf-8"))
+        document = tomllib.loads(read_text(file))
     except FileNotFoundError as error:
         raise SceneError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
     except OSError as error:

@@ -10,7 +10,7 @@ of stretching it. Full steps then converge in a few iterations whatever the memb
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sps
@@ -18,7 +18,7 @@ import scipy.sparse.linalg as spla
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
-from modalshell.modes import Factor, Factoriser
+from modalshell.modes import Factor, Factoriser, condensed_factor
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, Shell
 from modalshell.statics.verdict import ACCEPTED
 from modalshell.timings import Timings
@@ -61,11 +61,6 @@ class Potential:
     factoriser: Factoriser
     costs: Timings
     quadratic: Array | None = None
-    _matrix: sps.csr_array | None = field(init=False, repr=False, default=None)
-
-    def __post_init__(self) -> None:
-        if self.quadratic is not None:
-            object.__setattr__(self, "_matrix", self.shell.pattern.matrix(self.quadratic))
 
     @property
     def scale(self) -> float:
@@ -74,7 +69,9 @@ class Potential:
 
     def _outer(self, x: Array) -> tuple[float, Array]:
         u = x - self.origin
-        pull = -self.load if self._matrix is None else (self._matrix @ u.ravel()).reshape(-1, 3) - self.load
+        pull = -self.load
+        if self.quadratic is not None:
+            pull = self.shell.pattern.product(self.quadratic, u.ravel()).reshape(-1, 3) - self.load
         return 0.5 * float(np.vdot(u, pull - self.load)), pull
 
     def value(self, x: Array) -> float:
@@ -86,7 +83,7 @@ class Potential:
         return np.asarray((self.shell.energy_gradient(x)[1] + self._outer(x)[1]).ravel()[self.shell.free_unknowns])
 
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
-        """Gradient (N,) and Hessian (N, N) on the free unknowns."""
+        """Gradient (N,) on the free unknowns, and Hessian with the energy's internal unknowns after them."""
         with self.costs.part("assembly"):
             _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
             if self.quadratic is not None:
@@ -102,13 +99,13 @@ class Potential:
                 data += self.quadratic
             total = gradient + self._outer(x)[1]
             if led.any():
-                total += (self.shell.pattern.matrix(data) @ led.ravel()).reshape(-1, 3)
+                total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
             return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
 
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
-            return self.factoriser.symmetric(hessian)
+            return self._condensed(self.factoriser.symmetric(hessian))
 
     def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
         """Factor of a positive definite Hessian, None for any other."""
@@ -117,7 +114,12 @@ class Potential:
                 factor = self.factoriser.definite(hessian)
             except SolverError:
                 return None
-            return factor if factor.is_definite() else None
+            return self._condensed(factor) if factor.is_definite() else None
+
+    def _condensed(self, factor: Factor) -> Factor:
+        """A factor for the positions' unknowns: the gradient by internal ones is zero, as the energy is least there."""
+        internal = self.shell.pattern.internal
+        return condensed_factor(factor, 0 if internal is None else internal.count)
 
     def step(self, factor: Factor, gradient: Array) -> Array:
         """Newton direction (N,)."""
@@ -318,13 +320,17 @@ def lowest_curvature(problem: Potential, x: Array) -> tuple[float, Array]:
     SolverError or ArpackError where they cannot be found.
     """
     _, hessian = problem.linearise(x, EXACT)
-    if hessian.shape[0] < 30:  # Lanczos needs room
-        values, vectors = np.linalg.eigh(hessian.toarray())
+    size = problem.shell.free_unknowns.size
+    if size < 30:  # Lanczos needs room
+        dense = hessian.toarray()
+        inner = dense[size:, :size]
+        values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
     else:
-        start = np.random.default_rng(0).standard_normal(hessian.shape[0])
+        start = np.random.default_rng(0).standard_normal(size)
         factor = problem.factor(hessian)
-        inverse = spla.LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
-        values, vectors = spla.eigsh(hessian, k=3, sigma=0.0, OPinv=inverse, v0=start)
+        inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
+        # With its inverse at hand, Lanczos asks nothing of the matrix itself but its shape.
+        values, vectors = spla.eigsh(inverse, k=3, sigma=0.0, OPinv=inverse, v0=start)
     lowest = int(np.argmin(values))
     return float(values[lowest]) / float(np.abs(hessian.diagonal()).mean()), vectors[:, lowest]
 

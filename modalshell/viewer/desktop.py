@@ -11,7 +11,7 @@ from modalshell.checks import checked_count
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.models.registry import models
 from modalshell.render.backend import opens_windows
-from modalshell.render.scene import checked_path
+from modalshell.render.content import checked_path
 from modalshell.scene import Scene
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
 from modalshell.viewer.stage import Stage, demand_opengl

@@ -99,7 +99,7 @@ def _meshes() -> list[Target]:
     soup = {"vertices": np.array(mesh.vertices), "faces": np.array(mesh.faces)}
     size = {"length": 1.0, "width": 0.2, "cells": (2, 2)}
     panel = {"length": 1.0, "radius": 0.6, "angle": 90.0, "cells": (2, 2)}
-    family = {"family": ("alternating", "equilateral", "union-jack", "lloyd", "right")}
+    family = {"family": ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")}
     return [
         Target("TriangleMesh", _meshed(ms.TriangleMesh), soup),
         Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup | {"tolerance": 1e-6}),

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
+from scenes import TINY_BEAM, held
 
 import modalshell as ms
 from fuzzing.harness import HalfRead, Input
@@ -33,15 +34,14 @@ from modalshell.sweep.case import run_case
 from modalshell.sweep.plan import Plan
 from modalshell.sweep.store import CaseFolder
 
-SCENE = """
-name = "beam"
-mesh = {shape = "v_beam", cells = [2, 2]}
-material = {stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}
-supports = {clamped = "x < 0.6"}
+SCENE = (
+    TINY_BEAM
+    + """
 loads = {gravity = [0.0, 0.0, -4.0]}
 model = {name = "mwts", modes = 2}
 motion = {duration = 0.2, dt = 0.02}
 """
+)
 FLIGHT = (
     SCENE.replace('"beam"', '"birds"')
     + """
@@ -79,7 +79,7 @@ def _stop(done: int, _total: int) -> None:
 def results() -> tuple[Saved, ...]:
     """Every kind of saved result, made once."""
     mesh = ms.v_beam(cells=(2, 2))
-    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.6)
+    shell = held(mesh, 0.6)
     basis = ms.solve_modes(shell, 2)
     run = ms.simulate(ms.ModalWarping(basis), duration=0.1, gravity=(0.0, 0.0, -4.0))
     made = []

@@ -5,7 +5,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.errors import OptionError
-from modalshell.integrators.full import FULL_INTEGRATORS, ConjugateGradientEuler, Verlet
+from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, Verlet
 from modalshell.integrators.full.conjugate_gradients import VelocityChange
 from modalshell.integrators.full.verlet import InnerForce
 from modalshell.integrators.state import MotionState
@@ -65,8 +65,8 @@ def test_verlet_starts_from_any_state(shell):
     np.testing.assert_array_equal(known.coordinates, bare.coordinates)
 
 
-def test_full_models_take_a_name_or_a_rule(shell):
-    assert {"implicit", "linear_implicit", "explicit", "verlet"} <= set(FULL_INTEGRATORS.names)
+def test_full_models_take_a_key_or_a_rule(shell):
+    assert {"implicit", "linear_implicit", "explicit", "verlet"} <= set(FullIntegrator.known)
     for kind in (ms.DiscreteShell, ms.SpringSheet):
         assert isinstance(kind(shell, integrator=Verlet()).integrator, Verlet)
         with pytest.raises(OptionError, match="integrator must be one of"):
@@ -98,7 +98,7 @@ def verlet_step(h, stiffness, xi, zeta, q, v, force):
 def test_stable_step_is_where_one_mode_ceases_to_be_stable(name, step, xi, zeta):
     """By the matrix of the step of one mode: position, velocity and the inner force that is kept."""
     stiffness = 5e4
-    longest = FULL_INTEGRATORS.choose(name).stable_step(stiffness, xi, zeta * stiffness)
+    longest = FullIntegrator.chosen(name).stable_step(stiffness, xi, zeta * stiffness)
 
     def radius(h):
         matrix = np.column_stack([step(h, stiffness, xi, zeta, *start) for start in np.eye(3)])

@@ -5,7 +5,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.errors import OptionError
-from modalshell.integrators.modal import MODAL_INTEGRATORS, ImplicitEuler, ImplicitMidpoint, ModalIntegrator
+from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint, ModalIntegrator
 
 STIFFNESS = np.array([1e-3, 0.5, 30.0, 4e4, 1e9])
 DAMP = 0.2 + 1e-3 * np.sqrt(STIFFNESS)
@@ -77,11 +77,11 @@ def test_many_motions_step_as_one_by_one(rule):
             np.testing.assert_array_equal(a[row], b)
 
 
-def test_models_take_a_name_or_a_rule():
+def test_models_take_a_key_or_a_rule():
     mesh = ms.flat_beam(cells=(6, 2))
     shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.2)
     basis = ms.solve_modes(shell, 3)
-    assert MODAL_INTEGRATORS.names[:2] == ("implicit_euler", "implicit_midpoint")
+    assert tuple(ModalIntegrator.known)[:2] == ("implicit_euler", "implicit_midpoint")
     for choice in ("implicit_midpoint", ImplicitMidpoint()):
         assert isinstance(ms.LinearModal(basis, integrator=choice).integrator, ImplicitMidpoint)
     for wrong in ("verlet", None, 3, ImplicitMidpoint):
@@ -89,9 +89,8 @@ def test_models_take_a_name_or_a_rule():
             ms.LinearModal(basis, integrator=wrong)
 
 
-def test_a_name_is_given_once():
+def test_a_key_is_given_once():
     with pytest.raises(OptionError, match="'implicit_euler' exists already, as modalshell"):
 
-        @MODAL_INTEGRATORS.add
-        class Other(ModalIntegrator):
-            name = "implicit_euler"
+        class Other(ModalIntegrator, key="implicit_euler"):
+            pass

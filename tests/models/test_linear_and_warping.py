@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse.linalg as spla
+from scenes import held
 from scipy.spatial.transform import Rotation
 
 from modalshell import (
@@ -64,8 +65,7 @@ def flat():
 @pytest.fixture(scope="module")
 def coarse():
     """A shell with few enough unknowns to take all its modes."""
-    mesh = leaf(cells=(6, 4))
-    shell = Shell(mesh, Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2), mesh.vertices[:, 0] < 0.2)
+    shell = held(leaf(cells=(6, 4)), 0.2)
     return solve_modes(shell, shell.free_unknowns.size)
 
 
@@ -358,8 +358,7 @@ def test_motion_starts_where_it_is_told(v_basis, model):
 
 @pytest.fixture(scope="module")
 def free_basis():
-    mesh = leaf(cells=(8, 6))
-    return solve_modes(Shell(mesh, Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)), 14)
+    return solve_modes(held(leaf(cells=(8, 6))), 14)
 
 
 @pytest.mark.parametrize("model", MODELS)

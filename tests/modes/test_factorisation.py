@@ -3,18 +3,11 @@
 import numpy as np
 import pytest
 import scipy.sparse as sps
+from scenes import cantilever
 
-from modalshell import Material, Shell, v_beam
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes import BACKENDS, Factoriser
 from modalshell.shell import EXACT
-
-PLAIN = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-
-
-def cantilever(cells=(10, 4), **options):
-    mesh = v_beam(cells=cells, **options)
-    return Shell(mesh, PLAIN, mesh.vertices[:, 0] < 1.5 / cells[0])
 
 
 def definite_matrix(size=30, seed=0):
@@ -25,7 +18,7 @@ def definite_matrix(size=30, seed=0):
 
 def tangent(squeeze):
     """Stiffness of the free unknowns of a V-beam squeezed along its ridge."""
-    shell = cantilever()
+    shell = cantilever((10, 4))
     x = shell.rest_positions.copy()
     x[:, 0] *= squeeze
     return shell.pattern.free_matrix(shell.energy_gradient_hessian(x, EXACT)[2])

@@ -5,12 +5,12 @@ import warnings
 import numpy as np
 import pytest
 import scipy.linalg
+from scenes import PLAIN
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, sheet, solve_modes
 from modalshell.errors import ModalShellWarning
 from modalshell.modes import BACKENDS, eigenpairs
 
-PLAIN = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
 every_backend = pytest.mark.parametrize("backend", BACKENDS)
 
 

@@ -9,8 +9,8 @@ import pytest
 
 import modalshell as ms
 from modalshell.errors import OptionError
-from modalshell.integrators.full import FULL_INTEGRATORS
-from modalshell.integrators.modal import MODAL_INTEGRATORS
+from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.modal import ModalIntegrator
 from modalshell.models import Damping, MotionState
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import MODELS
@@ -108,7 +108,7 @@ def variants(table):
     hints = get_type_hints(table)
     values = {option: get_args(hints[option]) or (False, True) for option in CHOICES if option in hints}
     if "integrator" in hints:
-        values["integrator"] = (*MODAL_INTEGRATORS.names, *FULL_INTEGRATORS.names)
+        values["integrator"] = (*ModalIntegrator.known, *FullIntegrator.known)
     if "cubature" in hints:
         values["cubature"] = (False, True)
     shell = models.shell_of(1e2, 1.0, 0.0)

@@ -1,6 +1,6 @@
 """Rules that step the vertices of full models."""
 
-from modalshell.integrators.full.base import FULL_INTEGRATORS, FullIntegrator
+from modalshell.integrators.full.base import FullIntegrator
 from modalshell.integrators.full.conjugate_gradients import ConjugateGradientEuler
 from modalshell.integrators.full.explicit_euler import ExplicitEuler
 from modalshell.integrators.full.implicit_euler import ImplicitEuler
@@ -8,7 +8,6 @@ from modalshell.integrators.full.linear_implicit_euler import LinearImplicitEule
 from modalshell.integrators.full.verlet import Verlet
 
 __all__ = [
-    "FULL_INTEGRATORS",
     "ConjugateGradientEuler",
     "ExplicitEuler",
     "FullIntegrator",

@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from modalshell.integrators.registry import Integrator, Registry
+from modalshell.integrators.base import Integrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
@@ -46,6 +46,7 @@ class FullIntegrator(Integrator):
         Whether it has a longest stable step; :meth:`stable_step` then says which.
     """
 
+    known: ClassVar[dict[str, type[FullIntegrator]]] = {}
     explicit: ClassVar[bool] = False
 
     def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002 (for rules that keep something)
@@ -67,10 +68,6 @@ class FullIntegrator(Integrator):
         ``drag`` [1/s] is its damping by the mass, ``viscosity`` [1/s] that by strain rates.
         """
         return np.inf
-
-
-FULL_INTEGRATORS = Registry(FullIntegrator)  # type: ignore[type-abstract]
-"""Rules that full models take, by name."""
 
 
 def symplectic_limit(stiffness: float, damp: float) -> float:
@@ -101,7 +98,7 @@ def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping) -> Array
 def step_potential(body: Body, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[Potential, float]:
     """``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning; and its scale."""
     shell, x = body.shell, state.coordinates
-    quadratic = np.zeros(shell.pattern.indices.size)
+    quadratic = np.zeros(shell.pattern.size)
     if damping.stiffness_factor or shell.has_dashpots:
         quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)

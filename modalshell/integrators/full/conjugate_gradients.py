@@ -36,7 +36,7 @@ class ConjugateGradientEuler(FullIntegrator):
     """:class:`LinearImplicitEuler` of springs by conjugate gradients on blocks of particles [baraff1998].
 
     Order one. As stable as implicit Euler while one linearisation serves a step. Each step starts from the last one's
-    answer. It belongs to one sheet, so that no name is registered for it: :class:`modalshell.SpringSheet` makes it for
+    answer. It belongs to one sheet, so that no key is registered for it: :class:`modalshell.SpringSheet` makes it for
     ``solver="cg"``.
 
     Parameters
@@ -49,8 +49,8 @@ class ConjugateGradientEuler(FullIntegrator):
         Most iterations in a step.
     """
 
-    name = LinearImplicitEuler.name
-    label = f"{LinearImplicitEuler.label} by CG"
+    key = LinearImplicitEuler.key
+    name = f"{LinearImplicitEuler.name} by CG"
 
     def __init__(self, springs: Springs, shell: Shell, iterations: int) -> None:
         self.iterations = iterations

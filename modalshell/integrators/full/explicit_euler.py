@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import final
 
 from modalshell.integrators.full.base import (
-    FULL_INTEGRATORS,
     Body,
     FullIntegrator,
     inner_force,
@@ -17,16 +16,14 @@ from modalshell.typing import Array
 
 
 @final
-@FULL_INTEGRATORS.add
-class ExplicitEuler(FullIntegrator):
+class ExplicitEuler(FullIntegrator, key="explicit"):
     """Explicit Euler whose new velocity moves the positions: symplectic Euler [hairer2006, section I.1].
 
     Order one; the choice of [choi2007] for discrete shells. Stable while ``h^2 lambda + 2 h c < 4`` for the stiffest
     mode, with its whole damping ``c = xi + zeta lambda``.
     """
 
-    name = "explicit"
-    label = "explicit Euler"
+    name = "explicit Euler"
     explicit = True
 
     def step(

@@ -6,21 +6,19 @@ from typing import final
 
 import numpy as np
 
-from modalshell.integrators.full.base import FULL_INTEGRATORS, Body, FullIntegrator, hold, step_potential
+from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.typing import Array
 
 
 @final
-@FULL_INTEGRATORS.add
-class LinearImplicitEuler(FullIntegrator):
+class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
     """One Newton step of implicit Euler from where the shell is, its Hessian projected [baraff1998, eq. 6].
 
     Order one. As stable as implicit Euler while one linearisation serves a step.
     """
 
-    name = "linear_implicit"
-    label = "linearised implicit Euler"
+    name = "linearised implicit Euler"
 
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import final
 
 from modalshell.integrators.full.base import (
-    FULL_INTEGRATORS,
     Body,
     FullIntegrator,
     inner_force,
@@ -30,8 +29,7 @@ class InnerForce(Memory):
 
 
 @final
-@FULL_INTEGRATORS.add
-class Verlet(FullIntegrator):
+class Verlet(FullIntegrator, key="verlet"):
     """Velocity Verlet, ``x+ - 2 x + x- = h^2 a``, as two half kicks about a drift [hairer2006, section I.1].
 
     Order two, one in the damping that follows strain rates; symplectic. Damping of the mass is taken at mid-step, so
@@ -39,8 +37,7 @@ class Verlet(FullIntegrator):
     end is kept for the next one: one evaluation a step.
     """
 
-    name = "verlet"
-    label = "Verlet"
+    name = "Verlet"
     explicit = True
 
     def start(self, body: Body, positions: Array) -> MotionState:

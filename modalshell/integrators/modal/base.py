@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.integrators.registry import Integrator, Registry
+from modalshell.integrators.base import Integrator
 from modalshell.typing import Array
 
 Force = Callable[[Array], Array]
@@ -22,6 +23,8 @@ class ModalIntegrator(Integrator):
     A subclass says how to step. The step is linear in q, v and p, so that what linear theory has to say is found by
     stepping unit vectors: a new rule needs no more than :meth:`step`.
     """
+
+    known: ClassVar[dict[str, type[ModalIntegrator]]] = {}
 
     @abstractmethod
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
@@ -73,7 +76,3 @@ class ModalIntegrator(Integrator):
         """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
         factor = max(float(self.amplification(stiffness, damp, h).max()), np.finfo(float).tiny)
         return max(0.0, -2.0 * float(np.log(factor)) / h)
-
-
-MODAL_INTEGRATORS = Registry(ModalIntegrator)  # type: ignore[type-abstract]
-"""Rules that modal models take, by name."""

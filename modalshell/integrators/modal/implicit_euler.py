@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import final
 
-from modalshell.integrators.modal.base import MODAL_INTEGRATORS, Force, ModalIntegrator, Step
+from modalshell.integrators.modal.base import Force, ModalIntegrator, Step
 from modalshell.typing import Array
 
 
 @final
-@MODAL_INTEGRATORS.add
-class ImplicitEuler(ModalIntegrator):
+class ImplicitEuler(ModalIntegrator, key="implicit_euler"):
     r"""Implicit Euler, with the modal force of the step's beginning [hairer2006, section I.1].
 
     .. math:: v_{n+1} = \frac{v_n + h (p(q_n) - \lambda q_n)}{1 + h c + h^2 \lambda}, \qquad q_{n+1} = q_n + h v_{n+1}
@@ -20,8 +19,7 @@ class ImplicitEuler(ModalIntegrator):
     undamped motion.
     """
 
-    name = "implicit_euler"
-    label = "implicit Euler"
+    name = "implicit Euler"
 
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step."""

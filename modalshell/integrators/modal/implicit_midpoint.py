@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import final
 
-from modalshell.integrators.modal.base import MODAL_INTEGRATORS, Force, ModalIntegrator, Step
+from modalshell.integrators.modal.base import Force, ModalIntegrator, Step
 from modalshell.typing import Array
 
 
 @final
-@MODAL_INTEGRATORS.add
-class ImplicitMidpoint(ModalIntegrator):
+class ImplicitMidpoint(ModalIntegrator, key="implicit_midpoint"):
     r"""The implicit midpoint rule, with the modal force of a predicted middle [hairer2006, section I.1].
 
     Half a step of implicit Euler leads to the middle, and as far again to the end. Order two, at two modal forces a
@@ -19,8 +18,7 @@ class ImplicitMidpoint(ModalIntegrator):
     feed undamped motion more than by implicit Euler.
     """
 
-    name = "implicit_midpoint"
-    label = "midpoint"
+    name = "midpoint"
 
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
         """Coordinates and rates after a step."""
