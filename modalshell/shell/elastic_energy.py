@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from modalshell.mesh import TriangleMesh
 from modalshell.shell.extended import Extended
 from modalshell.shell.pattern import SparsePattern
 from modalshell.typing import Array, Index
@@ -33,6 +34,10 @@ class ElasticEnergy(ABC):
     @abstractmethod
     def energy(self, x: Array) -> float:
         """Energy [J] at positions ``x`` (n, 3); not finite at collapsed elements."""
+
+    @abstractmethod
+    def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
+        """Energy of every triangle (T,) [J] at positions ``x`` (n, 3); the sum is the energy."""
 
     @abstractmethod
     def energy_gradient(self, x: Array) -> tuple[float, Array]:

@@ -16,6 +16,14 @@ from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.extended import Extended
+from modalshell.shell.fields import (
+    ShellFields,
+    curvature_of_moment,
+    membrane_strain,
+    moment_of_folds,
+    resultants,
+    von_mises,
+)
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -170,6 +178,41 @@ class Shell(ReadOnlyArrays):
         data = self.energy_gradient_hessian(x, EXACT)[2]
         self._refuse_collapse("stiffness", data, x)
         return self.pattern.condensed(data)
+
+    def fields(self, positions: ArrayLike) -> ShellFields:
+        """Strains, curvatures, energy density and stress resultants at ``positions`` (n, 3) [m].
+
+        Curvatures are those of split folds at their least bending energy; of a :class:`Material`, whose hinges know no
+        curvature tensor, with Poisson's ratio 0. Triangles whose vertices are all clamped have none.
+
+        Returns
+        -------
+        ShellFields
+            One value a triangle; ``membrane_force``, ``moment`` and ``von_mises`` are None of a :class:`Material`.
+
+        Raises
+        ------
+        LoadError
+            For positions of the wrong shape or not finite, or where a triangle has collapsed to a line.
+        """
+        x = self.checked_positions(positions)
+        mesh = self.mesh
+        sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
+        flat = (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
+        self._refuse_collapse("curvature", np.where(flat, np.nan, 0.0), x)
+        material = self.material if isinstance(self.material, Isotropic) else Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
+        energy = self._energy
+        if not isinstance(energy, SplitFoldEnergy):
+            energy = SplitFoldEnergy(mesh, material, self.clamped, [])
+        moment = moment_of_folds(mesh, energy.bending(x)[0])
+        membrane, rigidity, poisson = material.elasticity(mesh)
+        curvature = curvature_of_moment(rigidity, poisson, moment)
+        strain = membrane_strain(mesh, x)
+        density = self._energy.face_energies(mesh, x) / mesh.face_areas
+        if not isinstance(self.material, Isotropic):
+            return ShellFields(strain, curvature, density)
+        force = resultants(membrane, poisson, strain)
+        return ShellFields(strain, curvature, density, force, moment, von_mises(mesh, material, force, moment))
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""

@@ -77,7 +77,8 @@ def test_delaunay_is_unstructured_and_repeatable():
     np.testing.assert_array_equal(mesh.vertices, sheet(cells=(24, 24), family="delaunay").vertices)
     inside = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.boundary_vertices)
     neighbours = np.bincount(mesh.edges.ravel(), minlength=len(mesh.vertices))[inside]
-    assert neighbours.min() >= 4 and neighbours.max() <= 8
+    assert neighbours.min() >= 4
+    assert neighbours.max() <= 8
     assert np.mean((neighbours >= 5) & (neighbours <= 7)) > 0.97
     assert np.mean(neighbours == 6) < 0.7
     lloyd = sheet(cells=(24, 24), family="lloyd")
