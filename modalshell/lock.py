@@ -1,4 +1,4 @@
-"""Holding a file: one process at a time has it, and others may ask whether one has without taking it themselves."""
+"""Locking a file: one process at a time has it, and others may ask whether one has without taking it themselves."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _OWN_LOCKS = sys.platform == "linux"
 """Whether locks can belong to a descriptor and still be asked about, as flock's cannot."""
 
 
-def hold(path: Path) -> int:
-    """Descriptor of the file, made if missing, and held until it is closed or the process ends (not under Windows).
+def acquire_lock(path: Path) -> int:
+    """Descriptor of the file, made if missing, and locked until it is closed or the process ends (not under Windows).
 
     Raises
     ------
     OptionError
-        If another process holds the file, or it cannot be written.
+        If another process has locked the file, or it cannot be written.
     """
     while True:
         try:
@@ -51,8 +51,8 @@ def hold(path: Path) -> int:
         os.close(descriptor)
 
 
-def is_held(descriptor: int) -> bool | None:
-    """Whether a process holds the open file; None where the system cannot tell. This takes no lock."""
+def is_locked(descriptor: int) -> bool | None:
+    """Whether a process has locked the open file; None where the system cannot tell. This takes no lock."""
     if not _OWN_LOCKS:
         return None
     asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)

@@ -30,7 +30,7 @@ class Outcome(StrEnum):
     CYCLING = "cycling"
     """Motion: damped motion under a constant load does not settle."""
     UNSTABLE = "unstable"
-    """Statics: in balance at a saddle, which the smallest disturbance leaves."""
+    """In balance, or at rest after motion, at a saddle, which the smallest disturbance leaves."""
     NO_FIXED_POINT = "no fixed point"
     """Statics: the branch of fixed points ends before the load is reached."""
     NO_EQUILIBRIUM = "no equilibrium"

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.models.base import Damping
+from modalshell.models import Damping
 from modalshell.provenance import run_record
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
 from modalshell.study import StudyResult, Table

@@ -23,7 +23,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.measure import displacement_error
-from modalshell.models.base import Damping
+from modalshell.models import Damping
 from modalshell.models.full import FullModel
 from modalshell.provenance import run_record
 from modalshell.springs import shell_springs

@@ -33,6 +33,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
+from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
 from modalshell.models import Damping, Model
 from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel
@@ -44,6 +45,7 @@ from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
 from studies import stability_limits as limits
 from studies import stability_models as models
+from studies.integrator_drift import SummedWarp
 from studies.pages import numbers
 from studies.stability_page import page
 
@@ -111,7 +113,7 @@ def classify(trajectory: Trajectory, truth: np.ndarray | None, static: bool = Tr
     return str(Outcome.STEPS_NOT_CONVERGED if trajectory.unconverged_steps else Outcome.INACCURATE)
 
 
-def follow(model: Model, scene: models.Scene, dt: float, count: int) -> Trajectory:
+def follow(model: Model, scene: models.StripScene, dt: float, count: int) -> Trajectory:
     """A run of ``count`` steps; given up once a few steps have not converged. ModalShellError where it is refused."""
     damping = scene.rayleigh
     spins = isinstance(model, ms.RigidShell)
@@ -123,12 +125,12 @@ def follow(model: Model, scene: models.Scene, dt: float, count: int) -> Trajecto
     return recorder.trajectory(np.array([motion.positions() for _ in recorder.frames()]))
 
 
-def spin_of(scene: models.Scene) -> np.ndarray:
+def spin_of(scene: models.StripScene) -> np.ndarray:
     """Angular velocity (3,) [rad/s] of the rigid body: ``sqrt(g / L)`` about the axis across the strip."""
     return np.sqrt(scene.gamma * models.RIGIDITY / models.DENSITY) / models.LENGTH**2 * np.array([0.0, 1.0, 0.0])
 
 
-def outcome(row: models.Row, scene: models.Scene) -> str:
+def outcome(row: models.IntegratedModel, scene: models.StripScene) -> str:
     """Class of one cell."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
@@ -152,20 +154,20 @@ def outcome(row: models.Row, scene: models.Scene) -> str:
     return classify(run, truth, static)
 
 
-def own_base(row: models.Row) -> models.Scene:
+def own_base(row: models.IntegratedModel) -> models.StripScene:
     """The base point, with an explicit row's own step."""
     if row.theory != "explicit":
         return models.BASE
     return replace(models.BASE, step=0.5 * explicit_limit(row, models.BASE))
 
 
-def explicit_limit(row: models.Row, scene: models.Scene) -> float:
+def explicit_limit(row: models.IntegratedModel, scene: models.StripScene) -> float:
     """Longest stable step [s] at rest, by theory."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     return model.stable_step(scene.rayleigh)  # type: ignore[union-attr]
 
 
-def excess(row: models.Row, scene: models.Scene) -> float | None:
+def excess(row: models.IntegratedModel, scene: models.StripScene) -> float | None:
     """Positive where theory calls a scene unstable, negative where stable; None where there is no theory."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
@@ -188,13 +190,13 @@ def excess(row: models.Row, scene: models.Scene) -> float | None:
 @cache
 def _equilibrium(row: str, ratio: float, gamma: float, aspect: float, fold: float) -> np.ndarray | None:
     model = models.model_of(row, ratio, aspect, fold)
-    if isinstance(model, ms.ModalWarping) and model.warp == "sum":  # the coordinates move as with the closed form
-        model = ms.ModalWarping(model.basis, integrator=model.integrator)
+    if isinstance(model, SummedWarp):  # the coordinates move as with the closed form
+        model = model.closed
     assert isinstance(model, ModalModel)
     return limits.at_rest(model, replace(models.BASE, gamma=gamma).gravity)
 
 
-def crossings(row: models.Row, plane: Slice, base: models.Scene, y: float) -> list[float]:
+def crossings(row: models.IntegratedModel, plane: Slice, base: models.StripScene, y: float) -> list[float]:
     """Values of x at which theory's limit is crossed in one row of a map; the first x where all of it is unstable."""
     grid = np.geomspace(plane.x_values[0], plane.x_values[-1], 3 * len(plane.x_values))
     at = [excess(row, replace(base, **{plane.y: y, plane.x: float(x)})) for x in grid]
@@ -207,7 +209,7 @@ def crossings(row: models.Row, plane: Slice, base: models.Scene, y: float) -> li
     return found
 
 
-def coloured_step(row: models.Row, scene: models.Scene) -> float | None:
+def coloured_step(row: models.IntegratedModel, scene: models.StripScene) -> float | None:
     """Step from which the integrator colours the first mode: numerical damping, or frequency, off by 5 %."""
     omega = models.first_frequency(scene.ratio, scene.fold)
     if row.name.startswith("springs"):  # flat, they have no bending mode
@@ -215,11 +217,11 @@ def coloured_step(row: models.Row, scene: models.Scene) -> float | None:
     if row.theory == "implicit":
         # A damping ratio: about omega h / 2.
         steps = np.geomspace(1e-3, 1.0, 2000) / omega
-        ratio = -np.log(stability.implicit_euler_amplification(omega**2, 0.0, steps)) / (omega * steps)
+        ratio = -np.log(ImplicitEuler().amplification(omega**2, 0.0, steps)) / (omega * steps)
         return float(steps[np.searchsorted(ratio, ADDED_DAMPING)])
     if row.theory == "midpoint":
         steps = np.geomspace(1e-3, 10.0, 2000) / omega
-        shift = 1.0 - stability.midpoint_frequency(omega, steps) / omega
+        shift = 1.0 - ImplicitMidpoint().frequency(omega**2, 0.0, steps) / omega
         return float(steps[np.searchsorted(shift, FREQUENCY_SHIFT)])
     return None
 
@@ -256,7 +258,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
             return [limits.entry(name, "shrinking of mode 1 stepped at 30 Hz", "1", theory, measured)]
         theory, measured = limits.oscillation(model, models.BASE.step, 1, 1000)
         return [limits.entry(name, "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, measured)]
-    if not isinstance(model, ModalModel) or name.startswith("MWTS sum"):  # its coordinates move as with the closed form
+    if not isinstance(model, ModalModel) or isinstance(model, SummedWarp):  # moves as with the closed form
         return []
     unit = models.BASE.gravity  # Gamma = 1
     found = [
@@ -287,7 +289,7 @@ def settles_from_rest(model: ms.ModalWarping, unit: np.ndarray, damping: Damping
     return limits.settles_from_rest(model, factor * unit, models.BASE.step, damping)
 
 
-def full_limits(row: models.Row, model: FullModel, count: int) -> list[dict[str, Any]]:
+def full_limits(row: models.IntegratedModel, model: FullModel, count: int) -> list[dict[str, Any]]:
     """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
     omega = float(np.sqrt(largest_eigenvalue(model.shell)))
     if row.theory == "implicit":

@@ -14,7 +14,7 @@ BAD = sorted(path for path in (Path(__file__).parent / "data" / "bad").iterdir()
 
 @pytest.fixture(autouse=True)
 def _without_opengl(monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,8 @@ Psi_z`` of each mode one after the other, so that a frame reads one stream from 
 lives in a buffer of 8 kB. Every inner loop runs along the vertices of a tile and compiles to packed instructions.
 
 The averaged rotation that a frame applies is within 1e-14 (float64) or 1e-6 (float32) of that of its rotation vector
-as it is summed, in the Frobenius norm and relative to it, up to 1e6 rad.
+as it is summed, in the Frobenius norm and relative to it, up to 20 rad; beyond, float64 is within 4.5e-16 for every
+radian.
 """
 
 from __future__ import annotations

@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError, SupportError
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.mesh import TriangleMesh
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState
+from modalshell.models.base import Equilibrium, Model
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import solve_modes
 from modalshell.modes.rigid import rigid_motions

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import LARGEST, checked_count, checked_kind, checked_vectors, vector_count
 from modalshell.errors import OptionError
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import MotionState
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.typing import Array, Index

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import MotionState
-from modalshell.models.modal import Integrator, ModalModel
+from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
@@ -53,11 +54,11 @@ class TurnedTriangles(ModalModel):
         Modes and eigenvalues of the shell.
     modal : ndarray, shape (tiles, m, 6 * 128)
         Turn and strain of the triangles in every mode.
-    integrator : {"implicit_euler", "implicit_midpoint"}
+    integrator : str or ModalIntegrator
         See :class:`ModalModel`.
     """
 
-    def __init__(self, basis: Basis, modal: Array, integrator: Integrator) -> None:
+    def __init__(self, basis: Basis, modal: Array, integrator: str | ModalIntegrator) -> None:
         super().__init__(basis, integrator=integrator)
         self._modal = modal
         self._faced: LoadAdjoint | None = None
@@ -81,6 +82,10 @@ class TurnedTriangles(ModalModel):
         hessian = np.zeros((q.size, q.size))
         kernel.add_curvature(self._modal, gradients, q, np.empty(kernel.WORK), np.empty((15, TILE)), hessian)
         return hessian
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force: those of the work once more."""
+        return self.work_curvature(q, load)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), exactly."""

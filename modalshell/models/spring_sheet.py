@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Literal, final
 
 import numpy as np
 
-from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, shown
+from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number
 from modalshell.errors import MeshError, OptionError
-from modalshell.models.base import Damping, MotionState
-from modalshell.models.full import FullModel, Integrator
-from modalshell.sharing import PerThread
+from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, LinearImplicitEuler
+from modalshell.integrators.state import Damping
+from modalshell.models.full import FullModel
 from modalshell.shell import Shell
-from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
 from modalshell.springs.springs import Springs
 from modalshell.statics.newton import NewtonResult, Potential, is_minimum, mixed_newton
@@ -41,15 +39,15 @@ class SpringSheet(FullModel):
         Mesh, masses and supports; its energies too where ``springs`` are not given.
     springs : Springs, optional
         Between the mesh's vertices; those of :func:`modalshell.springs.shell_springs` without it.
-    integrator : {"implicit", "linear_implicit", "explicit", "verlet"}
-        As for :class:`FullModel`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
+    integrator : str or FullIntegrator
+        As for :class:`DiscreteShell`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
     solver : {"factor", "cg"}
         How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
     iterations : int
         Most conjugate-gradient iterations in a step.
     allow_unstable_step, step_tolerance, backend
-        As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
+        As for :class:`DiscreteShell`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
 
     Attributes
     ----------
@@ -69,7 +67,7 @@ class SpringSheet(FullModel):
         shell: Shell,
         springs: Springs | None = None,
         *,
-        integrator: Integrator = "implicit",
+        integrator: str | FullIntegrator = "implicit",
         solver: Literal["factor", "cg"] = "factor",
         iterations: int = 1000,
         allow_unstable_step: bool = False,
@@ -83,18 +81,20 @@ class SpringSheet(FullModel):
             worst = self.springs.pairs.max(initial=-1)
             raise MeshError(f"springs must join the vertices 0 to {count - 1} of the mesh (got {worst})")
         checked_choice("solver", solver, ("factor", "cg"))
-        if solver == "cg" and integrator != "linear_implicit":
-            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {shown(integrator)})")
+        rule = FullIntegrator.chosen(integrator)
+        self.iterations = checked_count("iterations", iterations)
+        if solver == "cg":
+            if rule.key != LinearImplicitEuler.key:
+                raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {rule.key!r})")
+            rule = ConjugateGradientEuler(self.springs, shell, self.iterations)
         super().__init__(
             shell.with_elements([self.springs.element_set()]),
-            integrator=integrator,
+            integrator=rule,
             allow_unstable_step=allow_unstable_step,
             step_tolerance=checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2),
             backend=backend,
         )
         self.solver: Literal["factor", "cg"] = solver
-        self.iterations = checked_count("iterations", iterations)
-        self._stepper = PerThread(partial(ImplicitSprings, self.springs, shell.mass, shell.clamped))
 
     def holding(self, vertices: Index) -> SpringSheet:
         """The same model, with further vertices held."""
@@ -106,7 +106,7 @@ class SpringSheet(FullModel):
             iterations=self.iterations,
             allow_unstable_step=self.allow_unstable_step,
             step_tolerance=self.step_tolerance,
-            backend=self._factoriser.backend,
+            backend=self.factoriser.backend,
         )
 
     def _free_statics(self, problem: Potential, start: Array | None) -> NewtonResult:
@@ -132,37 +132,12 @@ class SpringSheet(FullModel):
         acceleration = problem.scale / float(np.linalg.norm(shell.mass[shell.free]))
         time = float(np.sqrt(np.linalg.norm(np.ptp(shell.rest_positions, axis=0)) / acceleration))
         dt, damping = 0.1 * time, Damping(0.2 / time)
+        rule = LinearImplicitEuler()
         state = self.start_motion(start)
         for count in range(1, _RELAXING + 1):
-            state, solved = super()._linear_implicit(state, dt, problem.load, damping, None)
+            state, solved = rule.step(self, state, dt, problem.load, damping, None)
             if not solved or not np.isfinite(state.coordinates).all():
                 return None, count
             if float(np.linalg.norm(problem.residual(state.coordinates))) <= _NEAR * problem.scale:
                 return state.coordinates, count
         return state.coordinates, _RELAXING
-
-    def start_motion(self, positions: Array | None = None) -> MotionState:
-        """State at rest; conjugate gradients take the last change of velocities along."""
-        state = super().start_motion(positions)
-        if self.solver == "cg":
-            state.carried = np.zeros_like(state.rates)
-        return state
-
-    def _linear_implicit(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
-    ) -> tuple[MotionState, bool]:
-        if self.solver == "factor":
-            return super()._linear_implicit(state, dt, load, damping, held)
-        stepper = self._stepper()
-        stepper.place(state.coordinates, state.rates, state.carried)
-        with self.costs.part("conjugate gradients"):
-            found = stepper.step(
-                dt,
-                load,
-                drag=damping.mass_factor,
-                stiffness_damping=damping.stiffness_factor,
-                held=held,
-                iterations=self.iterations,
-                tolerance=self.step_tolerance,
-            )
-        return MotionState(stepper.positions, stepper.velocities, stepper.change), found.converged

@@ -2,13 +2,13 @@
 
 from modalshell.modes.basis import Basis, solve_modes
 from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_tangent_eigenvalue
-from modalshell.modes.factorisation import Factor, Factoriser, available_backends, condensed_factor
+from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
 
 __all__ = [
+    "BACKENDS",
     "Basis",
     "Factor",
     "Factoriser",
-    "available_backends",
     "condensed_factor",
     "largest_eigenvalue",
     "lowest_tangent_eigenvalue",

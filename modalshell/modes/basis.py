@@ -135,7 +135,7 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     count : int
         Number of modes m, rigid ones counted in.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Returns
     -------

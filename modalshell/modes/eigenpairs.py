@@ -86,7 +86,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             del solver
         values, vectors = _canonical(values, vectors, elastic)
     scaled = mass_scaled(shell, data)
-    norm = _norm(shell, data)
+    norm = _norm(shell, data) or 1.0
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
     residual = float(residuals.max(initial=0.0))
     if residual > _RESIDUAL_LIMIT:

@@ -27,6 +27,8 @@ _RUN_AWAY = 100.0
 """Energy over that which the load has put in, from which motion that still gathers it runs away."""
 _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
+_AT_REST = 1e-9
+"""Share of the largest energy below which kinetic energy counts as none."""
 _FAULTS = {Outcome.WOUND_UP: "a part of the shell turned by more than 2 pi"}
 
 
@@ -163,12 +165,21 @@ class Recorder:
         if motion.unconverged:
             words = f"{motion.unconverged} of {motion.count} steps did not converge"
             found[Outcome.STEPS_NOT_CONVERGED] = words
+        if self._rests() and motion.model.is_saddle(motion.state):
+            found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
         return gravest(Outcome.COMPLETED, *found), "; ".join(found.values())
 
     @property
     def _steady(self) -> bool:
         """Whether the load alone does work."""
         return self.motion.supports is None and not self.motion.constraints
+
+    def _rests(self) -> bool:
+        """Whether motion has died away under a load that does not change."""
+        if not self._steady or len(self.times) < 2:
+            return False
+        energies = np.array(self.energies)
+        return bool(energies[:, 0].max() > 0.0 and energies[-1, 0] <= _AT_REST * np.abs(energies).max())
 
     def _runs_away(self) -> bool:
         """Whether there is far more energy than the load has put in, most of it new in the last quarter."""

@@ -75,11 +75,8 @@ class Motion:
             model = model.holding(np.concatenate([patch.vertices for patch in self._patches]))
         self.model = model
         self.state = model.start_motion(None if start is None else shell.checked_positions(start))
-        if supports is not None and not model.in_shell_frame:
-            pose = supports.at(0.0)
-            self.state.coordinates = pose.to_world(self.state.coordinates)
-            if self.state.carried is not None:
-                self.state.carried = self.state.carried @ pose.rotation.T
+        if supports is not None:
+            self.state = model.placed(self.state, supports.at(0.0))
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
         self.count, self.unconverged, self.finite = 0, 0, True
@@ -141,9 +138,7 @@ class Motion:
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
         arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals}
         for name, state in self._states().items():
-            arrays[f"{name}_coordinates"], arrays[f"{name}_rates"] = state.coordinates, state.rates
-            if state.carried is not None:
-                arrays[f"{name}_carried"] = state.carried
+            arrays |= {f"{name}_{part}": array for part, array in state.arrays().items()}
         return arrays
 
     def _states(self) -> dict[str, MotionState]:
@@ -156,12 +151,10 @@ class Motion:
         """Go on from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.constraint_residuals = np.array(arrays["constraint_residuals"])
-        states = []
-        for name in self._states():
-            state = MotionState(*(np.array(arrays[f"{name}_{part}"]) for part in ("coordinates", "rates")))
-            if f"{name}_carried" in arrays:
-                state.carried = np.array(arrays[f"{name}_carried"])
-            states.append(state)
+        states = [
+            state.with_arrays({part: np.array(arrays[f"{name}_{part}"]) for part in state.arrays()})
+            for name, state in self._states().items()
+        ]
         self.state, self._before = states[0], states[-1]
 
     def _held_positions(self, time: float, pose: Pose | None) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
-from modalshell.render.scene import ShadedSurface
+from modalshell.render.content import ShadedSurface
 from modalshell.render.surfaces import ScalarColors
 
 # Pictures are drawn this many times larger in each direction and averaged: even edges with any OpenGL.

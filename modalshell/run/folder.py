@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
 
-from modalshell.modes import available_backends
 from modalshell.provenance import run_record
 from modalshell.scene import Scene
 from modalshell.shell import Shell
@@ -22,7 +21,7 @@ def run_identity(scene: Scene, shell: Shell) -> dict[str, str]:
     mesh = shell.mesh.vertices.tobytes() + np.asarray(shell.mesh.faces, dtype="<i8").tobytes()
     identity = {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(mesh).hexdigest()}
     identity |= {f"{name} version": str(version) for name, version in run_record({})["versions"].items()}
-    return identity | {"factorisation": ", ".join(available_backends()), "processor": str(get_host_cpu_name())}
+    return identity | {"processor": str(get_host_cpu_name())}
 
 
 def remove_leftovers(folder: Path, name: str) -> None:

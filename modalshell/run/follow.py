@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.atomic_io import read_record
 from modalshell.checks import checked_number
@@ -145,6 +146,10 @@ class RunFollower:
     def _take_newest(self, reader: FrameReader) -> None:
         if not reader.read_newest():
             return
+        if fault := _fault(reader.constants, reader.record):
+            raise FileFormatError(
+                f"{self._path or self._given} holds no frames of a shell's run ({fault}); name another run"
+            )
         if reader.generation != self._generation:
             self._begin(reader.generation, reader.identity)
             self._take_shell(**reader.constants)
@@ -208,6 +213,31 @@ class RunFollower:
             )
         if self._path is not None:
             self.name = self._path.stem
+
+
+def _fault(constants: dict[str, NDArray[Any]], record: Any) -> str:
+    """What keeps arrays of sound checksums from being a shell and a frame of it, in words; "" if nothing does."""
+    names = {"rest_positions": "f", "faces": "i", "held": "b", "gravity": "f"}
+    if constants.keys() != names.keys() or any(constants[name].dtype.kind != kind for name, kind in names.items()):
+        return f"its shell must be arrays named {', '.join(names)}"
+    count, triangles = (next(iter(constants[name].shape), 0) for name in ("rest_positions", "faces"))
+    shapes = {"rest_positions": (count, 3), "faces": (triangles, 3), "held": (count,), "gravity": (3,)}
+    for name, shape in shapes.items():
+        if constants[name].shape != shape or not np.isfinite(constants[name]).all():
+            return f"{name} must be finite and of shape {shape}"
+    faces = constants["faces"]
+    if faces.size and not (faces.min() >= 0 and faces.max() < count):
+        return f"faces must name vertices 0 to {count - 1}"
+    if not {"time", "positions"} <= set(record.dtype.names or ()) or record["positions"].shape != (count, 3):
+        return f"a frame must have a time and positions of shape {(count, 3)}"
+    kinds = {record["time"].dtype.kind, record["positions"].dtype.kind}
+    if (
+        kinds != {"f"}
+        or record["time"].shape
+        or not (np.isfinite(record["time"]) and np.isfinite(record["positions"]).all())
+    ):
+        return "a frame's time and positions must be finite numbers"
+    return ""
 
 
 def _only_run(folder: Path) -> str | None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from modalshell.atomic_io import make_folder
 from modalshell.errors import OptionError
-from modalshell.lock import hold
+from modalshell.lock import acquire_lock
 
 MAGIC = b"modalshell frames 2\n"
 ALIGNMENT = 64
@@ -52,7 +52,7 @@ class FrameFile:
         self._header = b""
         self._dtype = np.dtype([])
         make_folder(path.parent)
-        self._descriptor = hold(path)
+        self._descriptor = acquire_lock(path)
 
     def __enter__(self) -> FrameFile:
         return self
@@ -90,7 +90,7 @@ class FrameFile:
             If the file belongs to another run, or its header is damaged; it is left as it is.
         """
         self._dtype = record_dtype(fields)
-        whole_identity = identity | {"record": repr(fields)}
+        whole_identity = identity | {"record": json.dumps(fields)}
         self._header = _header(whole_identity, constants or {})
         if restart:
             os.ftruncate(self._descriptor, 0)

@@ -314,8 +314,11 @@ def is_minimum(problem: Potential, result: NewtonResult) -> bool:
     return result.stable
 
 
-def leave_saddle(problem: Potential, x: Array) -> Array:
-    """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
+def lowest_curvature(problem: Potential, x: Array) -> tuple[float, Array]:
+    """Lowest of the Hessian's eigenvalues next to zero, as a share of its mean diagonal entry, and its direction (N,).
+
+    SolverError or ArpackError where they cannot be found.
+    """
     _, hessian = problem.linearise(x, EXACT)
     size = problem.shell.free_unknowns.size
     if size < 30:  # Lanczos needs room
@@ -324,14 +327,20 @@ def leave_saddle(problem: Potential, x: Array) -> Array:
         values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
     else:
         start = np.random.default_rng(0).standard_normal(size)
-        try:
-            factor = problem.factor(hessian)
-            inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
-            # With its inverse at hand, Lanczos asks nothing of the matrix itself but its shape.
-            values, vectors = spla.eigsh(inverse, k=3, sigma=0.0, OPinv=inverse, v0=start)
-        except (SolverError, spla.ArpackError):
-            return x
-    direction = vectors[:, int(np.argmin(values))]
+        factor = problem.factor(hessian)
+        inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
+        # With its inverse at hand, Lanczos asks nothing of the matrix itself but its shape.
+        values, vectors = spla.eigsh(inverse, k=3, sigma=0.0, OPinv=inverse, v0=start)
+    lowest = int(np.argmin(values))
+    return float(values[lowest]) / float(np.abs(hessian.diagonal()).mean()), vectors[:, lowest]
+
+
+def leave_saddle(problem: Potential, x: Array) -> Array:
+    """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
+    try:
+        _, direction = lowest_curvature(problem, x)
+    except (SolverError, spla.ArpackError):
+        return x
     direction *= problem.shell.size / float(np.abs(direction).max())
     trials = [_moved(problem.shell, x, direction, sign * size) for size in (3e-2, 1e-2, 1e-3) for sign in (1, -1)]
     return min([x, *trials], key=lambda trial: (not np.isfinite(value := problem.value(trial)), value))

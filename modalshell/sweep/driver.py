@@ -30,6 +30,8 @@ from modalshell.sweep.summary import (
 )
 from modalshell.typing import Progress
 
+_LONGEST_LIMIT = 1e9
+"""Seconds beyond which no time limit can be waited for."""
 _AGAIN = (Outcome.FAILED, Outcome.STOPPED)
 """Outcomes that another time or machine may change; done again only where that is asked for."""
 
@@ -116,7 +118,7 @@ def run_sweep(
     folder = chosen or Path(declared.output.folder)
     count = usable_cores() if workers is None else checked_count("workers", workers)
     if time_limit is not None:
-        checked_number("time_limit", time_limit, above=0.0, unit="s")
+        checked_number("time_limit", time_limit, above=0.0, at_most=_LONGEST_LIMIT, unit="s")
     if cluster is not None and (time_limit is not None or workers is not None):
         raise OptionError("workers and a time limit are for this machine: leave them out with a cluster")
     if cluster is not None and not isinstance(cluster, str):

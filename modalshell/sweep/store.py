@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct
 
 from modalshell.atomic_io import make_folder, write_bytes
-from modalshell.lock import hold
+from modalshell.lock import acquire_lock
 from modalshell.outcome import Outcome, read_outcome
 from modalshell.sweep.case import CaseResult
 
@@ -40,7 +40,7 @@ class CaseFolder:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         make_folder(folder)
-        self._descriptor = hold(folder / "lock")
+        self._descriptor = acquire_lock(folder / "lock")
         for leftover in folder.glob(".*.part.json"):
             leftover.unlink()
 

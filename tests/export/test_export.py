@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import pyvista
+from scenes import cantilever
 
 import modalshell as ms
 from modalshell.export import check_formats
@@ -13,8 +14,8 @@ from modalshell.outcome import Outcome
 
 @pytest.fixture(scope="module")
 def run():
-    mesh = ms.v_beam(cells=(8, 4))
-    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.13)
+    shell = cantilever((8, 4))
+    mesh = shell.mesh
     tip = ms.PositionConstraint(len(mesh.vertices) - 1, mesh.vertices[-1] + [-0.05, 0.0, 0.05])
     model = ms.ModalWarping(ms.solve_modes(shell, 8))
     return ms.simulate(model, duration=0.5, dt=0.05, gravity=(0, 0, -1), constraints=[tip])

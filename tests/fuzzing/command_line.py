@@ -112,7 +112,7 @@ def _without_windows() -> Iterator[None]:
         mock.patch("modalshell.viewer.web.demand_opengl", nothing["demand_opengl"]),
         mock.patch("modalshell.viewer.attached.time", clock),
         mock.patch("modalshell.run.follow.time", clock),
-        mock.patch("modalshell.doctor.choose_backend", return_value="matplotlib"),
+        mock.patch("modalshell.doctor.choose_backend", return_value="built-in"),
         mock.patch.multiple("modalshell.sweep.driver", run_locally=in_this_process, connect=_no_scheduler),
     ):
         yield

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scenes import held
 
 import modalshell as ms
 
@@ -39,7 +40,7 @@ def test_selections_that_fit_no_mesh_are_refused(load, message):
 
 
 def test_loads_act_in_statics_as_their_forces_do():
-    shell = ms.Shell(MESH, ms.Material(20.0, 20.0, 0.05, 0.2), MESH.vertices[:, 0] < 0.13)
+    shell = held(MESH, 0.13)
     loads = [ms.PointForce(END, (0.0, 0.0, -1e-4)), ms.LineForce(END, (0.0, 1e-3, 0.0))]
     force = sum(load.force(MESH) for load in loads)
     for model in (ms.DiscreteShell(shell), ms.ModalWarping(ms.solve_modes(shell, 4))):

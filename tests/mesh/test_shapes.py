@@ -82,7 +82,7 @@ def test_delaunay_is_unstructured_and_repeatable():
     assert np.mean((neighbours >= 5) & (neighbours <= 7)) > 0.97
     assert np.mean(neighbours == 6) < 0.7
     lloyd = sheet(cells=(24, 24), family="lloyd")
-    assert abs(len(mesh.vertices) - len(lloyd.vertices)) == 0
+    assert len(mesh.vertices) == len(lloyd.vertices)
 
 
 @pytest.mark.parametrize("family", FAMILIES)

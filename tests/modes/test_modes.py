@@ -7,22 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+from scenes import PLAIN, cantilever
 
 from modalshell import Basis, Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, solve_modes, v_beam
 from modalshell.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError, SolverError
-from modalshell.modes import available_backends, eigenpairs
+from modalshell.modes import BACKENDS, eigenpairs
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.rigid import rigid_motions
 
 DATA = json.loads(
     (Path(__file__).resolve().parents[1] / "data" / "plate_and_beam_frequencies.json").read_text(encoding="utf-8")
 )
-PLAIN = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-
-
-def cantilever(cells=(10, 4), **options):
-    mesh = v_beam(cells=cells, **options)
-    return Shell(mesh, PLAIN, mesh.vertices[:, 0] < 1.5 / cells[0])
 
 
 def dense_pairs(shell):
@@ -43,7 +38,7 @@ def subspace_angle(shell, first, second):
 
 
 SHELLS = {
-    "clamped v_beam": cantilever(),
+    "clamped v_beam": cantilever((10, 4)),
     "free leaf": Shell(leaf(cells=(8, 6)), PLAIN),
     "free cylinder": Shell(cylinder_panel(cells=(6, 5), angle=100.0), PLAIN),
     "hinged leaf": Shell(leaf(cells=(8, 6)), PLAIN, [0]),
@@ -93,7 +88,7 @@ def test_what_a_basis_holds(name):
     np.testing.assert_allclose(basis.frequencies, np.sqrt(basis.eigenvalues) / (2 * np.pi), rtol=1e-15)
     np.testing.assert_allclose(basis.rotations, rotation_matrix(shell.mesh) @ basis.modes, rtol=1e-13, atol=1e-13)
     assert basis.shell is shell
-    assert basis.backend in (*available_backends(), "dense")
+    assert basis.backend in (*BACKENDS, "dense")
 
 
 def two_sheets():
@@ -167,7 +162,7 @@ def test_dense_and_lanczos_agree(name, monkeypatch):
     np.testing.assert_allclose(results["lanczos"].modes, results["dense"].modes, rtol=0, atol=1e-6 * scale)
 
 
-@pytest.mark.parametrize("backend", available_backends())
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_every_backend_gives_the_same_modes(backend, monkeypatch):
     monkeypatch.setattr(eigenpairs, "_DENSE_BELOW", 0)
     for shell in SHELLS.values():

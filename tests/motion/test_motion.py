@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
+from scenes import cantilever
 
 import modalshell as ms
 
 
 @pytest.fixture(scope="module")
 def beam():
-    mesh = ms.v_beam(cells=(12, 4))
-    return ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.1)
+    return cantilever()
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scenes import strip
 
 import modalshell as ms
 from modalshell.models import Damping
 from modalshell.outcome import Outcome
+from studies.integrator_drift import SummedWarp
 
 STEP = 1.0 / 30.0
 STEPS = 10_000
@@ -38,7 +40,7 @@ def models(basis, integrator):
         "LMA": ms.LinearModal(basis, integrator=integrator),
         "MWTS": ms.ModalWarping(basis, integrator=integrator),
         "MWTS, consistent": ms.ModalWarping(basis, integrator=integrator, consistent_force=True),
-        "MWTS, sum": ms.ModalWarping(basis, integrator=integrator, warp="sum"),
+        "MWTS, sum": SummedWarp(basis, integrator=integrator),
         "RSW": ms.RotationStrain(basis, integrator=integrator),
     }
 
@@ -125,7 +127,7 @@ def coordinate_bound(model, damping, load):
     """Largest |q_j| that modal forces no larger than ``sum_i |Phi_ij| |f_i|`` can bring about: sums of the response."""
     stiffness, h = model.basis.eigenvalues, STEP
     damp = damping[0] + damping[1] * stiffness
-    share = 1.0 if model.integrator == "implicit_euler" else 0.5
+    share = 1.0 if model.integrator.key == "implicit_euler" else 0.5
     inertia = 1.0 + share * h * damp + (share * h) ** 2 * stiffness
     q, total = np.zeros_like(stiffness), np.zeros_like(stiffness)
     rates = np.zeros_like(stiffness)
@@ -237,8 +239,7 @@ def test_decay_rate_is_what_the_slowest_mode_does(basis, integrator, factors):
 
 
 def test_decay_rate_is_unknown_for_rigid_modes_and_full_models():
-    mesh = ms.flat_beam(cells=(6, 2))
-    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    shell = strip()
     for model in (ms.LinearModal(ms.solve_modes(shell, 8)), ms.DiscreteShell(shell)):
         assert model.decay_rate(STEP, Damping(3.0, 0.01)) == pytest.approx(0.0, abs=1e-6)
 
@@ -268,17 +269,16 @@ def test_linear_motion_is_never_called_a_cycle(basis, integrator, factors):
 
 
 def test_a_falling_shell_with_drag_is_no_cycle():
-    mesh = ms.flat_beam(cells=(6, 2))
-    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    shell = strip()
     for model in (ms.ModalWarping(ms.solve_modes(shell, 8)), ms.DiscreteShell(shell)):
         motion = ms.simulate(model, duration=8.0, dt=0.1, gravity=(0, 0, -9.81), damping=(2.0, 0.0))
         assert motion.status == "completed"
 
 
 def test_creeping_discrete_shell_is_no_cycle():
-    mesh = ms.flat_beam(cells=(6, 2))
-    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.2)
-    motion = ms.simulate(ms.DiscreteShell(shell), duration=5.0, dt=0.1, gravity=(0, 0, -1.0), damping=(300.0, 0.0))
+    motion = ms.simulate(
+        ms.DiscreteShell(strip(below=0.2)), duration=5.0, dt=0.1, gravity=(0, 0, -1.0), damping=(300.0, 0.0)
+    )
     assert motion.status == "completed"
     assert motion.energies[-1, 0] > 0.1 * motion.energies[1, 0]
 
@@ -325,9 +325,21 @@ def test_running_away_is_named_before_the_numbers_end(basis):
         assert np.isfinite(motion.energies).all()
 
 
+@pytest.mark.parametrize(("factor", "outcome"), [(0.5, Outcome.COMPLETED), (5.0, Outcome.UNSTABLE)])
+def test_a_straight_column_that_stays_straight_is_named(factor, outcome):
+    """Nothing pushes it aside, so that motion keeps its symmetry; it buckles near 7.84 D over density and length^3."""
+    mesh = ms.flat_beam(cells=(20, 2))
+    shell = ms.Shell(mesh, ms.Material(200.0, 200.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.08)
+    model = ms.DiscreteShell(shell)
+    buckling = gravity_at(7.84, shell)[2]
+    motion = ms.simulate(model, duration=3.0, dt=STEP, gravity=(factor * buckling, 0, 0), damping=(0.5, 0.001))
+    assert np.abs(motion.positions[..., 2]).max() == 0.0
+    assert motion.outcome is outcome
+    assert ("saddle" in motion.message) == (outcome is Outcome.UNSTABLE)
+
+
 def test_free_fall_does_not_run_away():
-    mesh = ms.flat_beam(cells=(6, 2))
-    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    shell = strip()
     for model in (ms.LinearModal(ms.solve_modes(shell, 8)), ms.RigidShell(shell)):
         assert ms.simulate(model, duration=100.0, dt=1.0, gravity=(0, 0, -9.81)).status == "completed"
 

@@ -1,5 +1,6 @@
 """Following runs from another process: whole frames only, the newest one, and neither side minds the other's death."""
 
+import json
 import os
 import shutil
 import signal
@@ -15,6 +16,7 @@ from modalshell.atomic_io import read_record, write_record
 from modalshell.cli import main
 from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
+from modalshell.run.frame_file import MAGIC, FrameFile
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells who holds a file")
 
@@ -33,6 +35,7 @@ import os, sys, time
 from modalshell.cli import main
 from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
+from modalshell.run.frame_file import MAGIC, FrameFile
 frames, count = sys.argv[1], int(sys.argv[2])
 for _ in range(count):
     child = os.fork()
@@ -393,3 +396,16 @@ def test_options_that_are_refused(tmp_path, monkeypatch, capsys, options, text):
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert text in message
+
+
+def test_a_header_is_not_evaluated(tmp_path):
+    """Frames with sound checksums and the contents of another: refused, or waited for, and never run as code."""
+    file = FrameFile(tmp_path / "forged.frames")
+    with file:
+        file.begin({"scene": "x"}, [("time", "<f8"), ("positions", "<f8", (3, 3))], constants={"faces": np.eye(3)})
+        file.append({"time": 0.0, "positions": np.eye(3)})
+        with pytest.raises(ms.FileFormatError, match="no frames of a shell's run"):
+            RunFollower(file.path).poll()
+    data = file.path.read_bytes()
+    assert b"eval" not in data
+    assert json.loads(json.loads(data[len(MAGIC) : data.index(b"\n", len(MAGIC))])["record"])[0] == ["time", "<f8"]

@@ -14,6 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from scenes import beam_text
 
 import modalshell as ms
 from modalshell.cli import main
@@ -24,19 +25,10 @@ _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"
 SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/test_flock_scene.py
 LARGE = ("creature", "v_beam_stiff")
 
-BEAM = """
-name = "beam"
-[mesh]
-shape = "v_beam"
-cells = [{cells}, 4]
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.13"
-{path}
+BEAM = (
+    'name = "beam"\n'
+    + beam_text("{cells}", "x < 0.13")
+    + """{path}
 [loads]
 gravity = [0.0, 0.0, -4.0]
 [model]
@@ -49,6 +41,7 @@ damping = [0.1, 0.0]
 [output]
 {output}
 """
+)
 MOVING = """times = [0.0, 0.1, 0.3]
 translations = [[0, 0, 0], [0, 0.1, 0.1], [0, 0, 0]]
 rotations = [[0, 0, 0], [0.5, 0, 0.2], [0, 0.1, 0]]"""
@@ -92,7 +85,7 @@ def stop_after(steps):
 def started(scene, folder, *options):
     """A process of its own that runs the scene."""
     command = [sys.executable, "-m", "modalshell", "run", str(scene), "--out", str(folder), *options]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MODALSHELL_RENDERER": "matplotlib"}
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MODALSHELL_RENDERER": "built-in"}
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
@@ -408,7 +401,7 @@ def test_scenes_of_the_repository_run(tmp_path, file):
 
 
 def test_the_command_prints_what_it_wrote(tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     scene = write(tmp_path, duration=0.05, output='formats = ["png", "vtkhdf"]')
     with pytest.raises(SystemExit) as stop:
         main(["run", str(scene), "--out", str(tmp_path / "out")])

@@ -8,27 +8,19 @@ import re
 
 import numpy as np
 import pytest
+from scenes import beam_text
 
 import modalshell as ms
 from modalshell.cli import main
-from modalshell.lock import hold
+from modalshell.lock import acquire_lock
 from modalshell.sweep import load_sweep
 from modalshell.sweep.case import run_case
 from modalshell.sweep.plan import Plan
 from modalshell.sweep.store import CaseFolder
 
-SCENE = """
-[mesh]
-shape = "v_beam"
-cells = [8, 4]
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.13"
-[loads]
+SCENE = (
+    beam_text(8, "x < 0.13")
+    + """[loads]
 gravity = [0.0, 0.0, -4.0]
 [[loads.forces]]
 where = "x > 0.9"
@@ -37,6 +29,7 @@ total = [0.0, 0.0, -0.01]
 name = "mwts"
 modes = 4
 """
+)
 GRAVITY = '"loads.gravity" = [[0, 0, -1], [0, 0, -2]]\n'
 AXES = GRAVITY + '"model.name" = ["lma", "mwts", "ds"]\n'
 
@@ -393,7 +386,7 @@ def test_workers_that_do_not_start_are_an_error(write, tmp_path, monkeypatch):
 def test_two_drivers_may_not_share_a_folder(write, tmp_path):
     with CaseFolder(tmp_path / "out" / "beams_cases"), pytest.raises(ms.OptionError, match="in use by another process"):
         ms.run_sweep(write(), out=tmp_path / "out")
-    os.close(hold(tmp_path / "out" / "beams_cases" / "lock"))  # and a lock that is let go is free
+    os.close(acquire_lock(tmp_path / "out" / "beams_cases" / "lock"))  # and a lock that is let go is free
 
 
 @pytest.mark.usefixtures("here")

@@ -5,7 +5,7 @@ import signal
 import time
 
 import pytest
-from sweep_scenes import BEAM
+from scenes import SWEPT_BEAM
 
 import modalshell as ms
 from modalshell.sweep.case import run_case
@@ -14,7 +14,7 @@ distributed = pytest.importorskip("distributed", reason="needs dask.distributed 
 dask = pytest.importorskip("dask")
 
 SWEEP = (
-    BEAM.format(duration=3.0)
+    SWEPT_BEAM.format(duration=3.0)
     + """
 [axes]
 "model.name" = ["lma", "mwts"]

@@ -305,7 +305,7 @@ def test_no_display_is_one_line(scene_file, capsys, monkeypatch):
 
 
 def test_no_opengl_is_one_line(scene_file, tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv(RENDERER_VARIABLE, "matplotlib")
+    monkeypatch.setenv(RENDERER_VARIABLE, "built-in")
     assert "libegl1" in refused(capsys, scene_file(), "--screenshot", tmp_path / "a.png")
 
 
