@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_kind, checked_vectors, shown
 from modalshell.errors import LoadError, OptionError
+from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
@@ -29,6 +30,9 @@ from modalshell.shell.material import Material
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.shell.supports import held_vertices
 from modalshell.typing import Array, Index
+
+_VERTEX_BYTES = 8_000
+"""Memory that the pattern of the stiffness takes while it is made."""
 
 
 class Shell(ReadOnlyArrays):
@@ -81,6 +85,8 @@ class Shell(ReadOnlyArrays):
             raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
         self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
+        count = len(mesh.vertices)
+        demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
         clamped = held_vertices(clamped, len(mesh.vertices))
         self.energies = tuple(
             checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
