@@ -15,7 +15,6 @@ from modalshell.checks import checked_kind
 from modalshell.errors import MeshError, OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Damping
-from modalshell.models.base import total_load
 from modalshell.models.coarse_discrete_shell import closest_points
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, load_scene
@@ -98,7 +97,7 @@ def make_case(
         return scene_case(scene if isinstance(scene, Scene) else load_scene(scene))
     checked_kind("scene", scene, Shell)
     meshes = [CoarseMesh(drawn_to_supports(scene, mesh), f"{len(mesh.faces)} triangles") for mesh in coarse]
-    return Case("shell", scene, total_load(scene, gravity, force), coarse=meshes)
+    return Case("shell", scene, scene.total_load(gravity, force), coarse=meshes)
 
 
 def scene_case(scene: Scene) -> Case:
@@ -109,7 +108,7 @@ def scene_case(scene: Scene) -> Case:
             "give a force in their place"
         )
     shell = scene.build_shell()
-    load, note = total_load(shell, scene.loads.gravity if scene.loads else None, scene.build_force(shell.mesh)), ""
+    load, note = shell.total_load(scene.loads.gravity if scene.loads else None, scene.build_force(shell.mesh)), ""
     path = build_path(scene.supports) if scene.supports else None
     if path is not None:
         still = np.zeros_like(load)

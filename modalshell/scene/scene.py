@@ -20,7 +20,6 @@ from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
-from modalshell.models.base import total_load
 from modalshell.modes import solve_modes
 from modalshell.motion import Motion, SupportPath
 from modalshell.plugins import load_plugins
@@ -243,7 +242,7 @@ class BuiltScene:
 
     def load(self) -> Array:
         """All loads (n, 3) [N]."""
-        return total_load(self.shell, self.gravity, self.force)
+        return self.shell.total_load(self.gravity, self.force)
 
     def equilibrium(self) -> Equilibrium:
         """The static answer."""

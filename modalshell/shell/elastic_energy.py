@@ -43,6 +43,10 @@ class ElasticEnergy(ABC):
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N] in one pass."""
 
+    def support_gradient(self, x: Array) -> Array:
+        """Gradient (n, 3) [N] with the forces on points that clamp an edge, if any, at the ends of the edge."""
+        return self.energy_gradient(x)[1]
+
     @abstractmethod
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_kind, checked_vectors, shown
 from modalshell.errors import LoadError, OptionError
+from modalshell.loads import Load
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
@@ -223,6 +224,52 @@ class Shell(ReadOnlyArrays):
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
         return self.mass[:, None] * checked_vectors("gravity", gravity, (3,))
+
+    def total_load(
+        self, gravity: ArrayLike | None = None, force: ArrayLike | None = None, loads: Sequence[Load] | None = None
+    ) -> Array:
+        """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
+        total = np.zeros_like(self.rest_positions)
+        if gravity is not None:
+            total += self.gravity_force(gravity)
+        if force is not None:
+            total += checked_vectors("force", force, total.shape)
+        for load in loads or ():
+            checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
+            total += checked_vectors(f"the force of {type(load).__name__}", load.force(self.mesh), total.shape)
+        return total
+
+    def reactions(
+        self,
+        positions: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
+    ) -> Array:
+        """Forces (n, 3) [N] of the supports on the clamped vertices at ``positions`` (n, 3) [m]; zero elsewhere.
+
+        In equilibrium their sum is minus the load's. Where an edge is clamped on one row of vertices, its share of the
+        force acts at both ends of the edge.
+
+        Parameters
+        ----------
+        positions : array_like, shape (n, 3)
+            Vertex positions in equilibrium [m].
+        gravity, force, loads
+            The load, as in :meth:`Model.equilibrium`.
+
+        Raises
+        ------
+        LoadError
+            For arrays of the wrong shape or not finite, or where a triangle has collapsed.
+        """
+        x = self.checked_positions(positions)
+        gradient = self._energy.support_gradient(x)
+        self._refuse_collapse("force", gradient, x)
+        reactions = gradient - self.total_load(gravity, force, loads)
+        reactions[~self.clamped] = 0.0
+        return reactions
 
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""

@@ -106,10 +106,22 @@ class SplitFoldEnergy(ElasticEnergy):
         return _State(points, angles, slopes, stretches)
 
     def _gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+        return self._point_gradient(state, couples, tensions)[: self._vertex_count]
+
+    def _point_gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
         gradient = np.zeros_like(state.points)
         kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
         kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
-        return gradient[: self._vertex_count]
+        return gradient
+
+    def support_gradient(self, x: Array) -> Array:
+        """Gradient (n, 3) [N], half of each ghost's force at either end of its edge."""
+        state, count = self._measured(x), self._vertex_count
+        gradient = self._point_gradient(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        hinges = self._folds.hinges[self._folds.hinges[:, 3] >= count]
+        for end in (0, 1):
+            np.add.at(gradient, hinges[:, end], 0.5 * gradient[hinges[:, 3]])
+        return gradient[:count] + self._further.energy_gradient(x)[1]
 
     def _rates(self, state: _State, step: Array) -> tuple[Array, Array]:
         """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""

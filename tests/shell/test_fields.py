@@ -123,3 +123,26 @@ def test_fields_turn_with_the_shell():
         value = getattr(before, name)
         np.testing.assert_allclose(getattr(after, name), value, rtol=0, atol=1e-9 * np.abs(value).max())
     assert np.abs(shell.fields(mesh.vertices).curvature).max() < 1e-12
+
+
+@pytest.mark.parametrize("material", [SHEET, ms.Material(2e3, 2e3, 0.05, 2.0)], ids=["isotropic", "hinges"])
+def test_reactions_balance_the_load(material):
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
+    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 0.06)
+    force = np.zeros_like(mesh.vertices)
+    force[int(np.argmax(mesh.vertices[:, 0]))] = (0.1, 0.3, -0.2)
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -2.0), force=force)
+    assert answer.converged
+    reactions = shell.reactions(answer.positions, gravity=(0.0, 0.0, -2.0), force=force)
+    assert not reactions[~shell.clamped].any()
+    load = shell.total_load((0.0, 0.0, -2.0), force)
+    np.testing.assert_allclose(reactions.sum(axis=0), -load.sum(axis=0), atol=2e-7 * np.abs(load).sum())
+
+
+def test_reactions_of_a_shell_clamped_by_one_row():
+    mesh = ms.sheet(cells=(10, 10))
+    shell = ms.Shell(mesh, SHEET, clamped=mesh.vertices[:, 0] < 1e-9)
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -1.0))
+    reactions = shell.reactions(answer.positions, gravity=(0.0, 0.0, -1.0))
+    weight = float(shell.mass.sum())
+    np.testing.assert_allclose(reactions.sum(axis=0), (0.0, 0.0, weight), atol=1e-6 * weight)
