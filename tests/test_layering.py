@@ -72,6 +72,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "errors",
         "integrators",
         "kernels",
+        "loads",
         "models",
         "outcome",
         "shell",

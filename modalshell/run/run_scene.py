@@ -26,6 +26,7 @@ from modalshell.scene.tables import Motion as MotionTable
 from modalshell.typing import Array, Progress
 
 _FAULT_BYTES = 64
+"""Bytes of a fault's text in a stored record."""
 _SNAPSHOT = "snapshot_"
 
 
