@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import final
 
 import numpy as np
 import scipy.sparse as sps
@@ -39,6 +40,7 @@ _SMOOTH = np.cos(np.radians(20.0))
 """Cosine of the rest angle between triangles above which a fold is kept sharp when turns are averaged."""
 
 
+@final
 class CoarseDiscreteShell(Model):
     """DS on fewer vertices: it bends, stiffens and snaps as a shell does, a little too stiff and a little too coarse.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,6 +23,7 @@ _TOLERANCE = 1e-13
 _NEWTON_LIMIT = 30
 
 
+@final
 class RigidShell(Model):
     """A shell without deformation, the cheapest rung: its displacement is that of its supports, or of a rigid body.
 

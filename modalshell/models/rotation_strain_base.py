@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from modalshell.work import count_read
 _PATCHES_KEPT = 16
 
 
+@final
 @dataclass(frozen=True)
 class LoadAdjoint:
     """What the potential of one load needs, whatever q is.
