@@ -11,14 +11,8 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_kind
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
-<<<<<<< HEAD
-from modalshell.models import Damping
-from modalshell.models.coarse_discrete_shell import closest_points
-=======
 from modalshell.models import CoarseMesh, Damping
-from modalshell.models.base import total_load
 from modalshell.models.coarse_discrete_shell import drawn_to_supports
->>>>>>> 75198498f5dd80ca4ecaed5e49f98049093fa29d
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
@@ -97,19 +91,7 @@ def scene_case(scene: Scene) -> Case:
             "give a force in their place"
         )
     shell = scene.build_shell()
-<<<<<<< HEAD
-    load, note = shell.total_load(scene.loads.gravity if scene.loads else None, scene.build_force(shell.mesh)), ""
-    path = build_path(scene.supports) if scene.supports else None
-    if path is not None:
-        still = np.zeros_like(load)
-        times = np.linspace(path.times[0], path.times[-1], 1 + int(np.ceil((path.times[-1] - path.times[0]) * 120.0)))
-        felt = [path.at(float(t)).shell_load(load, shell.mass, shell.rest_positions, still) for t in times]
-        worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in felt]))
-        load = felt[worst]
-        note = f"the load is that of the moving supports when it is largest, at {times[worst]:.3g} s"
-=======
     load, note = scene.largest_load(shell)
->>>>>>> 75198498f5dd80ca4ecaed5e49f98049093fa29d
     motion = scene.motion
     return Case(
         scene.name,

@@ -21,13 +21,8 @@ from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
-<<<<<<< HEAD
-from modalshell.modes import solve_modes
-=======
-from modalshell.models.base import total_load
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, solve_modes
->>>>>>> 75198498f5dd80ca4ecaed5e49f98049093fa29d
 from modalshell.motion import Motion, SupportPath
 from modalshell.plugins import load_plugins
 from modalshell.scene import tables
@@ -153,7 +148,7 @@ class Scene:
 
     def largest_load(self, shell: Shell) -> tuple[Array, str]:
         """All loads (n, 3) [N], with the largest inertial load of moving supports, and a note that says so."""
-        load = total_load(shell, self.loads.gravity if self.loads else None, self.build_force(shell.mesh))
+        load = shell.total_load(self.loads.gravity if self.loads else None, self.build_force(shell.mesh))
         path = build_path(self.supports) if self.supports else None
         if path is None:
             return load, ""

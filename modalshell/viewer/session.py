@@ -11,12 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import LoadError, ModalShellError, OptionError
-<<<<<<< HEAD
-from modalshell.models import LinearModal, ModalWarping, Model, RotationStrain
-=======
 from modalshell.models import Model
-from modalshell.models.base import total_load
->>>>>>> 75198498f5dd80ca4ecaed5e49f98049093fa29d
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
