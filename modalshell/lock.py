@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import struct
 import sys
 from pathlib import Path
@@ -12,6 +14,7 @@ from modalshell.errors import OptionError
 if sys.platform != "win32":
     import fcntl
 
+_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 _FLOCK = "@hhqqi"
 """The C struct of a record lock: kind, origin, start and length (0: all of the file), process."""
 _OWN_LOCKS = sys.platform == "linux"
@@ -28,9 +31,13 @@ def acquire_lock(path: Path) -> int:
     """
     while True:
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _FLAGS, 0o644)
         except OSError as error:
-            raise OptionError(f"{path}: cannot be written ({error.strerror}); choose another --out folder") from error
+            reason = "it is a link, whose target is not ours" if error.errno == errno.ELOOP else error.strerror
+            raise OptionError(f"{path}: cannot be written ({reason}); choose another --out folder") from error
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise OptionError(f"{path}: cannot be written (it is no regular file); choose another --out folder")
         if sys.platform == "win32":
             return descriptor
         try:

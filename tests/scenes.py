@@ -3,6 +3,7 @@
 import numpy as np
 
 import modalshell as ms
+from modalshell.kernels.generated import flexure
 from modalshell.springs import SheetGrid
 
 PLAIN = ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
@@ -28,6 +29,38 @@ def strip(cells=(6, 2), below=None):
 def leaf(cells=(8, 6), clamped=None):
     """A leaf, free unless some vertices are ``clamped``."""
     return ms.Shell(ms.leaf(cells=cells), PLAIN, clamped)
+
+
+SHELLS = {
+    "clamped v_beam": cantilever((10, 4)),
+    "free leaf": leaf(),
+    "free cylinder": held(ms.cylinder_panel(cells=(6, 5), angle=100.0)),
+    "hinged leaf": leaf(clamped=[0]),
+}
+"""Shells with none, six and three rigid modes."""
+
+# ---- hinges
+
+
+def hinge_mesh(angle, apex=(0.3, 1.1), other=(0.7, -0.8)):
+    """Two triangles over the edge (0,0,0)-(1,0,0); the second turned about x by ``angle``."""
+    vertices = [
+        (0.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0),
+        (*apex, 0.0),
+        (other[0], other[1] * np.cos(angle), other[1] * np.sin(angle)),
+    ]
+    return np.array(vertices), np.array([[0, 1, 2], [1, 0, 3]])
+
+
+def noisy(mesh, x, noise, seed=0):
+    return x + noise * mesh.edge_lengths.min() * np.random.default_rng(seed).standard_normal(x.shape)
+
+
+def folds(mesh, x):
+    out = np.empty(len(mesh.hinges))
+    flexure.measures(np.ascontiguousarray(x), mesh.hinges, out)
+    return out
 
 
 # ---- springs
@@ -98,3 +131,20 @@ material = {stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}
 supports = {clamped = "x < 0.6"}
 """
 """The smallest beam, in lines that leave room for tables."""
+
+LOADED_BEAM = (
+    beam_text(8, "x < 0.13")
+    + """[loads]
+gravity = [0.0, 0.0, -4.0]
+[[loads.forces]]
+where = "x > 0.9"
+total = [0.0, 0.0, -0.01]
+[model]
+name = "mwts"
+modes = 4
+"""
+)
+"""A scene that a sweep varies by ``SWEEP_AXES``."""
+
+GRAVITIES = '"loads.gravity" = [[0, 0, -1], [0, 0, -2]]\n'
+SWEEP_AXES = GRAVITIES + '"model.name" = ["lma", "mwts", "ds"]\n'

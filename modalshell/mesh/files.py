@@ -20,6 +20,7 @@ from modalshell.mesh.polygon_files import read_obj, read_off, read_ply
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays
+from modalshell.reading import read_regular
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of files that it then reads
 
@@ -50,7 +51,7 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     file = Path(path)
     suffix = _check_suffix(file, READABLE, "read")
     try:
-        data = file.read_bytes()
+        data = read_regular(file)
     except ValueError as error:
         raise MeshError(f"{shown(str(file))}: no path of a file ({error}); check the path") from error
     except FileNotFoundError as error:
@@ -130,6 +131,21 @@ def _read(file: Path, data: bytes, suffix: str) -> tuple[FloatArray, IntArray, b
     return vertices, validation.as_faces(loaded.faces, len(vertices)), False
 
 
+def _beside(file: Path) -> Any:
+    """Gives trimesh the files that lie beside ``file``: regular ones only."""
+    from trimesh.resolvers import FilePathResolver
+
+    class Beside(FilePathResolver):
+        def get(self, name: str) -> bytes:
+            folder = Path(os.path.abspath(self.parent))
+            path = Path(os.path.normpath(folder / name.strip()))
+            if not path.is_relative_to(folder):
+                raise ValueError(f"{name!r} lies outside the mesh's own folder")
+            return read_regular(path)
+
+    return Beside(str(file))
+
+
 def _trimesh_load(file: Path, data: bytes, suffix: str) -> Any:
     import trimesh
 
@@ -138,7 +154,7 @@ def _trimesh_load(file: Path, data: bytes, suffix: str) -> Any:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             if suffix == ".gltf":  # its buffers lie in files beside it
-                return trimesh.load_mesh(str(file), **options)
+                options["resolver"] = _beside(file)
             return trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], **options)
     except Exception as error:  # trimesh's readers raise whatever their parsing met: IndexError, KeyError, struct.error
         reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]

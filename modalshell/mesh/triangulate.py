@@ -6,17 +6,23 @@ chessboard diagonals nearly so, and one diagonal throughout twists under a symme
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import QhullError
 
 from modalshell.checks import checked_choice, checked_count, checked_number, shown
-from modalshell.errors import OptionError
+from modalshell.errors import ModalShellWarning, OptionError
+from modalshell.memory import demand_memory, gigabytes
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle, signed_areas
 from modalshell.mesh.topology import FloatArray, IntArray
 
 FAMILIES = ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")
+_CELL_BYTES, _SHELL_BYTES = 700, 8_000
+"""Memory that a cell of a mesh takes while it is made, and of a shell on it."""
+_SLOW_CELLS = 100_000
+"""Cells from which a mesh and a shell on it take more than some five seconds."""
 _MOST_CELLS = 20_000_000
 """Of a generated mesh; more do not fit the memory of a common machine."""
 
@@ -94,6 +100,15 @@ def check_cells(cells: Sequence[int]) -> tuple[int, int]:
     along, across = (checked_count(f"cells[{k}]", count) for k, count in enumerate(pair))
     if along * across > _MOST_CELLS:
         raise OptionError(f"cells must be at most {_MOST_CELLS:,} in all (got {along} x {across})")
+    told = f"a mesh of {along} x {across} cells"
+    demand_memory(told, _CELL_BYTES * along * across, "take fewer cells")
+    if along * across > _SLOW_CELLS:
+        warnings.warn(
+            f"{told} and a shell on it take about {6e-5 * along * across:.0f} s and "
+            f"{gigabytes(_SHELL_BYTES * along * across)}; take fewer cells to be faster",
+            ModalShellWarning,
+            stacklevel=4,
+        )
     return along, across
 
 

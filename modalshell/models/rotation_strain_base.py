@@ -20,6 +20,7 @@ from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _PATCHES_KEPT = 16
+"""Patches of constraints whose modal data are kept between steps."""
 
 
 @final

@@ -19,8 +19,11 @@ from modalshell.typing import Array, Index
 from modalshell.work import count_products, count_read
 
 _TOLERANCE = 1e-9
+"""Relative residual at which an equilibrium has converged."""
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
+"""Share of the load below which a load step is given up."""
 _NEWTON_LIMIT = 12
+"""Newton iterations at one load at most."""
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
 _LOAD_TURN = 0.5
@@ -246,3 +249,8 @@ class ModalWarping(ModalModel):
                 return y, residual, iterations, False
         residual = float(np.linalg.norm(self._balance(y, load, root))) / scale
         return y, residual, iterations, True
+
+
+def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:
+    """MWTS under the consistent modal force ``J^T f``: a record of its own on the ladder."""
+    return ModalWarping(basis, integrator=integrator, consistent_force=True)

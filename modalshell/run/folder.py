@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_name
 
 from modalshell.provenance import run_record
+from modalshell.reading import open_regular
 from modalshell.scene import Scene
 from modalshell.shell import Shell
 
@@ -24,10 +26,27 @@ def run_identity(scene: Scene, shell: Shell) -> dict[str, str]:
     return identity | {"processor": str(get_host_cpu_name())}
 
 
+def result_digest(folder: Path, name: str, kind: str) -> str:
+    """SHA-256 of the file ``NAME.KIND``, and of the frames that a ``.pvd`` file names; "" where it is missing."""
+    whole = hashlib.sha256()
+    try:
+        for path in (folder / f"{name}.{kind}", *(sorted((folder / f"{name}_frames").glob("*")) * (kind == "pvd"))):
+            with open_regular(path) as file:
+                whole.update(f"{path.name} {path.stat().st_size}\n".encode())
+                while block := file.read(1 << 20):
+                    whole.update(block)
+    except OSError:
+        return ""
+    return whole.hexdigest()
+
+
 def remove_leftovers(folder: Path, name: str) -> None:
-    """Delete what killed processes had begun to write."""
-    for path in folder.glob(f".{name}.*.part*"):
-        if path.is_dir():
+    """Delete what killed processes had begun to write: names that :func:`modalshell.atomic_io.replacing` makes."""
+    ours = re.compile(rf"\.{re.escape(name)}\.\d+\.part(_frames|ial)?(\.\w+)?")
+    for path in folder.iterdir():
+        if not ours.fullmatch(path.name):
+            continue
+        if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)

@@ -22,7 +22,9 @@ from modalshell.lock import acquire_lock
 
 MAGIC = b"modalshell frames 2\n"
 ALIGNMENT = 64
+"""Bytes to which records are aligned, so that frames can be mapped."""
 CHECKSUM_BYTES = 4
+"""Bytes of a record's CRC-32."""
 CONSTANTS, LINE_CHECKSUM = "constants", "line checksum"
 _CHECKSUM = "checksum"
 
@@ -163,8 +165,11 @@ class FrameFile:
     def _write(self, place: int, data: bytes) -> None:
         os.lseek(self._descriptor, place, os.SEEK_SET)
         left = memoryview(data)
-        while left:
-            left = left[os.write(self._descriptor, left) :]
+        try:
+            while left:
+                left = left[os.write(self._descriptor, left) :]
+        except OSError as error:  # a full disk: the system does not say of which file
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
 
 
 def record_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.lock import is_locked
+from modalshell.reading import open_regular
 from modalshell.run.frame_file import (
     ALIGNMENT,
     CHECKSUM_BYTES,
@@ -30,6 +31,7 @@ _LINE_LIMIT = 1 << 20
 _LOOK_BACK = 10_000
 """Records, from the end on, among which a sound one is looked for: a killed process leaves one that is not."""
 _TRIES = 3
+"""Times that a record is read again while it is being written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,8 @@ class FrameReader:
     """
 
     def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_RDONLY)
+        with open_regular(path) as file:
+            self._descriptor = os.dup(file.fileno())
         self._header: _Header | None = None
         self._seen: object = None
         self.index = -1

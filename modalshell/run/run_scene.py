@@ -17,7 +17,7 @@ from modalshell.motion import Motion, Trajectory
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
-from modalshell.run.folder import remove_leftovers, run_identity
+from modalshell.run.folder import remove_leftovers, result_digest, run_identity
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.results import write_results
 from modalshell.run.run_flock import FlightResult, run_flock
@@ -26,6 +26,7 @@ from modalshell.scene.tables import Motion as MotionTable
 from modalshell.typing import Array, Progress
 
 _FAULT_BYTES = 64
+"""Bytes of a fault's text in a stored record."""
 _SNAPSHOT = "snapshot_"
 
 
@@ -219,7 +220,8 @@ def _whole_results(folder: Path, name: str, identity: dict[str, str]) -> tuple[T
         return None
     try:
         run = load_trajectory(folder / f"{name}.npz", verify=True)
-        return run, [kind for kind in record["formats"] if (folder / f"{name}.{kind}").exists()]
+        digests = record.get("digests", {})  # records of earlier versions have none: what they name is written again
+        return run, [kind for kind in record["formats"] if digests.get(kind) == result_digest(folder, name, kind)]
     except FileFormatError:
         return None
 
@@ -229,6 +231,7 @@ def _write_record(folder: Path, scene: Scene, identity: dict[str, str], run: Tra
         "scene": scene.name,
         "identity": identity,
         "formats": formats,
+        "digests": {kind: result_digest(folder, scene.name, kind) for kind in formats},
         "status": run.status,
         "message": run.message,
         "frames": len(run.times),

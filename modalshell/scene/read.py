@@ -15,6 +15,7 @@ import msgspec
 
 from modalshell.checks import shortened
 from modalshell.errors import ModalShellError, SceneError
+from modalshell.reading import read_text
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -22,6 +23,7 @@ _WORDS = {"float": "a number", "int": "an integer", "str": "a text", "bool": "tr
 _WORDS |= {"array": "a list", "object": "a table"}
 _BOUNDS = {">": "above", ">=": "at least", "<": "below", "<=": "at most"}
 _DEEPEST = 50
+"""Levels of nested keys that a scene file may have."""
 _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 """Parameters that the package names otherwise than scenes do."""
 
@@ -29,7 +31,7 @@ _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 def read_toml(file: Path) -> dict[str, Any]:
     """The file as plain tables, all numbers finite; else SceneError."""
     try:
-        document = tomllib.loads(file.read_bytes().decode("utf-8"))
+        document = tomllib.loads(read_text(file))
     except FileNotFoundError as error:
         raise SceneError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
     except OSError as error:

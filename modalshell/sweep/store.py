@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from pathlib import Path
 from types import TracebackType
 
@@ -13,6 +14,7 @@ from msgspec import Struct
 from modalshell.atomic_io import make_folder, write_bytes
 from modalshell.lock import acquire_lock
 from modalshell.outcome import Outcome, read_outcome
+from modalshell.reading import read_regular
 from modalshell.sweep.case import CaseResult
 
 _ENDINGS = {
@@ -41,8 +43,9 @@ class CaseFolder:
         self.folder = folder
         make_folder(folder)
         self._descriptor = acquire_lock(folder / "lock")
-        for leftover in folder.glob(".*.part.json"):
-            leftover.unlink()
+        for leftover in folder.glob(".*.part.json"):  # what killed processes had begun to write
+            if re.fullmatch(r"\.[0-9a-f]{64}\.\d+\.part\.json", leftover.name):
+                leftover.unlink()
 
     def __enter__(self) -> CaseFolder:
         return self
@@ -55,7 +58,7 @@ class CaseFolder:
     def read(self, digest: str) -> CaseResult | None:
         """The result of a case; None where it is missing or damaged."""
         try:
-            stored = msgspec.json.decode(self._path(digest).read_bytes(), type=_Stored)
+            stored = msgspec.json.decode(read_regular(self._path(digest)), type=_Stored)
             found = _decoded(stored.result)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError):
             return None

@@ -1,7 +1,6 @@
 """Reading and writing meshes: round trips, and every damaged file named."""
 
 import json
-import shutil
 import struct
 from pathlib import Path
 
@@ -259,10 +258,3 @@ def test_repository_meshes_load():
     np.testing.assert_allclose(blade.vertices, leaf().vertices, atol=1e-12)
     np.testing.assert_allclose(beam.vertices, v_beam().vertices, atol=1e-12)
     np.testing.assert_array_equal(beam.faces, v_beam().faces)
-
-
-def test_reading_leaves_no_lock(tmp_path):
-    path = tmp_path / "a.obj"
-    save_mesh(v_beam(cells=(4, 2)), path)
-    load_mesh(path)
-    shutil.move(path, tmp_path / "b.obj")

@@ -22,7 +22,7 @@ from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 
 _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"
-SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/test_flock_scene.py
+SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/run/test_flock_scene.py
 LARGE = ("creature", "v_beam_stiff")
 
 BEAM = (
@@ -363,13 +363,34 @@ def test_whole_results_are_not_computed_again(tmp_path):
         ms.run_scene(scene, out=tmp_path / "out", on_step=refuse, restart=True)
 
 
+def test_a_damaged_format_is_written_again(tmp_path):
+    scene = write(tmp_path, duration=0.05, output='formats = ["pvd", "vtkhdf"]')
+    first = ms.run_scene(scene, out=tmp_path / "out")
+    whole = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.v*")}
+    assert len(whole) > 2
+    for path in (first.files[2], next((tmp_path / "out" / "beam_frames").iterdir())):
+        path.write_bytes(whole[path][: len(whole[path]) // 2])
+        again = ms.run_scene(scene, out=tmp_path / "out")
+        assert again.resumed == len(first.trajectory.times)
+        assert path.stat().st_size == len(whole[path])
+    mine = tmp_path / "out" / "beam_frames" / "mine.txt"
+    mine.write_bytes(b"mine")
+    with pytest.raises(ms.FileFormatError, match=r"beam_frames holds 'mine.txt'"):
+        ms.run_scene(scene, out=tmp_path / "out", restart=True)
+    assert mine.read_bytes() == b"mine"
+
+
 def test_leftovers_of_killed_writers_are_removed(tmp_path):
     out = tmp_path / "out"
     (out / ".beam.1.part_frames").mkdir(parents=True)
     (out / ".beam.1.part.npz").write_bytes(b"half")
     (out / ".other.1.part.npz").write_bytes(b"half")
+    (out / ".beam.notes.partners").mkdir()
+    (out / ".beam.notes.partners" / "mine.txt").write_bytes(b"mine")
     ms.run_scene(write(tmp_path), out=out)
-    assert sorted(path.name for path in out.iterdir()) == [".other.1.part.npz", "beam.json", "beam.npz"]
+    left = [".beam.notes.partners", ".other.1.part.npz", "beam.json", "beam.npz"]
+    assert sorted(path.name for path in out.iterdir()) == left
+    assert (out / ".beam.notes.partners" / "mine.txt").read_bytes() == b"mine"
 
 
 def test_a_run_that_diverges_says_so(tmp_path):
