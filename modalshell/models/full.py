@@ -17,12 +17,13 @@ from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eige
 from modalshell.shell import Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.full import equilibrium, scale_of
-from modalshell.statics.newton import NewtonResult, Potential, solve
+from modalshell.statics.newton import Potential, solve
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
 from modalshell.timings import Timings
 from modalshell.typing import Array, Index
 
+_LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
 Integrator = Literal["implicit", "linear_implicit", "explicit", "verlet"]
 
 
@@ -30,9 +31,11 @@ class FullModel(Model):
     """A model in which every vertex is an unknown; its energies are those of its shell's elements.
 
     Statics is Newton's method; ``residual`` is the out-of-balance force over the load, accepted at 1e-7. From a start
-    (a cheaper model's answer, say) the whole load is tried at once. Without it, or where that fails, the load is
-    applied in steps that grow and shrink with the solver's success; where a step ends at no minimum (the shell snaps)
-    the potential is minimised from the last stable state instead. Patches under constraints are led to their targets
+    (a cheaper model's answer, say) the whole load is tried at once, and where that fails the potential is minimised
+    from there. Without a start the load is applied in steps that grow and shrink with the solver's success; where a
+    step ends at no minimum (the shell snaps) the potential is minimised from the last stable state instead, as the
+    shell would move in a thick fluid. A saddle on the way is left along its unstable mode, to the lower of both sides,
+    and ``message`` says so. Patches under constraints are led to their targets
     as moving boundaries; ``residual`` there is relative to load and reactions.
 
     Parameters
@@ -96,20 +99,16 @@ class FullModel(Model):
                 )
             else:
                 problem = model._statics(load)
-                result = refine(problem, model._free_statics(problem, first), scale_of(problem, first))
+                result = refine(problem, equilibrium(problem, first), scale_of(problem, first))
         return Equilibrium(
             result.positions + origin if origin.any() else result.positions,
-            *verdict(result.residual, result.stable, limited=result.limited),
+            *verdict(result.residual, result.stable, limited=result.limited, note=_LEFT if result.left_saddle else ""),
             result.iterations,
             result.residual,
             result.stable,
             costs=self.costs.since(before),
             constraint_residuals=np.zeros(len(constraints)),
         )
-
-    def _free_statics(self, problem: Potential, start: Array | None) -> NewtonResult:
-        """Equilibrium without constraints."""
-        return equilibrium(problem, start)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""

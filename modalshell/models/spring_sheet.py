@@ -16,13 +16,7 @@ from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
 from modalshell.springs.springs import Springs
-from modalshell.statics.newton import NewtonResult, Potential, is_minimum, mixed_newton
 from modalshell.typing import Array, Index
-
-_RELAXING = 2000
-"""Steps at most on the way to rest."""
-_NEAR = 1e-4
-"""Out-of-balance force over the load from which Newton's method goes on."""
 
 
 @final
@@ -108,38 +102,6 @@ class SpringSheet(FullModel):
             step_tolerance=self.step_tolerance,
             backend=self._factoriser.backend,
         )
-
-    def _free_statics(self, problem: Potential, start: Array | None) -> NewtonResult:
-        """As of DS; where Newton fails the sheet is let swing out first, then Newton goes on from there.
-
-        The energies of flat sheets are quartic in bending, with minima that Newton's steps miss.
-        """
-        found = super()._free_statics(problem, start)
-        if found.converged or problem.scale == 0.0:
-            return found
-        relaxed, steps = self._relaxed(problem, start)
-        found.iterations += steps
-        if relaxed is not None:
-            result = mixed_newton(problem, relaxed, problem.scale)
-            if is_minimum(problem, result):
-                result.iterations = found.iterations + result.iterations
-                return result
-        return found
-
-    def _relaxed(self, problem: Potential, start: Array | None) -> tuple[Array | None, int]:
-        """Positions near rest, or None, and the implicit steps there, each a tenth of the time of a fall through."""
-        shell = self.shell
-        acceleration = problem.scale / float(np.linalg.norm(shell.mass[shell.free]))
-        time = float(np.sqrt(np.linalg.norm(np.ptp(shell.rest_positions, axis=0)) / acceleration))
-        dt, damping = 0.1 * time, Damping(0.2 / time)
-        state = self.start_motion(start)
-        for count in range(1, _RELAXING + 1):
-            state, solved = super()._linear_implicit(state, dt, problem.load, damping, None)
-            if not solved or not np.isfinite(state.coordinates).all():
-                return None, count
-            if float(np.linalg.norm(problem.residual(state.coordinates))) <= _NEAR * problem.scale:
-                return state.coordinates, count
-        return state.coordinates, _RELAXING
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest; conjugate gradients take the last change of velocities along."""

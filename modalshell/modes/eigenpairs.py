@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spla
 
 from modalshell.checks import finite_answer
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.modes.factorisation import Factoriser
+from modalshell.modes.factorisation import Factor, Factoriser
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.typing import Array
@@ -31,6 +31,9 @@ _FALSE_STIFFNESS = 0.5
 """Share of the lowest eigenvalue that rounding may give to rigid motions: about what it takes to lose a mode."""
 _LOOSE = 1e-6
 """Share of the largest strain energy below which a mode is loose, and its eigenvalue is rounding with good reason."""
+
+_LANCZOS_FROM = 30
+"""Unknowns from which Lanczos has room."""
 
 _GLANCE = 1e-3
 """Tolerance of a first look for missed modes; what lies no further above the last mode is looked at closely."""
@@ -76,7 +79,9 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         # One mode more shows whether the last one asked for is part of a repeated eigenvalue.
         wanted = min(elastic + 1, size - rigid.shape[1])
         if size <= max(_DENSE_BELOW, 3 * wanted):
-            values, vectors = _dense(mass_scaled(shell, data)[0].toarray(), root[:, None] * rigid, wanted)
+            values, vectors = _dense(
+                mass_scaled(shell, shell.pattern.free_matrix(data))[0].toarray(), root[:, None] * rigid, wanted
+            )
         else:
             # The factor is the peak of memory: no matrix but its own stands beside it.
             solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid, mass, backend)
@@ -84,7 +89,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             values, vectors = _lanczos(solver, root, root[:, None] * rigid, wanted)
             del solver
         values, vectors = _canonical(values, vectors, elastic)
-    scaled, _ = mass_scaled(shell, data)
+    scaled, _ = mass_scaled(shell, shell.pattern.free_matrix(data))
     norm = float(spla.norm(scaled, 1))
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
     residual = float(residuals.max(initial=0.0))
@@ -101,9 +106,9 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name
 
 
-def mass_scaled(shell: Shell, data: Array) -> tuple[sps.csc_array, Array]:
-    """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, and ``M^1/2`` (N,)."""
-    scaled = shell.pattern.free_matrix(data)
+def mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
+    """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K on them, and ``M^1/2`` (N,)."""
+    scaled = matrix.copy()
     root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
     scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
     finite_answer("the stiffness over the mass", scaled.data)
@@ -117,23 +122,51 @@ def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
     """
     if data is None:
         data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
-    scaled, root = mass_scaled(shell, data)
+    scaled, root = mass_scaled(shell, shell.pattern.free_matrix(data))
     start = np.random.default_rng(0).standard_normal(root.size)
     value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
     return float(value[0]) * (1.0 + 1e-4)
 
 
 def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
-    """Eigenvalue nearest zero of the tangent stiffness over the mass at ``positions`` (n, 3) [1/s^2].
+    """Lowest eigenvalue of the tangent stiffness over the mass at ``positions`` (n, 3) [1/s^2].
 
-    On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap.
+    On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap, and is
+    negative where the state is unstable.
     """
-    scaled, root = mass_scaled(shell, shell.energy_gradient_hessian(positions, EXACT)[2])
-    factor = Factoriser().symmetric(scaled)
-    inverse = spla.LinearOperator(scaled.shape, matvec=factor.solve, dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(root.size)
-    value = spla.eigsh(scaled, k=1, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False)
-    return float(value[0])
+    scaled, _ = mass_scaled(shell, shell.pattern.free_matrix(shell.energy_gradient_hessian(positions, EXACT)[2]))
+    return lowest_eigenpair(scaled, Factoriser())[0]
+
+
+def lowest_eigenpair(matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
+    """Lowest eigenvalue of a symmetric matrix (N, N) and its vector (N,).
+
+    Lanczos finds what is nearest to a shift. Where the matrix is not definite, that at zero need not be the lowest one:
+    the shift is lowered until it has the whole spectrum above it. SolverError where a factorisation fails.
+    """
+    if matrix.shape[0] < _LANCZOS_FROM:
+        values, vectors = np.linalg.eigh(matrix.toarray())
+        return float(values[0]), np.asarray(vectors[:, 0])
+    start = np.random.default_rng(0).standard_normal(matrix.shape[0])
+
+    def nearest(shift: float, factor: Factor) -> tuple[float, Array]:
+        inverse = spla.LinearOperator(matrix.shape, matvec=factor.solve, dtype=np.float64)
+        try:
+            values, vectors = spla.eigsh(matrix, k=1, sigma=-shift, OPinv=inverse, v0=start)
+        except spla.ArpackError as error:
+            raise SolverError(f"no lowest eigenvalue of a matrix of {start.size} unknowns: {error}") from error
+        return float(values[0]), np.asarray(vectors[:, 0])
+
+    factor = factoriser.symmetric(matrix)
+    value, vector = nearest(0.0, factor)
+    if factor.is_definite():
+        return value, vector
+    shifted, diagonal, shift = matrix.copy(), matrix.diagonal(), max(abs(value), 1e-300)
+    while not factor.is_definite():
+        shift *= 4.0
+        shifted.setdiag(diagonal + shift)
+        factor = factoriser.symmetric(shifted)
+    return nearest(shift, factor)
 
 
 def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
