@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import shortened, shown
 from modalshell.errors import FileFormatError
+from modalshell.memory import available_memory, gigabytes
+from modalshell.reading import open_regular, read_text
 
 _DIGEST = "sha256"
 """Member of an ``.npz`` or JSON file over all others, so that not even one from another file goes unnoticed."""
@@ -71,7 +73,7 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
 
     Files without a digest, as NumPy and earlier versions write them, are read by the checksums of their members alone.
     """
-    with zipfile.ZipFile(path) as archive:
+    with open_regular(path) as file, zipfile.ZipFile(file) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
         if len(set(names)) < len(names):
             raise ValueError("two of its arrays have the same name")
@@ -91,6 +93,8 @@ def read_member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
             raise ValueError(f"{name} holds Python objects, which are not read")
         if member.tell() + dtype.itemsize * int(np.prod(shape, dtype=object)) != info.file_size:
             raise ValueError(f"{name} is not as long as its header says")
+        if info.file_size > available_memory():
+            raise ValueError(f"{name} needs {gigabytes(info.file_size)}, {gigabytes(available_memory())} are free")
     with archive.open(info) as member:
         array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
         member.read(1)  # the checksum is compared at the end only
@@ -123,7 +127,7 @@ def write_record(path: str | os.PathLike[str], document: dict[str, Any]) -> Path
 def read_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
     """What :func:`write_record` wrote; None where the file is missing, damaged or another one."""
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = json.loads(read_text(path))
         return document if document.pop(_DIGEST) == _document_digest(document) else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

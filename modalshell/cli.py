@@ -25,6 +25,7 @@ from modalshell.compare import MODES
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.models.modal import ModalModel
+from modalshell.outcome import Outcome
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
@@ -38,6 +39,7 @@ app = App(name="modalshell", help="Thin shells from modal warping to discrete sh
 _console = Console()
 _errors = Console(stderr=True)
 _LONGEST_MESSAGE = 1000
+"""Characters of an error that the command line prints."""
 
 
 @contextmanager
@@ -62,6 +64,12 @@ def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
     if stopped is not None:
         print(stopped, file=sys.stderr)
         sys.exit(130)
+
+
+def _end_with(*outcomes: Outcome) -> None:
+    """End with exit status 1 where some work did not succeed; what it wrote stays."""
+    if not all(outcome.succeeded for outcome in outcomes):
+        sys.exit(1)
 
 
 @app.command
@@ -96,6 +104,7 @@ def run(
     print(f"{scene.stem}: {result.summary}")
     for path in result.files:
         print(path)
+    _end_with(result.outcome)
 
 
 @app.command
@@ -141,7 +150,7 @@ def sweep(
     workers: Annotated[int | None, Parameter(help="Processes; one for each core without it.")] = None,
     cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, as tcp://10.0.0.1:8786.")] = None,
     time_limit: Annotated[float | None, Parameter(help="Seconds after which a case is given up.")] = None,
-    retry: Annotated[bool, Parameter(help="Also do again what failed, crashed or timed out.")] = False,
+    retry: Annotated[bool, Parameter(help="Also do again what failed or took too long.")] = False,
 ) -> None:
     """Run a grid of scenes, or what is missing of it, and sum up what each found."""
     with _progress(f"{file.stem} cases") as on_step:
@@ -154,6 +163,7 @@ def sweep(
         print(found.note)
     for path in found.files:
         print(path)
+    _end_with(*found.counts())
 
 
 @app.command
@@ -273,18 +283,21 @@ def simulate(
     make_folder(out)
     if static:
         answer = chosen.equilibrium(gravity=gravity)
-        print(f"{chosen.name}: {answer.status}, {answer.iterations} iterations, residual {answer.residual:.1e}")
+        told = answer.outcome.with_message(answer.message)
+        print(f"{chosen.name}: {told}, {answer.iterations} iterations, residual {answer.residual:.1e}")
         found = ms.Trajectory.still(answer, built, built.gravity_force(gravity))
     else:
         with _progress(f"{chosen.name} steps") as on_step:
             found = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)
-        print(f"{chosen.name}: {found.status}, {len(found.times)} frames in {found.seconds:.3g} s")
+        told = found.outcome.with_message(found.message)
+        print(f"{chosen.name}: {told}, {len(found.times)} frames in {found.seconds:.3g} s")
     formats = ["npz", "png" if static else "mp4"]
     title = f"{mesh.stem}, {chosen.name}"
     with _progress("film") as on_frame:
         written = write_results(found, out, f"{mesh.stem}_{model}", formats, title=title, on_step=on_frame)
     for path in written:
         print(path)
+    _end_with(found.outcome)
 
 
 @app.command
@@ -327,7 +340,7 @@ def doctor() -> None:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Entry point: errors of the package are one line on standard error and exit status 2."""
+    """Entry point: 0 is success, 1 work that did not converge or complete, 2 a refusal, one line on standard error."""
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     if debug:

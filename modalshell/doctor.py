@@ -10,13 +10,11 @@ import warnings
 from dataclasses import dataclass
 
 from modalshell.errors import ModalShellWarning
-from modalshell.modes.factorisation import available_backends
+from modalshell.modes import BACKENDS
 from modalshell.render.backend import choose_backend, drawing_hint
 
 _CORE = ("numpy", "scipy", "numba", "trimesh", "matplotlib")
 _EXTRAS = {
-    "cholmod": ("sksparse", "fastest factorisations, least memory; wants SuiteSparse's headers to build"),
-    "pardiso": ("pypardiso", "faster factorisations than SciPy's own on x86-64"),
     "vtk": ("pyvista", "windows to play scenes in, files for ParaView, pictures by OpenGL"),
     "web": ("trame", "scenes played in a browser"),
     "gpu": ("warp", "springs and crowds on a GPU"),
@@ -43,7 +41,7 @@ def examine() -> list[Reading]:
         Reading("machine", f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"),
         Reading("python", platform.python_version()),
         Reading("packages", packages),
-        Reading("factorisation", ", ".join(available_backends())),
+        Reading("factorisation", ", ".join(BACKENDS)),
         *_blas(),
         _drawing(),
     ]

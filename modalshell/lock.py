@@ -1,8 +1,10 @@
-"""Holding a file: one process at a time has it, and others may ask whether one has without taking it themselves."""
+"""Locking a file: one process at a time has it, and others may ask whether one has without taking it themselves."""
 
 from __future__ import annotations
 
+import errno
 import os
+import stat
 import struct
 import sys
 from pathlib import Path
@@ -12,25 +14,30 @@ from modalshell.errors import OptionError
 if sys.platform != "win32":
     import fcntl
 
+_FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 _FLOCK = "@hhqqi"
 """The C struct of a record lock: kind, origin, start and length (0: all of the file), process."""
 _OWN_LOCKS = sys.platform == "linux"
 """Whether locks can belong to a descriptor and still be asked about, as flock's cannot."""
 
 
-def hold(path: Path) -> int:
-    """Descriptor of the file, made if missing, and held until it is closed or the process ends (not under Windows).
+def acquire_lock(path: Path) -> int:
+    """Descriptor of the file, made if missing, and locked until it is closed or the process ends (not under Windows).
 
     Raises
     ------
     OptionError
-        If another process holds the file, or it cannot be written.
+        If another process has locked the file, or it cannot be written.
     """
     while True:
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_BINARY", 0), 0o644)
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | _FLAGS, 0o644)
         except OSError as error:
-            raise OptionError(f"{path}: cannot be written ({error.strerror}); choose another --out folder") from error
+            reason = "it is a link, whose target is not ours" if error.errno == errno.ELOOP else error.strerror
+            raise OptionError(f"{path}: cannot be written ({reason}); choose another --out folder") from error
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise OptionError(f"{path}: cannot be written (it is no regular file); choose another --out folder")
         if sys.platform == "win32":
             return descriptor
         try:
@@ -51,8 +58,8 @@ def hold(path: Path) -> int:
         os.close(descriptor)
 
 
-def is_held(descriptor: int) -> bool | None:
-    """Whether a process holds the open file; None where the system cannot tell. This takes no lock."""
+def is_locked(descriptor: int) -> bool | None:
+    """Whether a process has locked the open file; None where the system cannot tell. This takes no lock."""
     if not _OWN_LOCKS:
         return None
     asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)

@@ -30,7 +30,7 @@ class Outcome(StrEnum):
     CYCLING = "cycling"
     """Motion: damped motion under a constant load does not settle."""
     UNSTABLE = "unstable"
-    """Statics: in balance at a saddle, which the smallest disturbance leaves."""
+    """In balance, or at rest after motion, at a saddle, which the smallest disturbance leaves."""
     NO_FIXED_POINT = "no fixed point"
     """Statics: the branch of fixed points ends before the load is reached."""
     NO_EQUILIBRIUM = "no equilibrium"
@@ -53,8 +53,40 @@ class Outcome(StrEnum):
         """Whether the answer can be used without a caveat."""
         return self in (Outcome.CONVERGED, Outcome.COMPLETED)
 
+    def with_message(self, message: str) -> str:
+        """The outcome for a reader, with the sentence about it where there is one."""
+        return f"{self}: {message}" if message else str(self)
+
 
 def gravest(*outcomes: Outcome) -> Outcome:
     """The gravest of some outcomes."""
     order = list(Outcome)
     return max(outcomes, key=order.index)
+
+
+_IN_WORDS = {
+    "runs away": Outcome.RUNS_AWAY,
+    "diverged": Outcome.DIVERGED,
+    "wound up": Outcome.WOUND_UP,
+    "at no minimum": Outcome.UNSTABLE,
+    "not converged": Outcome.NOT_CONVERGED,
+    "no equilibrium": Outcome.NO_EQUILIBRIUM,
+    "no fixed point": Outcome.NO_FIXED_POINT,
+    "unstable": Outcome.UNSTABLE,
+    "bounded cycle": Outcome.CYCLING,
+    "out of reach": Outcome.OUT_OF_REACH,
+    "constraints were missed": Outcome.CONSTRAINTS_MISSED,
+    "steps did not converge": Outcome.STEPS_NOT_CONVERGED,
+}
+"""What earlier versions wrote, the gravest first: a status of theirs was a sentence that could name several."""
+
+
+def read_outcome(status: str, message: str | None) -> tuple[Outcome, str]:
+    """Outcome and message of a file, where earlier versions (``message`` None) wrote one sentence as the status.
+
+    A sentence that names no known outcome is taken for "not converged".
+    """
+    if status in list(Outcome):
+        return Outcome(status), message or ""
+    found = next((outcome for words, outcome in _IN_WORDS.items() if words in status), Outcome.NOT_CONVERGED)
+    return found, status if message is None else message

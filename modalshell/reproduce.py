@@ -11,7 +11,7 @@ from typing import Protocol, cast
 from modalshell.atomic_io import write_text
 from modalshell.errors import OptionError
 from modalshell.provenance import repository_module
-from modalshell.study import StudyResult
+from modalshell.study import StudyResult, Table
 from modalshell.typing import Progress
 
 
@@ -31,6 +31,9 @@ class Study(Protocol):
 
     def table(self, result: StudyResult) -> str:
         """The result in Markdown."""
+
+    def finding(self, tables: list[Table]) -> str:
+        """What the tables of its page say, in one or two sentences."""
 
 
 @cache

@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from modalshell.atomic_io import digest, read_npz, write_npz, write_text
 from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
+from modalshell.reading import read_text
+
+Table = list[dict[str, str]]
+"""A table of a study's page: the cells of each row by their headings."""
 
 _DIGEST = "sha256"
 
@@ -58,7 +62,7 @@ class StudyResult:
         """
         stem = Path(folder) / name
         try:
-            document = json.loads(stem.with_suffix(".json").read_text(encoding="utf-8"))
+            document = json.loads(read_text(stem.with_suffix(".json")))
             arrays = read_npz(stem.with_suffix(".npz"))
             stored = document.pop(_DIGEST, None)
             if set(document) != {"study", "record", "findings"}:

@@ -35,7 +35,6 @@ def draw(results: Path, folder: Path) -> list[Path]:
     found = result.findings
     title = f"{found['vertices']:,} vertices, {found['modes']} modes, MWTS, supports moved unevenly"
     picture = draw_views(views, folder / "figure_3.png", columns=3, size=(1800, 1150), title=title)
-    film = write_film(
-        folder / "figure_3.mp4", positions, faces, fps=30.0, color=COLOR, camera=CAMERA, smooth=True, size=(960, 640)
-    )
+    surface = ShadedSurface(positions[0], faces, color=COLOR, smooth=True)
+    film = write_film(folder / "figure_3.mp4", [surface], [positions], camera=CAMERA, size=(960, 640))
     return [picture, film]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalshell.render import ShadedSurface, View, draw_views, write_scene_film
-from modalshell.render.glyphs import Shape, joined, rod, sphere
+from modalshell.render import ShadedSurface, View, draw_views, write_film
+from modalshell.render.glyphs import GlyphMesh, joined, rod, sphere
 from modalshell.study import StudyResult
 from modalshell.typing import Array
 
@@ -34,7 +34,7 @@ BODY = [
 ]
 
 
-def head() -> list[tuple[str, str, Shape]]:
+def head() -> list[tuple[str, str, GlyphMesh]]:
     """Head, nose, ears and eyes."""
     vertices, faces = sphere((0.0, 0.0, 0.0), 0.115, detail=3)
     skull = (vertices * [0.92, 1.0, 1.14] + [0.0, -0.005, 1.605], faces)
@@ -64,7 +64,7 @@ def draw(results: Path, folder: Path) -> list[Path]:
         f"MWTS under constraints, met within {residual:.0e} m"
     )
     picture = draw_views(views, folder / "figure_8.png", columns=3, size=(1800, 1760), title=title)
-    film = write_scene_film(folder / "figure_8.mp4", surfaces, motions, fps=30.0, camera=CAMERA, size=(560, 720))
+    film = write_film(folder / "figure_8.mp4", surfaces, motions, fps=30.0, camera=CAMERA, size=(560, 720))
     return [picture, film]
 
 
@@ -118,7 +118,7 @@ def body(result: StudyResult) -> dict[str, tuple[Array, NDArray[np.int64]]]:
     return joined_parts
 
 
-def stage() -> tuple[Shape, Shape]:
+def stage() -> tuple[GlyphMesh, GlyphMesh]:
     """A round floor, and rings on it, drawn by their borders."""
     angles = np.linspace(0.0, 2.0 * np.pi, 97)[:-1]
     circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(96)])

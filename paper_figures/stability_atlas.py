@@ -11,9 +11,9 @@ COLORS = {
     "converged": "#7fc29b",
     "agrees with half the step": "#cde6d3",
     "inaccurate": "#f2d98d",
-    "bounded cycle": "#8fb3e8",
+    "cycling": "#8fb3e8",
     "wound up": "#7d5fb2",
-    "unsolved": "#e8975a",
+    "steps not converged": "#e8975a",
     "diverged": "#b0304f",
     "refused": "#b5b5b5",
 }

@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult
+from modalshell.study import StudyResult, Table
+from studies.pages import numbers
 
 FIGURES = ("figure_7",)
 
@@ -142,6 +143,17 @@ def table(result: StudyResult) -> str:
             f"| {truth} | {error} | {100 * row['area_change']:+.1f} % |"
         )
     return "\n".join([*lines, "", *_remarks(result)])
+
+
+def finding(tables: list[Table]) -> str:
+    """How well targets are met, and how far the shapes are from those of DS."""
+    (rows,) = tables
+    errors = numbers(rows, "MWTS error")
+    worst = max(numbers(rows, "in motion"))
+    return (
+        f"All {len(rows)} targets of position and orientation are met in motion within {worst:.0e} (m, rad). Shapes "
+        f"under the same position target are {min(errors):.0f} to {max(errors):.0f} % off DS."
+    )
 
 
 def _remarks(result: StudyResult) -> list[str]:

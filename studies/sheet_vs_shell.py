@@ -23,11 +23,12 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.measure import displacement_error
-from modalshell.models.base import Damping
+from modalshell.models import Damping
 from modalshell.models.full import FullModel
 from modalshell.provenance import run_record
 from modalshell.springs import shell_springs
-from modalshell.study import StudyResult
+from modalshell.study import StudyResult, Table
+from studies.pages import number
 
 FIGURES = ("sheet_vs_shell",)
 
@@ -156,3 +157,16 @@ def table(result: StudyResult) -> str:
                 f"| {1e3 * ds['step']:.1f} | {1e3 * step:.1f} |"
             )
     return "\n".join(lines)
+
+
+def finding(tables: list[Table]) -> str:
+    """Errors of a strip at the least and at a large load."""
+    strip = {number(row["Γ"]): row for row in tables[0] if row["sheet"] == "strip"}
+    folds = [heading for heading in tables[0][0] if heading.startswith("error")]
+    least, large = (
+        [number(strip[gamma][fold]) for fold in folds if "%" in strip[gamma][fold]] for gamma in (0.25, 256.0)
+    )
+    return (
+        f"A strip of springs is off discrete shells by {max(least) / 100:.0f} times their displacement at Γ = 0.25, by "
+        f"{min(large):g} to {max(large):g} % at Γ = 256, whatever its springs across hinges: springs serve as cloth."
+    )

@@ -21,6 +21,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 import modalshell as ms
+from modalshell.integrators.modal import ImplicitEuler
 from modalshell.models import Damping, MotionState
 from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel
@@ -143,7 +144,7 @@ def settles_from_rest(model: ms.ModalWarping, gravity: np.ndarray, dt: float, da
     """Whether damped motion from the rest shape ends at the static answer, and not in a cycle or wound up."""
     factors = (damping.mass_factor, damping.stiffness_factor)
     run = ms.simulate(model, duration=2000 * dt, dt=dt, gravity=gravity, damping=factors, store_every=4)
-    return run.status == "completed"
+    return run.outcome.succeeded
 
 
 def numerical_damping(model: ms.LinearModal, dt: float, mode: int, damping: Damping) -> tuple[float, float]:
@@ -159,7 +160,7 @@ def numerical_damping(model: ms.LinearModal, dt: float, mode: int, damping: Damp
         lambda state: (state.coordinates[mode], state.rates[mode]),
         20,
     )
-    return float(stability.implicit_euler_amplification(stiffness, damp, dt)), measured
+    return float(model.integrator.amplification(stiffness, damp, dt)[0]), measured
 
 
 def _shrinking(
@@ -189,7 +190,7 @@ def oscillation(model: ms.LinearModal, dt: float, mode: int, count: int) -> tupl
     before = np.flatnonzero(values[:-1] * values[1:] < 0.0)
     crossings = before + values[before] / (values[before] - values[before + 1])
     measured = np.pi * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * dt)
-    return float(stability.midpoint_frequency(frequency, dt)), float(measured)
+    return float(model.integrator.frequency(frequency**2, 0.0, dt)[0]), float(measured)
 
 
 # ---- full models
@@ -234,7 +235,7 @@ def stiffest_mode(model: FullModel, dt: float, damping: Damping) -> tuple[float,
     states[0].coordinates = rest + shape.reshape(-1, 3)
     states[1].rates = np.sqrt(squared) * shape.reshape(-1, 3)
     damp = damping.mass_factor + damping.stiffness_factor * squared
-    return float(stability.implicit_euler_amplification(squared, damp, dt)), _shrinking(
+    return float(ImplicitEuler().amplification(squared, damp, dt)[0]), _shrinking(
         states, lambda state: model.step(state, dt, np.zeros_like(rest), damping)[0], in_mode, 10
     )
 

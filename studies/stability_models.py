@@ -12,6 +12,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.errors import ModalShellError
 from modalshell.models import Damping, Model
+from studies.integrator_drift import SummedWarp
 
 AnyModel = TypeVar("AnyModel", bound=Model)
 
@@ -21,7 +22,7 @@ RIGIDITY = 5.0 * FLEXURE
 
 
 @dataclass(frozen=True)
-class Scene:
+class StripScene:
     """One point: step [s], membrane over bending stiffness, Gamma, damping ratio of mode 1, aspect, rest fold [deg]."""
 
     step: float = 1.0 / 30.0
@@ -42,11 +43,11 @@ class Scene:
         return Damping(2.0 * self.damping * first_frequency(self.ratio, self.fold), 0.0)
 
 
-BASE = Scene()
+BASE = StripScene()
 
 
 @dataclass(frozen=True)
-class Row:
+class IntegratedModel:
     """A model with its integrator.
 
     Attributes
@@ -97,10 +98,10 @@ FULL = {
 """The same of DS and the sheet of springs."""
 
 
-def full(name: str, kind: Callable[..., Model]) -> list[Row]:
+def full(name: str, kind: Callable[..., Model]) -> list[IntegratedModel]:
     """The rows of a model in which every vertex is an unknown, allowed to go beyond its stable step."""
     return [
-        Row(f"{name}, {words}", partial(kind, integrator=integrator, allow_unstable_step=True), theory)
+        IntegratedModel(f"{name}, {words}", partial(kind, integrator=integrator, allow_unstable_step=True), theory)
         for integrator, (words, theory) in FULL.items()
     ]
 
@@ -108,23 +109,25 @@ def full(name: str, kind: Callable[..., Model]) -> list[Row]:
 ON_MODES: dict[str, Callable[..., Model]] = {
     "LMA": partial(modal, ms.LinearModal),
     "MWTS": partial(modal, ms.ModalWarping),
-    "MWTS sum": partial(modal, ms.ModalWarping, warp="sum"),
+    "MWTS sum": partial(modal, SummedWarp),
     "MWTS consistent": partial(modal, ms.ModalWarping, consistent_force=True),
     "RSW": partial(modal, ms.RotationStrain),
     "reduced RSW": reduced,
 }
 ROWS = (
     *(
-        Row(f"{name}, {words}", partial(make, integrator=integrator), theory)
+        IntegratedModel(f"{name}, {words}", partial(make, integrator=integrator), theory)
         for name, make in ON_MODES.items()
         for integrator, words, theory in MODAL
     ),
-    Row("MD-ROM, implicit Euler", partial(ms.ModalDerivatives, count=MODES)),
-    Row("MD-ROM with cubature, implicit Euler", partial(ms.ModalDerivatives, count=MODES, cubature=True)),
-    Row("rigid, free and spinning", ms.RigidShell, "rigid"),
-    Row("coarse DS, implicit Euler", coarse),
+    IntegratedModel("MD-ROM, implicit Euler", partial(ms.ModalDerivatives, count=MODES)),
+    IntegratedModel("MD-ROM with cubature, implicit Euler", partial(ms.ModalDerivatives, count=MODES, cubature=True)),
+    IntegratedModel("rigid, free and spinning", ms.RigidShell, "rigid"),
+    IntegratedModel("coarse DS, implicit Euler", coarse),
     *full("springs", ms.SpringSheet),
-    Row("springs, linearised implicit Euler by CG", partial(ms.SpringSheet, integrator="linear_implicit", solver="cg")),
+    IntegratedModel(
+        "springs, linearised implicit Euler by CG", partial(ms.SpringSheet, integrator="linear_implicit", solver="cg")
+    ),
     *full("DS", ms.DiscreteShell),
 )
 """Every model with every integrator; a further one is one more line."""

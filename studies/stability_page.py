@@ -23,7 +23,7 @@ ADVICE = """Before choosing a step:
 * MWTS and RSW take their modal force from the step before, or from a predicted middle. Long steps lose the equilibrium
   by that, the sooner the larger the load: where `modalshell.motion.stability.step_radius` passes one.
 * MWTS loses its equilibrium under large loads at any step, by flutter; damping puts it off. RSW does not.
-* Needles of an aspect of 1e5 have modes refused and DS unsolved, MD-ROM and springs sooner; no step mends that, a
+* Needles of an aspect of 1e5 have modes refused and DS not converged, MD-ROM and springs sooner; no step mends that, a
   better mesh does.
 * A flat sheet of springs has no bending stiffness at small angles and hangs as cloth does: the maps call that
   inaccurate whatever the step, and right only where the load outweighs the bending.

@@ -21,8 +21,9 @@ from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
 from modalshell.motion import Motion
 from modalshell.provenance import repository_file, run_record
-from modalshell.study import StudyResult
+from modalshell.study import StudyResult, Table
 from modalshell.timings import Stopwatch
+from studies.pages import number
 
 FIGURES = ("tradeoff",)
 
@@ -128,3 +129,14 @@ def table(result: StudyResult) -> str:
             f"| {row['motion']:.3g} | {row['motion_ratio']:.3g} | {percent(row['motion_error'])} |"
         )
     return "\n\n".join([*parts, "## After the snap of the stiff V-beam\n\n" + "\n".join(lines)])
+
+
+def finding(tables: list[Table]) -> str:
+    """The model of the cheapest frame within 10 % of DS on each scene."""
+    told = []
+    for title, rows in zip(SCENES.values(), tables, strict=False):
+        right = [row for row in rows if "%" in row["worst error"] and number(row["worst error"]) <= 10.0]
+        best = min(right, key=lambda row: number(row["ms a frame"]))
+        times = number(rows[-1]["ms a frame"]) / number(best["ms a frame"])
+        told.append(f"{best['rung']}, {times:,.{0 if times > 10.0 else 1}f} times ({title})")
+    return f"The cheapest model within 10 % of DS, and how much cheaper its frame is: {'; '.join(told)}."

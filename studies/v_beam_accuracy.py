@@ -20,7 +20,8 @@ import modalshell as ms
 from modalshell.compare.path import find_jump
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult
+from modalshell.study import StudyResult, Table
+from studies.pages import number
 
 FIGURES = ("figure_5", "figure_6a", "figure_6b")
 
@@ -108,3 +109,16 @@ def table(result: StudyResult) -> str:
         "Tangent: lowest eigenvalue about the deformed state over the first one at rest; a snap nears as it falls."
     )
     return "\n".join(lines)
+
+
+def finding(tables: list[Table]) -> str:
+    """Errors at the largest load of the soft beam, and where the stiff one snaps."""
+    (rows,) = tables
+    soft = [row for row in rows if row["membrane"] == "soft"][-1]
+    stiff = [row for row in rows if row["membrane"] == "stiff"][-1]
+    snapped = next(row for row in rows if "snapped" in row["membrane"])
+    return (
+        f"With a soft membrane MWTS is {soft['MWTS error']} off DS at Γ = {number(soft['Γ']):.0f}, LMA "
+        f"{soft['LMA error']}. With a stiff one the fold flattens and the beam snaps between Γ = {stiff['Γ']} and "
+        f"{snapped['Γ']}; then MWTS is {snapped['MWTS error']} off."
+    )

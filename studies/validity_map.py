@@ -20,7 +20,8 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.path import find_jump
 from modalshell.provenance import run_record
-from modalshell.study import StudyResult
+from modalshell.study import StudyResult, Table
+from studies.pages import number
 
 FIGURES = ("validity_map",)
 
@@ -136,6 +137,24 @@ def table(result: StudyResult) -> str:
             lines.append(f"| {text.format(value)} | {snap} | " + " | ".join(reach) + " |")
     lines += ["", "Numbers are the largest Γ of the sweep up to which the rung stays within; – for none."]
     return "\n".join(lines)
+
+
+def finding(tables: list[Table]) -> str:
+    """Loads up to which models on rest modes, and coarse DS, stay within 5 %."""
+    (rows,) = tables
+
+    def reach(row: dict[str, str], rung: str) -> float:
+        within = row[f"{rung} within 1 / 5 / 20 %"].split(" / ")[1]
+        return 0.0 if within == "–" else number(within)
+
+    flat, modal, most = rows[0], LADDER[:-1], max(GAMMAS)
+    folded = [row for row in rows if row["strip"].startswith("fold") and number(row["strip"]) >= 20.0]
+    best = max(reach(row, rung) for row in folded for rung in modal)
+    coarse = sum(reach(row, LADDER[-1]) >= most for row in rows)
+    return (
+        f"Flat, RSW stays within 5 % up to Γ = {reach(flat, 'RSW'):g}; with folds from 20° on no model on rest modes "
+        f"does beyond Γ = {best:g}. Coarse DS does up to Γ = {most:g} on {coarse} of {len(rows)} strips."
+    )
 
 
 def _reach(case: dict[str, Any], rung: str, tolerance: float, gammas: np.ndarray) -> str:

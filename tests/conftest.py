@@ -5,8 +5,9 @@ import warnings
 
 import numpy as np
 import pytest
+from scenes import beam_text, cantilever
 
-from modalshell import Material, ModalShellWarning, Shell, solve_modes, v_beam
+from modalshell import ModalShellWarning, solve_modes
 from modalshell.render import choose_backend
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
 from modalshell.reproduce import reproduce
@@ -20,24 +21,16 @@ with contextlib.suppress(ImportError):
 SLOW_STUDIES = ("held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "tradeoff")
 """Those that take long even if quick."""
 
-SCENE = """
-[mesh]
-shape = "v_beam"
-cells = [12, 4]
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.1"
-[loads]
+SCENE = (
+    beam_text()
+    + """[loads]
 gravity = [0, 0, -9.81]
 [model]
 name = "mwts"
 [motion]
 duration = 1
 """
+)
 
 
 @pytest.fixture(scope="session")
@@ -99,7 +92,7 @@ def quick_study(tmp_path_factory):
     def run(name):
         if name not in done:
             with pytest.MonkeyPatch.context() as patch:
-                patch.setenv("MODALSHELL_RENDERER", "matplotlib")
+                patch.setenv("MODALSHELL_RENDERER", "built-in")
                 reproduce(name, folder, folder / "figures", quick=True)
             done.add(name)
         return folder
@@ -110,9 +103,7 @@ def quick_study(tmp_path_factory):
 @pytest.fixture(scope="session")
 def v_shell():
     """The V-beam of the paper's figures: 150 degrees between the flanges, two rows clamped."""
-    mesh = v_beam(length=1.0, width=0.2, fold=150.0, cells=(40, 8), family="alternating")
-    material = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-    return Shell(mesh, material, clamped=mesh.vertices[:, 0] < 0.026)
+    return cantilever((40, 8))
 
 
 @pytest.fixture(scope="session")

@@ -8,6 +8,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import trimesh
+from scenes import TINY_BEAM, cantilever
 
 import modalshell as ms
 from modalshell import atomic_io
@@ -24,9 +25,8 @@ from modalshell.statics.trust_region import minimise
 from modalshell.study import StudyResult
 from modalshell.sweep.cluster import connect
 
-MESH = ms.v_beam(cells=(4, 2))
-MATERIAL = ms.Material(20.0, 20.0, 0.05, 0.2)
-SHELL = ms.Shell(MESH, MATERIAL, MESH.vertices[:, 0] < 0.3)
+SHELL = cantilever((4, 2))
+MESH, MATERIAL = SHELL.mesh, SHELL.material
 POINTS = np.array(MESH.vertices)
 GRID = {"spacing": 0.1, "particle_mass": 0.01, "structural": 20.0, "shear": 10.0, "flexion": 5.0}
 
@@ -292,14 +292,13 @@ def test_what_cannot_be_written_is_refused(tmp_path, path):
         atomic_io.write_text(tmp_path / path, "text")
 
 
-SCENE = """
-name = "beam"
-mesh = {shape = "v_beam", cells = [2, 2]}
-material = {stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}
-supports = {clamped = "x < 0.6"}
+SCENE = (
+    TINY_BEAM
+    + """
 motion = {duration = 0.02, dt = 0.002}
 loads = {gravity = [0.0, 0.0, -1.0]}
 """
+)
 FLIGHT = """
 model = {name = "mwts", modes = 2}
 flock = {count = 2, radius = 2.0, camera = {position = [0.0, -5.0, 0.0]}}

@@ -14,7 +14,7 @@ BAD = sorted(path for path in (Path(__file__).parent / "data" / "bad").iterdir()
 
 @pytest.fixture(autouse=True)
 def _without_opengl(monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +52,15 @@ def test_simulate_static_writes_a_picture(capsys, tmp_path, leaf):
     assert status == 0
     assert "converged" in out
     assert (tmp_path / "leaf_mwts.png").exists()
+
+
+@pytest.mark.parametrize("static", [True, False])
+def test_work_that_does_not_succeed_ends_with_status_1(capsys, tmp_path, leaf, static):
+    options = ["--clamp", "x < 0.08", "--gravity", "0", "0", "-1e6", "--thickness", "1e-4", "--out", str(tmp_path)]
+    status, out, err = run(capsys, "simulate", leaf, *options, *(["--static"] if static else ["--duration", "0.5"]))
+    assert status == 1, out + err
+    assert "no fixed point" in out or "wound up" in out
+    assert (tmp_path / "leaf_mwts.npz").exists()
 
 
 def test_modes_prints_frequencies_and_draws_shapes(capsys, tmp_path, leaf):

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import cantilever, held
 
 import modalshell as ms
-from modalshell.modes import available_backends
+from modalshell.modes import BACKENDS
 
 TWO_THREADS = 1e-10
 """What two threads may change, as a share of the largest number of an answer; found: 2e-14, in trained cubature."""
@@ -20,26 +21,24 @@ TWO_THREADS = 1e-10
 
 def answers(cells):
     """Modes by every back end, equilibrium and motion of every kind of model."""
-    mesh = ms.v_beam(cells=cells)
-    material = ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-    shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 / cells[0])
+    shell = cantilever(cells)
     found = {}
-    for backend in available_backends():
+    for backend in BACKENDS:
         basis = ms.solve_modes(shell, 8, backend=backend)
         for name in ("eigenvalues", "modes", "rotations"):
             found[f"{backend}: {name}"] = getattr(basis, name)
-        found[f"{backend}: modes of a free shell"] = ms.solve_modes(ms.Shell(mesh, material), 10, backend=backend).modes
+        found[f"{backend}: modes of a free shell"] = ms.solve_modes(held(shell.mesh), 10, backend=backend).modes
     models = [ms.LinearModal(basis), ms.ModalWarping(basis), ms.RotationStrain(basis)]
     models += [ms.ModalDerivatives(shell, count=4), ms.ModalDerivatives(shell, count=3, cubature=True)]
-    models += [ms.DiscreteShell(shell, backend=backend) for backend in available_backends("refactor")]
+    models += [ms.DiscreteShell(shell, backend=backend) for backend in BACKENDS]
     for number, model in enumerate(models):
         gravity = (0.0, 0.3, -1.0)
         rest = model.equilibrium(gravity=gravity)
         run = ms.simulate(model, duration=4 / 30, dt=1 / 30, gravity=gravity, damping=(0.1, 0.0))
         assert rest.converged
         assert run.status == "completed"
-        found[f"{number} {model.name}: equilibrium"] = rest.positions - mesh.vertices
-        found[f"{number} {model.name}: motion"] = run.positions - mesh.vertices
+        found[f"{number} {model.name}: equilibrium"] = rest.positions - shell.rest_positions
+        found[f"{number} {model.name}: motion"] = run.positions - shell.rest_positions
     return found
 
 

@@ -82,7 +82,7 @@ def toy(tmp_path, monkeypatch):
     (metadata / "METADATA").write_text(METADATA)
     exec(compile(DEFINITION, str(package / "definition.py"), "exec"), {"__file__": str(package / "definition.py")})
     monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     load_plugins.cache_clear()
     yield
     for name in [name for name in sys.modules if name.split(".")[0] == "toy_fibres"]:

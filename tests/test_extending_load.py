@@ -44,7 +44,7 @@ def toy(tmp_path, monkeypatch):
     (metadata / "entry_points.txt").write_text("[modalshell]\nramp = toy_ramp\n")
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-ramp\nVersion: 0.1\n")
     monkeypatch.syspath_prepend(str(site))
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     load_plugins.cache_clear()
     yield
     sys.modules.pop("toy_ramp", None)

@@ -27,10 +27,10 @@ from fuzzing.harness import (
 )
 
 import modalshell as ms
-from modalshell import atomic_io, cli
-from modalshell.mesh import file_checks, validation
+from modalshell import atomic_io, cli, selection
+from modalshell.checks import as_array
 from modalshell.mesh import files as mesh_io
-from modalshell.scene import parts
+from modalshell.mesh import polygon_files, validation
 from modalshell.study import StudyResult
 
 SURFACES = {module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line)}
@@ -88,7 +88,7 @@ def test_every_public_name_and_command_is_fuzzed():
 @pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
 def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
     work = command_line.prepared(tmp_path)
-    environment = os.environ | {"PYTHONIOENCODING": encoding, "MODALSHELL_RENDERER": "matplotlib"}
+    environment = os.environ | {"PYTHONIOENCODING": encoding, "MODALSHELL_RENDERER": "built-in"}
     command = [sys.executable, "-m", "modalshell", *argv]
     found = subprocess.run(command, cwd=work, env=environment, capture_output=True, timeout=60, check=False)
 
@@ -102,16 +102,16 @@ def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
 
 
 def crash(monkeypatch):
-    monkeypatch.setattr(file_checks, "_three_numbers", lambda words, _: [float(word) for word in words[:3]])
+    monkeypatch.setattr(polygon_files, "_three_numbers", lambda words, _: [float(word) for word in words[:3]])
 
 
 def hang(monkeypatch):
-    def clean(data, sound=mesh_io.clean_obj):
+    def read(data, sound=polygon_files.read_obj):
         while b"\\" in data:  # as if a continued line were read for ever
             pass
         return sound(data)
 
-    monkeypatch.setattr(mesh_io, "clean_obj", clean)
+    monkeypatch.setitem(mesh_io.POLYGONS, ".obj", read)
 
 
 def hang_that_swallows(monkeypatch):
@@ -125,7 +125,7 @@ def hang_that_swallows(monkeypatch):
 
 def not_a_number(monkeypatch):
     def careless(name, values, shape, error=ms.LoadError):
-        array = np.array(values, dtype=np.float64)
+        array = np.array(as_array(name, values, "numbers", error), dtype=np.float64)
         if array.shape != shape:
             raise error(f"{name} must have shape {shape} (got {array.shape})")
         return array
@@ -178,7 +178,11 @@ def evaluated(monkeypatch):
     def select(text, vertices):
         return eval(text, {}, dict(zip("xyz", vertices.T, strict=True)))
 
-    monkeypatch.setattr(parts, "select_vertices", select)
+    monkeypatch.setattr(selection, "select_vertices", select)
+
+
+def believed_headers(monkeypatch):
+    monkeypatch.setattr(sys.modules["modalshell.run.follow"], "_fault", lambda *_: "")
 
 
 @pytest.mark.parametrize(
@@ -190,6 +194,7 @@ def evaluated(monkeypatch):
         (short_message, "mesh_files", UselessMessage),
         (not_a_number, "arrays", SilentNonFinite),
         (unchecked_files, "saved", HalfRead),
+        (believed_headers, "saved", (UncaughtException, SilentNonFinite)),
         (beside_the_folder, "scenes", Escape),
         (evaluated, "scenes", (UncaughtException, Hang)),
         (traceback_at_the_command_line, "command_line", (UncaughtException, DirtyExit)),

@@ -30,6 +30,7 @@ _DERIVED = (4, 8)
 """Mode counts of MD-ROM: with the derivatives there are up to 14 and 44 coordinates."""
 
 _TRAINING_FACTORS = (0.2, 0.4, 0.6, 0.8, 1.0)
+"""Shares of the load at whose answers reduced RSW is trained."""
 _MIXTURES, _MIXED, _ASIDE = 16, 1.5, 0.1
 """Copies of each trained answer, the largest factor of its coordinates, and random ones beside them as a share of its
 energy norm: without those, forces would be wrong in modes that the load leaves alone."""

@@ -25,7 +25,9 @@ from modalshell.shell import Material, Shell
 from modalshell.typing import Array
 
 _FRAME = 1.0 / 60.0
+"""Time between frames [s] where the scene declares no motion."""
 _COARSENINGS = (2.0, 3.0, 4.0)
+"""Factors by which the cells of coarser meshes are larger."""
 _FEWEST = (6, 2)
 """Cells along and across below which a coarse mesh is none any more."""
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors, shown
 from modalshell.crowd.flock import MOST, MOST_THREADS
 from modalshell.errors import OptionError
+from modalshell.integrators.modal import ImplicitEuler
 from modalshell.kernels import crowd as kernels
 from modalshell.kernels.frame import TILE
 from modalshell.models import RotationStrain
@@ -21,6 +22,8 @@ LEVELS = ("rigid", "LMA", "MWTS")
 """Levels of detail, by the number that stands for each in :attr:`Crowd.levels`."""
 
 _BATCH = 256
+"""Instances whose shapes are held at once while their errors are found."""
+_RULE = ImplicitEuler()
 
 
 class Crowd:
@@ -121,10 +124,9 @@ class Crowd:
         force = self._modal_forces(felt)
         if forcing is not None:
             force += checked_vectors("forcing", forcing, force.shape, OptionError)
-        stiffness = self.basis.eigenvalues
-        inertia = 1.0 + dt * self._damping + dt**2 * stiffness
-        self.rates = (self.rates + dt * (force - stiffness * self.coordinates)) / inertia
-        self.coordinates = self.coordinates + dt * self.rates
+        self.coordinates, self.rates = _RULE.step(
+            self.coordinates, self.rates, lambda _: force, self.basis.eigenvalues, self._damping, dt
+        )
 
     def positions(
         self,

@@ -15,23 +15,32 @@ from modalshell.atomic_io import read_header, read_member, write_atomically
 from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
 from modalshell.motion import Trajectory
+from modalshell.outcome import read_outcome
+from modalshell.reading import open_regular
 
-_FORMAT = 1
+_FORMAT = 2
+"""Version of the archive."""
+_WITHOUT_MESSAGE = 1
+"""Format of earlier versions, whose status is the sentence."""
 _MARK = "modalshell_trajectory"
 _ALIGNMENT = 64
+"""Bytes to which arrays are aligned, so that they can be mapped."""
 _CHUNK = 1 << 24
+"""Bytes read at a time while checksums are compared."""
 _VERIFIED = 1 << 26
 """Size of the positions [bytes] up to which loading reads them once to verify their checksum."""
 
 _LOCAL_HEADER = 30
+"""Bytes of a ZIP member's local header before its name."""
 _ZIP64_EXTRA = 20
+"""Bytes of the extra field that ZIP64 sizes take."""
 _STAMP = (1980, 1, 1, 0, 0, 0)
 """Of every member, so that equal trajectories make equal files."""
 
 _NAMES = {"rest_positions": "rest"}
 """Attributes of a trajectory that are named otherwise in the file."""
 _SMALL = ("times", "energies", "constraint_residuals", "faces", "rest_positions")
-_SCALARS = ("status", "unconverged_steps", "seconds")
+_SCALARS = ("status", "message", "unconverged_steps", "seconds")
 
 
 def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
@@ -72,7 +81,9 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     Returns
     -------
     Trajectory
-        Its positions mapped, read only: frames come from disk when they are looked at.
+        Its positions mapped, read only: frames come from disk when they are looked at. Files of earlier versions tell
+        their outcome in a sentence, which becomes the message; a sentence that names no known outcome is taken for
+        "not converged".
 
     Raises
     ------
@@ -81,20 +92,30 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     """
     file = Path(path)
     try:
-        with zipfile.ZipFile(file) as archive:
+        with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
             mark = int(read_member(archive, _MARK))
-            if mark != _FORMAT:
-                raise ValueError(f"format {mark} (this version reads {_FORMAT})")
-            values = {name: read_member(archive, _NAMES.get(name, name)) for name in (*_SMALL, *_SCALARS)}
+            if mark not in (_WITHOUT_MESSAGE, _FORMAT):
+                raise ValueError(f"format {mark} (this version reads up to {_FORMAT})")
+            names = [name for name in (*_SMALL, *_SCALARS) if mark == _FORMAT or name != "message"]
+            values = {name: read_member(archive, _NAMES.get(name, name)) for name in names}
             positions = _mapped(file, archive, verify)
             checked = positions if _verifies(verify, positions.nbytes) else positions[:0]
         _check_shapes(values, positions)
         _check_numbers(values, checked)
-        status, unconverged, seconds = str(values["status"]), int(values["unconverged_steps"]), float(values["seconds"])
+        message = str(values["message"]) if "message" in values else None
+        outcome, message = read_outcome(str(values["status"]), message)
+        unconverged, seconds = int(values["unconverged_steps"]), float(values["seconds"])
     except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
         raise FileFormatError(f"cannot read a saved trajectory from {file}: {shortened(str(error))}") from error
-    arrays = {name: values[name] for name in ("energies", "constraint_residuals", "faces", "rest_positions")}
-    return Trajectory(values["times"], positions, status, unconverged, seconds, **arrays)
+    arrays = {name: values[name] for name in _SMALL}
+    return Trajectory(
+        positions=positions,
+        outcome=outcome,
+        message=message,
+        unconverged_steps=unconverged,
+        seconds=seconds,
+        **arrays,
+    )
 
 
 def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArray[np.floating]:
@@ -145,10 +166,12 @@ def _check_shapes(values: dict[str, NDArray[Any]], positions: NDArray[np.floatin
         "faces": (None, 3),
         "rest_positions": (vertices, 3),
         "status": (),
+        "message": (),
         "unconverged_steps": (),
         "seconds": (),
     }
-    for name, shape in expected.items():
+    for name in values:
+        shape = expected[name]
         got = values[name].shape
         fits = len(got) == len(shape) and all(want in (None, size) for size, want in zip(got, shape, strict=True))
         if not fits:

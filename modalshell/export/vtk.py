@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -94,6 +95,9 @@ def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
             if on_frame is not None:
                 on_frame(index + 1, len(run.times))
         # The collection comes last and goes first, so that it never names frames of two runs.
+        others = [file.name for file in folder.glob("*") if not re.fullmatch(r"\d{6}\.vtp", file.name)]
+        if others:
+            raise FileFormatError(f"{folder} holds {others[0]!r}, which is none of a run's frames: give another name")
         path.unlink(missing_ok=True)
         if folder.exists():
             shutil.rmtree(folder)

@@ -19,7 +19,7 @@ def warp() -> ModuleType:
         raise OptionError(f"devices need Warp: pip install 'modalshell[gpu]' ({error})") from error
     library.config.log_level = max(library.config.log_level, library.LOG_WARNING)
     library.init()
-    return library  # type: ignore[no-any-return]
+    return library
 
 
 def devices() -> list[str]:

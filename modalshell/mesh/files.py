@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import logging
 import os
@@ -14,14 +15,18 @@ import numpy as np
 from modalshell.checks import checked_kind, shown
 from modalshell.errors import MeshError, ModalShellWarning
 from modalshell.mesh import validation
-from modalshell.mesh.file_checks import Expected, check_off, check_ply, check_stl, clean_obj
+from modalshell.mesh.file_checks import check_gltf, check_stl
+from modalshell.mesh.polygon_files import read_obj, read_off, read_ply
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays
+from modalshell.reading import read_regular
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of files that it then reads
 
 READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
+POLYGONS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
+"""Readers of formats that hold polygons."""
 WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")
 
 
@@ -46,17 +51,19 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     file = Path(path)
     suffix = _check_suffix(file, READABLE, "read")
     try:
-        data = file.read_bytes()
+        data = read_regular(file)
     except ValueError as error:
         raise MeshError(f"{shown(str(file))}: no path of a file ({error}); check the path") from error
     except FileNotFoundError as error:
         raise MeshError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
     except OSError as error:
         raise MeshError(f"{file}: cannot be read ({error.strerror}); give a readable file") from error
+    data = data.removeprefix(codecs.BOM_UTF8)
     if not data.strip():
         raise MeshError(f"{file}: the file is empty; write or download the mesh again")
+    split = False
     try:
-        vertices, faces = _read(file, data, suffix)
+        vertices, faces, split = _read(file, data, suffix)
         if suffix == ".stl":
             vertices, faces = _weld_stl(file, vertices, faces)
         return _build(file, vertices, faces)
@@ -65,6 +72,8 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
         note = ""
         if suffix == ".obj" and "counted from 0" in text and not text.startswith("line"):
             note = " (an OBJ file itself counts from 1: add one)"
+        if split and "face" in text:
+            note += " (faces are counted after larger polygons were split into triangles)"
         raise MeshError(f"{file}: {text}{note}") from error
 
 
@@ -105,42 +114,47 @@ def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
     return suffix
 
 
-def _read(file: Path, data: bytes, suffix: str) -> tuple[FloatArray, IntArray]:
-    """Vertices and faces as the file holds them, in its order; the format's own faults are raised here."""
-    expected = Expected()
-    if suffix == ".obj":
-        data = clean_obj(data)
-    elif suffix == ".ply":
-        expected = check_ply(data)
-    elif suffix == ".off":
-        data, expected = check_off(data)
-    elif suffix == ".stl":
-        check_stl(data)
+def _read(file: Path, data: bytes, suffix: str) -> tuple[FloatArray, IntArray, bool]:
+    """Vertices and triangles as the file holds them, in its order, and whether polygons were split into triangles.
+
+    The format's own faults are raised here.
+    """
+    if suffix in POLYGONS:
+        found = POLYGONS[suffix](data)
+        vertices = validation.as_vertices(found.vertices)
+        return vertices, validation.as_faces(found.triangles(), len(vertices)), bool((found.sizes > 3).any())
+    (check_stl if suffix == ".stl" else check_gltf)(data)
     loaded = _trimesh_load(file, data, suffix)
     vertices = validation.as_vertices(loaded.vertices) if len(loaded.vertices) else np.zeros((0, 3))
-    if len(vertices) < expected.vertices or len(loaded.faces) < expected.faces:
-        raise MeshError(
-            f"the file is cut short: its header announces {expected.vertices} vertices and {expected.faces} faces, "
-            f"{len(vertices)} and {len(loaded.faces)} were found; write or download it again"
-        )
     if len(loaded.faces) == 0:
         raise MeshError(f"the file has no faces ({len(vertices)} vertices read); a shell needs triangles")
-    return vertices, validation.as_faces(loaded.faces, len(vertices))
+    return vertices, validation.as_faces(loaded.faces, len(vertices)), False
+
+
+def _beside(file: Path) -> Any:
+    """Gives trimesh the files that lie beside ``file``: regular ones only."""
+    from trimesh.resolvers import FilePathResolver
+
+    class Beside(FilePathResolver):
+        def get(self, name: str) -> bytes:
+            folder = Path(os.path.abspath(self.parent))
+            path = Path(os.path.normpath(folder / name.strip()))
+            if not path.is_relative_to(folder):
+                raise ValueError(f"{name!r} lies outside the mesh's own folder")
+            return read_regular(path)
+
+    return Beside(str(file))
 
 
 def _trimesh_load(file: Path, data: bytes, suffix: str) -> Any:
     import trimesh
 
     options: dict[str, Any] = {"process": False, "maintain_order": True, "skip_materials": True}
-    if suffix == ".ply":
-        options["fix_texture"] = False  # else vertices are doubled along texture seams
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            # NumPy's text reader stops at junk with no more than this warning.
-            warnings.filterwarnings("error", message="string or file could not be read")
             if suffix == ".gltf":  # its buffers lie in files beside it
-                return trimesh.load_mesh(str(file), **options)
+                options["resolver"] = _beside(file)
             return trimesh.load_mesh(io.BytesIO(data), file_type=suffix[1:], **options)
     except Exception as error:  # trimesh's readers raise whatever their parsing met: IndexError, KeyError, struct.error
         reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]

@@ -82,7 +82,7 @@ def _half_blade(length: float, half_width: float, along: int, rows: int, family:
     s = np.linspace(0.0, 1.0, along + 1)
     outline = half_outline(s)
     cells = np.maximum(1, np.round(rows * outline)).astype(int)
-    shifts = family in ("equilateral", "lloyd")
+    shifts = family in ("equilateral", "lloyd", "delaunay")
     columns = [shifted_column(c) if shifts and i % 2 else np.linspace(0.0, 1.0, c + 1) for i, c in enumerate(cells)]
     columns[-1] = np.zeros(1)
     points = np.vstack(
@@ -96,9 +96,9 @@ def _half_blade(length: float, half_width: float, along: int, rows: int, family:
         for face in _zip(heights[i], heights[i + 1], start[i], start[i + 1], i, chessboard=family != "right")
     ]
     triangles = np.array(faces, dtype=np.int64)
-    if family == "lloyd":
+    if family in ("lloyd", "delaunay"):
         margin = np.column_stack((length * s, half_width * outline))
-        return _relaxed(points, triangles, margin)
+        return _relaxed(points, triangles, margin, anywhere=family == "delaunay")
     return points, triangles
 
 
@@ -124,14 +124,18 @@ def _zip(
     return faces
 
 
-def _relaxed(points: FloatArray, faces: IntArray, margin: FloatArray) -> tuple[FloatArray, IntArray]:
+def _relaxed(points: FloatArray, faces: IntArray, margin: FloatArray, *, anywhere: bool) -> tuple[FloatArray, IntArray]:
     """Move the interior points to the centroids of the triangles around them, 20 times, with Delaunay in between."""
     area = signed_areas(points, faces)
     edge = np.interp(points[:, 0], margin[:, 0], margin[:, 1])
     interior = (points[:, 1] > 0.0) & (points[:, 1] < edge * (1.0 - 1e-9)) & (points[:, 0] > 0.0)
     rng = np.random.default_rng(0)
     moved = points.copy()
-    moved[interior] += rng.uniform(-0.2, 0.2, (int(interior.sum()), 2)) * np.sqrt(area.mean())
+    if anywhere:
+        chosen = rng.choice(len(faces), int(interior.sum()), p=area / area.sum())
+        moved[interior] = np.einsum("ck,cki->ci", rng.dirichlet((1.0, 1.0, 1.0), chosen.size), points[faces[chosen]])
+    else:
+        moved[interior] += rng.uniform(-0.2, 0.2, (int(interior.sum()), 2)) * np.sqrt(area.mean())
     for _ in range(20):
         faces = _delaunay_inside(moved, margin, area)
         part = signed_areas(moved, faces)

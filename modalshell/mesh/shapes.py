@@ -27,7 +27,7 @@ def flat_beam(
     cells : (int, int)
         Cells along and across.
     family : str
-        Mesh family: "alternating", "equilateral", "union-jack", "lloyd" or "right".
+        Mesh family: "alternating", "equilateral", "union-jack", "lloyd", "delaunay" or "right".
     """
     points, faces = rectangle(length, width, cells, family)
     return TriangleMesh(np.column_stack((points[:, 0], points[:, 1] - 0.5 * width, np.zeros(len(points)))), faces)
@@ -61,8 +61,8 @@ def v_beam(
     cells : (int, int)
         Cells along, and across both flanges (even, so that the ridge lies on mesh edges).
     family : str
-        Mesh family of `flat_beam`. "equilateral" and "lloyd" mesh one flange and mirror it; the others are the lattice
-        of the developed sheet.
+        Mesh family of `flat_beam`. "equilateral", "lloyd" and "delaunay" mesh one flange and mirror it; the others
+        are the lattice of the developed sheet.
     """
     points, faces = developed_halves(length, width, cells, family)
     half_fold = 0.5 * np.radians(check_angle(fold, "fold", 180.0))
@@ -109,7 +109,7 @@ def developed_halves(length: float, width: float, cells: Sequence[int], family: 
     if across % 2:
         raise OptionError(f"cells[1] must be even to have a row of edges on the ridge, got {across}; use {across + 1}")
     half = 0.5 * check_size(width, "width")
-    if check_family(family) in ("equilateral", "lloyd"):
+    if check_family(family) in ("equilateral", "lloyd", "delaunay"):
         return mirrored(*rectangle(length, half, (along, across // 2), family))
     points, faces = rectangle(length, width, cells, family)
     side = np.linspace(0.0, half, across // 2 + 1)  # mirrored rather than shifted, so that the ridge is exactly y = 0

@@ -6,17 +6,23 @@ chessboard diagonals nearly so, and one diagonal throughout twists under a symme
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import QhullError
 
 from modalshell.checks import checked_choice, checked_count, checked_number, shown
-from modalshell.errors import OptionError
+from modalshell.errors import ModalShellWarning, OptionError
+from modalshell.memory import demand_memory, gigabytes
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle, signed_areas
 from modalshell.mesh.topology import FloatArray, IntArray
 
-FAMILIES = ("alternating", "equilateral", "union-jack", "lloyd", "right")
+FAMILIES = ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")
+_CELL_BYTES, _SHELL_BYTES = 700, 8_000
+"""Memory that a cell of a mesh takes while it is made, and of a shell on it."""
+_SLOW_CELLS = 100_000
+"""Cells from which a mesh and a shell on it take more than some five seconds."""
 _MOST_CELLS = 20_000_000
 """Of a generated mesh; more do not fit the memory of a common machine."""
 
@@ -35,8 +41,10 @@ def rectangle(length: float, width: float, cells: Sequence[int], family: str) ->
         lattice: diagonals alternate like a chessboard, so those of every 2 x 2 block of cells meet in its centre; cell
         (0, 0) has its diagonal from (0, 0) to (1, 1). "equilateral": columns of vertices at x = i length / cells[0],
         odd columns shifted by half a cell, with extra vertices on the sides; equilateral where
-        length / cells[0] = sqrt(3) / 2 width / cells[1]. "lloyd": random points (seed 0) after 20 Lloyd iterations,
-        Delaunay, boundary vertices at the spacing of the cells.
+        length / cells[0] = sqrt(3) / 2 width / cells[1]. "lloyd": those points, shifted at random (seed 0), after 20
+        Lloyd iterations, Delaunay, boundary vertices at the spacing of the cells; nearly all have six neighbours.
+        "delaunay": as many points anywhere in the rectangle instead, which end with five to seven, rarely four or
+        eight.
 
     Returns
     -------
@@ -50,8 +58,8 @@ def rectangle(length: float, width: float, cells: Sequence[int], family: str) ->
     check_family(family)
     if family == "equilateral":
         return _equilateral(along, across, columns, rows)
-    if family == "lloyd":
-        return _lloyd(along, across, columns, rows)
+    if family in ("lloyd", "delaunay"):
+        return _lloyd(along, across, columns, rows, anywhere=family == "delaunay")
     return _lattice(along, across, columns, rows, chessboard=family != "right")
 
 
@@ -92,6 +100,15 @@ def check_cells(cells: Sequence[int]) -> tuple[int, int]:
     along, across = (checked_count(f"cells[{k}]", count) for k, count in enumerate(pair))
     if along * across > _MOST_CELLS:
         raise OptionError(f"cells must be at most {_MOST_CELLS:,} in all (got {along} x {across})")
+    told = f"a mesh of {along} x {across} cells"
+    demand_memory(told, _CELL_BYTES * along * across, "take fewer cells")
+    if along * across > _SLOW_CELLS:
+        warnings.warn(
+            f"{told} and a shell on it take about {6e-5 * along * across:.0f} s and "
+            f"{gigabytes(_SHELL_BYTES * along * across)}; take fewer cells to be faster",
+            ModalShellWarning,
+            stacklevel=4,
+        )
     return along, across
 
 
@@ -135,11 +152,15 @@ def _equilateral(length: float, width: float, columns: int, rows: int) -> tuple[
     return points, np.vstack(strips).astype(np.int64)
 
 
-def _lloyd(length: float, width: float, columns: int, rows: int) -> tuple[FloatArray, IntArray]:
+def _lloyd(length: float, width: float, columns: int, rows: int, *, anywhere: bool) -> tuple[FloatArray, IntArray]:
     lattice, _ = _equilateral(length, width, columns, rows)
     inside = (lattice > 0.0).all(axis=1) & (lattice < (length, width)).all(axis=1)
     spacing = np.array((length / columns, width / rows))
-    noise = np.random.default_rng(0).uniform(-0.25, 0.25, (int(inside.sum()), 2))
+    random = np.random.default_rng(0)
+    if anywhere:
+        first = random.uniform(size=(int(inside.sum()), 2)) * (length, width)
+    else:
+        first = lattice[inside] + random.uniform(-0.25, 0.25, (int(inside.sum()), 2)) * spacing
     x, y = np.linspace(0.0, length, columns + 1), np.linspace(0.0, width, rows + 1)
     sides = [np.column_stack((x, np.full_like(x, at))) for at in (0.0, width)]
     sides += [np.column_stack((np.full(rows - 1, at), y[1:-1])) for at in (0.0, length)]
@@ -149,7 +170,7 @@ def _lloyd(length: float, width: float, columns: int, rows: int) -> tuple[FloatA
         "choose cells nearer to square"
     )
     try:
-        interior = relax_in_rectangle(lattice[inside] + noise * spacing, fixed, length, width)
+        interior = relax_in_rectangle(first, fixed, length, width)
         points = np.vstack((fixed, interior))
         faces = delaunay_faces(points, sliver=1e-9 * spacing[0] * spacing[1])
     except QhullError as error:

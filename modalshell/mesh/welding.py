@@ -1,4 +1,7 @@
-"""Merging coincident vertices and dropping unused ones, on plain arrays."""
+"""Merging coincident vertices and dropping unused ones, on plain arrays.
+
+trimesh merges vertices that round to one point of a grid: two close ones on both sides of a rounding bound stay apart.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Consistent winding: which faces to flip so that all triangles of a component show the same side."""
+"""Consistent winding: which faces to flip so that all triangles of a component show the same side.
+
+trimesh.repair.fix_winding needs networkx, walks face by face, and says nothing of one-sided surfaces.
+"""
 
 from __future__ import annotations
 

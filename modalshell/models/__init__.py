@@ -1,6 +1,7 @@
 """The ladder: models that answer the same scene, cheapest first."""
 
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell, coarse_shell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.linear import LinearModal

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.checks import checked_kind, checked_vectors, finite_answer
 from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Load
 from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
@@ -78,18 +79,6 @@ class Equilibrium:
         return str(self.outcome)
 
 
-@dataclass
-class MotionState:
-    """State of a model in motion: coordinates and their rates, in the model's own unknowns.
-
-    ``carried`` is what a model whose positions depend on the path takes along besides.
-    """
-
-    coordinates: Array
-    rates: Array
-    carried: Array | None = None
-
-
 @dataclass(frozen=True)
 class ResolvedTarget:
     """A constraint at one time, in the model's own frame: the patch, and its position [m] or rotation vector [rad]."""
@@ -99,12 +88,15 @@ class ResolvedTarget:
     value: Array
 
 
-@dataclass(frozen=True)
-class Damping:
-    """Rayleigh damping ``C = mass_factor M + stiffness_factor K`` (xi [1/s] and zeta [s])."""
+class Placement(Protocol):
+    """Where supports are put."""
 
-    mass_factor: float = 0.0
-    stiffness_factor: float = 0.0
+    @property
+    def rotation(self) -> Array:
+        """From the shell's frame to the world's (3, 3)."""
+
+    def to_world(self, positions: Array) -> Array:
+        """Positions (n, 3) [m] of the shell's frame in the world."""
 
 
 class Model(ABC):
@@ -186,6 +178,10 @@ class Model(ABC):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest at ``positions`` (n, 3); at the rest shape without them."""
 
+    def placed(self, state: MotionState, pose: Placement) -> MotionState:  # noqa: ARG002 (for models in the world's)
+        """``state`` where the supports are put; the same in a model that lives in their frame."""
+        return state
+
     @abstractmethod
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
@@ -227,9 +223,13 @@ class Model(ABC):
         """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
         return 0.0
 
-    def fault(self, state: MotionState) -> str | None:  # noqa: ARG002 (most rungs have none)
-        """What is wrong with a state that has left what the model can describe, in words; None if nothing is."""
+    def fault(self, state: MotionState) -> Outcome | None:  # noqa: ARG002 (most rungs have none)
+        """What is wrong with a state that has left what the model can describe; None if nothing is."""
         return None
+
+    def is_saddle(self, state: MotionState) -> bool:  # noqa: ARG002 (for models that can tell)
+        """Whether the smallest push leads away from a state that is at rest under a dead load."""
+        return False
 
     def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)
         """Raise OptionError if this model cannot step by ``dt``."""

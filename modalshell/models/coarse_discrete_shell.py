@@ -14,13 +14,14 @@ from scipy.spatial.transform import Rotation
 from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError, SupportError
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.mesh import TriangleMesh
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState
+from modalshell.models.base import Equilibrium, Model
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import solve_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.poisson import PoissonFit
-from modalshell.shell import Material, Shell
+from modalshell.shell import Isotropic, Material, Shell
 from modalshell.typing import Array, Index
 from modalshell.work import count_products
 
@@ -188,13 +189,18 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | None = N
     Raises
     ------
     OptionError
-        If ``material`` is left out and that of ``shell`` has values of single elements.
+        If ``material`` is left out and that of ``shell`` is an :class:`Isotropic` or has values of single elements.
     SupportError
         If no vertex of ``mesh`` lies where ``shell`` is held.
     """
     checked_kind("shell", shell, Shell)
     checked_kind("mesh", mesh, TriangleMesh)
     given = shell.material if material is None else checked_kind("material", material, Material)
+    if isinstance(given, Isotropic):
+        raise OptionError(
+            "coarse_shell calibrates discrete-shell stiffnesses, which a shell of ms.Isotropic has not: build the "
+            "coarse shell as ms.Shell(mesh, ms.Isotropic(...), clamped=...), or pass a Material as material="
+        )
     if material is None:
         if any(np.ndim(value) for value in (given.stretch, given.shear, given.flexure, given.density)):
             raise OptionError("the fine shell's material has a value an element: pass the material of the coarse mesh")

@@ -10,7 +10,29 @@ from modalshell.typing import Index
 
 @final
 class DiscreteShell(FullModel):
-    """DS: the discrete-shell energies as they stand; options as for :class:`FullModel`."""
+    """DS: the discrete-shell energies as they stand, every vertex an unknown.
+
+    Parameters
+    ----------
+    shell : Shell
+        The shell.
+    integrator : str or FullIntegrator
+        ``"implicit"``: implicit Euler, solved to ``step_tolerance`` (first order, stable at any step, loses energy).
+        ``"linear_implicit"``: one Newton step of it (first order). ``"explicit"``: symplectic Euler (first order, the
+        paper's choice for DS) and ``"verlet"`` (second order), both stable below :meth:`stable_step` only. Or
+        the key of any other :class:`modalshell.integrators.full.FullIntegrator`, or a rule itself.
+    allow_unstable_step : bool
+        Whether explicit rules may go on above their stability estimate.
+    step_tolerance : float
+        Out-of-balance force at which an implicit step's Newton stops, as a share of its load and inertia.
+    backend : str, optional
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
+
+    Attributes
+    ----------
+    costs : dict
+        Seconds of assembly, factorisation and solution so far.
+    """
 
     name = "DS"
 
@@ -21,5 +43,5 @@ class DiscreteShell(FullModel):
             integrator=self.integrator,
             allow_unstable_step=self.allow_unstable_step,
             step_tolerance=self.step_tolerance,
-            backend=self._factoriser.backend,
+            backend=self.factoriser.backend,
         )

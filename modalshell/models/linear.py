@@ -29,6 +29,10 @@ class LinearModal(ModalModel):
         count_read(self.basis.modes.nbytes)
         return np.asarray(self.basis.modes.T @ load.ravel())
 
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:  # noqa: ARG002
+        """Zero (m, m): the force is the same at every q."""
+        return np.zeros((q.size, q.size))
+
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
         rows = self._patch_rows(self.basis.modes, vertices).mean(axis=0)

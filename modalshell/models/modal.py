@@ -4,23 +4,22 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_choice, checked_kind
+from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint, nearest_branch
 from modalshell.constraints.manipulation import Evaluate, meet
-from modalshell.errors import OptionError
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState, ResolvedTarget, rigid_share
+from modalshell.errors import OptionError, SolverError
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.statics.least_potential import Statics
 from modalshell.typing import Array, Index
-
-Integrator = Literal["implicit_euler", "implicit_midpoint"]
 
 CONSTRAINT_MET = 1e-6
 """Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
@@ -28,7 +27,9 @@ CONSTRAINT_MET = 1e-6
 _DIFFERENCE = 1e-5
 """Turn [rad] over which a modal force is differenced."""
 _FIXED_POINT = 1e-7
+"""Relative change of the coordinates at which a fixed-point iteration has converged."""
 _FIXED_POINT_LIMIT = 200
+"""Fixed-point iterations at most."""
 _OUT_OF_REACH_LIMIT = 20
 """Iterations after which targets that were not reached in any of them are given up."""
 
@@ -40,20 +41,18 @@ class ModalModel(Model):
     ----------
     basis : Basis
         Modes, eigenvalues and modal rotations of the shell.
-    integrator : {"implicit_euler", "implicit_midpoint"}
-        Both are unconditionally stable under dead modal forces. Implicit Euler is of first order and loses energy; the
-        implicit midpoint rule is of second order, at two modal forces a step, and keeps the energy of linear motion,
-        stiff modes ringing on. Forces that turn with the shell can feed undamped motion, the midpoint rule's more so.
+    integrator : str or ModalIntegrator
+        "implicit_euler" (first order, loses energy), "implicit_midpoint" (second order, keeps the energy of linear
+        motion), the key of any other :class:`ModalIntegrator`, or a rule itself.
     """
 
     in_shell_frame = True
     takes_constraints = True
 
-    def __init__(self, basis: Basis, *, integrator: Integrator = "implicit_euler") -> None:
-        checked_choice("integrator", integrator, ("implicit_euler", "implicit_midpoint"))
+    def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
-        self.integrator = integrator
+        self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
 
@@ -65,6 +64,17 @@ class ModalModel(Model):
     def modal_force(self, q: Array, load: Array) -> Array:
         """Modal force p (m,) of the load (n, 3) at q."""
 
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless a model knows better."""
+        jacobian = np.empty((q.size, q.size))
+        turns = np.maximum(np.abs(self.basis.rotations).max(axis=0), 1e-300)
+        for k in range(q.size):
+            change = np.zeros_like(q)
+            change[k] = _DIFFERENCE / turns[k]
+            ahead, behind = (self.modal_force(q + side * change, load) for side in (1.0, -1.0))
+            jacobian[:, k] = (ahead - behind) / (2.0 * change[k])
+        return jacobian
+
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
         displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
@@ -74,6 +84,12 @@ class ModalModel(Model):
         """Static answer, with or without constraints, from the model's own :meth:`_free_statics`."""
         begin = None if start is None else self.coordinates_of(start)
         left = np.empty(0)
+        slack = np.flatnonzero(self.basis.eigenvalues[self.basis.rigid_modes :] <= 0.0)
+        if slack.size:
+            raise SolverError(
+                f"elastic mode {slack[0]} has no stiffness (got eigenvalue 0), so that statics has no answer: give the "
+                "material a stretch, shear and flexure above 0, or let simulate move the shell"
+            )
         if constraints:
             found, left = self._constrained_statics(load, begin, constraints)
         else:
@@ -133,17 +149,10 @@ class ModalModel(Model):
         return rigid_share(self.shell, load)  # on all of them: the basis may have been asked for fewer
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
-        """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2]; the slope by central differences."""
+        """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2]."""
         if answer.coordinates is None:
             return None
-        q = answer.coordinates
-        tangent = np.diag(self.basis.eigenvalues)
-        turns = np.abs(self.basis.rotations).max(axis=0)
-        for k in range(q.size):
-            step = np.zeros_like(q)
-            step[k] = _DIFFERENCE / max(float(turns[k]), 1e-300)
-            ahead, behind = (self.modal_force(q + sign * step, load) for sign in (1.0, -1.0))
-            tangent[:, k] -= (ahead - behind) / (2.0 * step[k])
+        tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(answer.coordinates, load)
         return float(scipy.linalg.eigvals(tangent).real.min())
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
@@ -159,52 +168,22 @@ class ModalModel(Model):
         damping: Damping,
         held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
     ) -> tuple[MotionState, bool]:
-        """One step of the integrator for every mode by itself.
-
-        Implicit Euler takes the modal force of the step before, the midpoint rule the one in a predicted middle.
-        """
-        q, rates = state.coordinates, state.rates
-        p = self.modal_force(q, load)
-        stiffness = self.basis.eigenvalues
-        damp = damping.mass_factor + damping.stiffness_factor * stiffness
-        if self.integrator == "implicit_euler":
-            rates = (rates + dt * (p - stiffness * q)) / (1.0 + dt * damp + dt**2 * stiffness)
-            return self.advanced(state, q + dt * rates, rates), True
-        # Half an implicit Euler step to the middle, and as far again. The force at the step's beginning would feed
-        # energy into large motion: it only leads to where the middle is.
-        half = 0.5 * dt
-        inertia = 1.0 + half * damp + half**2 * stiffness
-        middle = (rates + half * (p - stiffness * q)) / inertia
-        middle = (rates + half * (self.modal_force(q + half * middle, load) - stiffness * q)) / inertia
-        return self.advanced(state, q + dt * middle, 2.0 * middle - rates), True
-
-    def advanced(self, state: MotionState, q: Array, rates: Array) -> MotionState:  # noqa: ARG002 (for overriding)
-        """State at q (m,) after ``state``; what a model carries along besides is brought up to date here."""
-        return MotionState(q, rates)
-
-    def compliance(self, dt: float, damping: Damping) -> Array:
-        """Change (m,) of each coordinate within a step per unit of modal force [s^2]."""
-        stiffness = self.basis.eigenvalues
-        damp = damping.mass_factor + damping.stiffness_factor * stiffness
-        if self.integrator == "implicit_euler":
-            return np.asarray(dt**2 / (1.0 + dt * damp + dt**2 * stiffness))
-        return np.asarray(0.5 * dt**2 / (1.0 + 0.5 * dt * damp + 0.25 * dt**2 * stiffness))
+        """One step of the integrator for every mode."""
+        eigenvalues = self.basis.eigenvalues
+        after = self.integrator.step(
+            state.coordinates,
+            state.rates,
+            lambda q: self.modal_force(q, load),
+            eigenvalues,
+            damping.of_modes(eigenvalues),
+            dt,
+        )
+        return MotionState(*after), True
 
     def decay_rate(self, dt: float, damping: Damping) -> float:
         """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
-        stiffness = self.basis.eigenvalues
-        damp = damping.mass_factor + damping.stiffness_factor * stiffness
-        # Half the trace, and the determinant, of the matrix that takes q and its rate over one step.
-        if self.integrator == "implicit_euler":
-            inertia = 1.0 + dt * damp + dt**2 * stiffness
-            half_trace, determinant = (1.0 + 0.5 * dt * damp) / inertia, 1.0 / inertia
-        else:
-            inertia = 1.0 + 0.5 * dt * damp + 0.25 * dt**2 * stiffness
-            half_trace = (1.0 - 0.25 * dt**2 * stiffness) / inertia
-            determinant = (1.0 - 0.5 * dt * damp + 0.25 * dt**2 * stiffness) / inertia
-        root = np.sqrt(np.asarray(half_trace**2 - determinant, dtype=np.complex128))
-        factor = float(np.maximum(np.abs(half_trace + root), np.abs(half_trace - root)).max())
-        return max(0.0, -2.0 * float(np.log(factor)) / dt)
+        eigenvalues = self.basis.eigenvalues
+        return self.integrator.decay_rate(eigenvalues, damping.of_modes(eigenvalues), dt)
 
     def meet_constraints(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, targets: Sequence[ResolvedTarget]
@@ -212,8 +191,10 @@ class ModalModel(Model):
         """Move the step's end onto the constraints by the modal forces of least work [choi2007, section 4.4]."""
         free = state.coordinates
         evaluate = self._constraints(targets, before.coordinates)
-        q, residual = meet(evaluate, free, self.compliance(dt, damping), free)
-        return self.advanced(before, q, state.rates + (q - free) / dt), self._residuals(targets, residual)
+        eigenvalues = self.basis.eigenvalues
+        compliance = self.integrator.compliance(eigenvalues, damping.of_modes(eigenvalues), dt)
+        q, residual = meet(evaluate, free, compliance, free)
+        return MotionState(q, state.rates + (q - free) / dt), self._residuals(targets, residual)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, Model
 from modalshell.modes import solve_modes
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives
@@ -50,7 +51,7 @@ class ModalDerivatives(Model):
         Loads [N] to train on; every fourth is held out and only tells the error. Without it
         :func:`modalshell.reduction.cubature.default_loads`.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Attributes
     ----------
@@ -80,6 +81,7 @@ class ModalDerivatives(Model):
         backend: str | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
+        _ = shell.elements  # refuses energies that have no element sets to sum over
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
         self.basis = modal_derivatives(solve_modes(shell, count, backend=backend), backend=backend)

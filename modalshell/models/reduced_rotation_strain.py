@@ -8,15 +8,16 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import LARGEST, checked_count, checked_kind, checked_vectors, vector_count
 from modalshell.errors import OptionError
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import MotionState
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _CANDIDATES = 2000
+"""Triangles to choose from; of more, so many are drawn by area."""
 _FEATURES = 96
 """Principal components of the candidates' F - I that the sampled triangles must determine."""
 _RESOLVED = 1e-7

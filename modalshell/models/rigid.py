@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.errors import OptionError
-from modalshell.models.base import Damping, Equilibrium, Model, MotionState, rigid_share
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base import Equilibrium, Model, rigid_share
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
@@ -18,7 +19,9 @@ from modalshell.shell import Shell
 from modalshell.typing import Array
 
 _TOLERANCE = 1e-13
+"""Error of the angular momentum after a step, as a share of its size."""
 _NEWTON_LIMIT = 30
+"""Newton iterations of a step at most."""
 
 
 class RigidShell(Model):

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.checks import checked_kind
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import MotionState
-from modalshell.models.modal import Integrator
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.modes import Basis
 from modalshell.reduction.poisson import PoissonFit
@@ -38,15 +38,17 @@ class RotationStrain(TurnedTriangles):
     ----------
     basis : Basis
         Modes and eigenvalues of the shell.
-    integrator : {"implicit_euler", "implicit_midpoint"}
+    integrator : str or ModalIntegrator
         See :class:`ModalModel`.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
     """
 
     name = "RSW"
 
-    def __init__(self, basis: Basis, *, integrator: Integrator = "implicit_euler", backend: str | None = None) -> None:
+    def __init__(
+        self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler", backend: str | None = None
+    ) -> None:
         fit = PoissonFit(checked_kind("basis", basis, Basis).shell, backend)
         modal = tiled(triangle_modes(basis, fit)).reshape(-1, basis.count, 6 * TILE)
         super().__init__(basis, modal, integrator)

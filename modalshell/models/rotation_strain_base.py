@@ -7,16 +7,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.models.base import MotionState
-from modalshell.models.modal import Integrator, ModalModel
+from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
+from modalshell.outcome import Outcome
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _PATCHES_KEPT = 16
+"""Patches of constraints whose modal data are kept between steps."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +55,11 @@ class TurnedTriangles(ModalModel):
         Modes and eigenvalues of the shell.
     modal : ndarray, shape (tiles, m, 6 * 128)
         Turn and strain of the triangles in every mode.
-    integrator : {"implicit_euler", "implicit_midpoint"}
+    integrator : str or ModalIntegrator
         See :class:`ModalModel`.
     """
 
-    def __init__(self, basis: Basis, modal: Array, integrator: Integrator) -> None:
+    def __init__(self, basis: Basis, modal: Array, integrator: str | ModalIntegrator) -> None:
         super().__init__(basis, integrator=integrator)
         self._modal = modal
         self._faced: LoadAdjoint | None = None
@@ -80,6 +83,10 @@ class TurnedTriangles(ModalModel):
         hessian = np.zeros((q.size, q.size))
         kernel.add_curvature(self._modal, gradients, q, np.empty(kernel.WORK), np.empty((15, TILE)), hessian)
         return hessian
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force: those of the work once more."""
+        return self.work_curvature(q, load)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), exactly."""
@@ -110,9 +117,9 @@ class TurnedTriangles(ModalModel):
         """Largest rotation angle of a triangle [rad] at q."""
         return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
 
-    def fault(self, state: MotionState) -> str | None:
+    def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up: a triangle turned by more than 2 pi."""
-        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         return least_potential(self, load, start)

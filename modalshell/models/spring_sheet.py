@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Literal, final
 
-import numpy as np
-
-from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, shown
+from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number
 from modalshell.errors import MeshError, OptionError
-from modalshell.models.base import Damping, MotionState
-from modalshell.models.full import FullModel, Integrator
-from modalshell.sharing import PerThread
+from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, LinearImplicitEuler
+from modalshell.models.full import FullModel
 from modalshell.shell import Shell
-from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.mesh_springs import shell_springs
 from modalshell.springs.springs import Springs
-from modalshell.typing import Array, Index
+from modalshell.typing import Index
 
 
 @final
@@ -35,15 +30,15 @@ class SpringSheet(FullModel):
         Mesh, masses and supports; its energies too where ``springs`` are not given.
     springs : Springs, optional
         Between the mesh's vertices; those of :func:`modalshell.springs.shell_springs` without it.
-    integrator : {"implicit", "linear_implicit", "explicit", "verlet"}
-        As for :class:`FullModel`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
+    integrator : str or FullIntegrator
+        As for :class:`DiscreteShell`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
     solver : {"factor", "cg"}
         How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
     iterations : int
         Most conjugate-gradient iterations in a step.
     allow_unstable_step, step_tolerance, backend
-        As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
+        As for :class:`DiscreteShell`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
 
     Attributes
     ----------
@@ -63,7 +58,7 @@ class SpringSheet(FullModel):
         shell: Shell,
         springs: Springs | None = None,
         *,
-        integrator: Integrator = "implicit",
+        integrator: str | FullIntegrator = "implicit",
         solver: Literal["factor", "cg"] = "factor",
         iterations: int = 1000,
         allow_unstable_step: bool = False,
@@ -77,18 +72,20 @@ class SpringSheet(FullModel):
             worst = self.springs.pairs.max(initial=-1)
             raise MeshError(f"springs must join the vertices 0 to {count - 1} of the mesh (got {worst})")
         checked_choice("solver", solver, ("factor", "cg"))
-        if solver == "cg" and integrator != "linear_implicit":
-            raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {shown(integrator)})")
+        rule = FullIntegrator.chosen(integrator)
+        self.iterations = checked_count("iterations", iterations)
+        if solver == "cg":
+            if rule.key != LinearImplicitEuler.key:
+                raise OptionError(f"conjugate gradients serve integrator='linear_implicit' only (got {rule.key!r})")
+            rule = ConjugateGradientEuler(self.springs, shell, self.iterations)
         super().__init__(
             shell.with_elements([self.springs.element_set()]),
-            integrator=integrator,
+            integrator=rule,
             allow_unstable_step=allow_unstable_step,
             step_tolerance=checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2),
             backend=backend,
         )
         self.solver: Literal["factor", "cg"] = solver
-        self.iterations = checked_count("iterations", iterations)
-        self._stepper = PerThread(partial(ImplicitSprings, self.springs, shell.mass, shell.clamped))
 
     def holding(self, vertices: Index) -> SpringSheet:
         """The same model, with further vertices held."""
@@ -100,31 +97,5 @@ class SpringSheet(FullModel):
             iterations=self.iterations,
             allow_unstable_step=self.allow_unstable_step,
             step_tolerance=self.step_tolerance,
-            backend=self._factoriser.backend,
+            backend=self.factoriser.backend,
         )
-
-    def start_motion(self, positions: Array | None = None) -> MotionState:
-        """State at rest; conjugate gradients take the last change of velocities along."""
-        state = super().start_motion(positions)
-        if self.solver == "cg":
-            state.carried = np.zeros_like(state.rates)
-        return state
-
-    def _linear_implicit(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
-    ) -> tuple[MotionState, bool]:
-        if self.solver == "factor":
-            return super()._linear_implicit(state, dt, load, damping, held)
-        stepper = self._stepper()
-        stepper.place(state.coordinates, state.rates, state.carried)
-        with self.costs.part("conjugate gradients"):
-            found = stepper.step(
-                dt,
-                load,
-                drag=damping.mass_factor,
-                stiffness_damping=damping.stiffness_factor,
-                held=held,
-                iterations=self.iterations,
-                tolerance=self.step_tolerance,
-            )
-        return MotionState(stepper.positions, stepper.velocities, stepper.change), found.converged

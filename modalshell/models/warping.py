@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal
-
 import numpy as np
 import scipy.linalg
 
-from modalshell.checks import checked_choice
-from modalshell.constraints.constraints import Constraint
-from modalshell.errors import OptionError
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
-from modalshell.models.base import Equilibrium, MotionState
-from modalshell.models.modal import Integrator, ModalModel
+from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
@@ -22,10 +17,11 @@ from modalshell.typing import Array, Index
 from modalshell.work import count_products, count_read
 
 _TOLERANCE = 1e-9
+"""Relative residual at which an equilibrium has converged."""
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
+"""Share of the load below which a load step is given up."""
 _NEWTON_LIMIT = 12
-_DIFFERENCE = 1e-5
-"""Turn [rad] over which the modal force is differenced."""
+"""Newton iterations at one load at most."""
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
 _LOAD_TURN = 0.5
@@ -34,6 +30,9 @@ _LOAD_TURN = 0.5
 
 class ModalWarping(ModalModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
+
+    The displacement is the closed form of [choi2007, eq. 16] along a straight path from rest: it depends on q alone, so
+    that nothing drifts.
 
     The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist. Statics
     solves ``Lambda q = Phi^T R(q)^T f`` by Newton along a growing load, from rest or from a start; ``residual`` is
@@ -46,11 +45,8 @@ class ModalWarping(ModalModel):
     ----------
     basis : Basis
         Modes, eigenvalues and modal rotations of the shell.
-    integrator : {"implicit_euler", "implicit_midpoint"}
+    integrator : str or ModalIntegrator
         See :class:`ModalModel`.
-    warp : {"closed_form", "sum"}
-        How [choi2007, eq. 16] is read. The closed form depends on q alone, so nothing drifts. The sum adds
-        ``R(w) Phi dq`` step by step: it depends on the path, and is here to be compared. It moves, but has no statics.
     consistent_force : bool
         Take ``J^T f``, J = du/dq of the closed form, for the modal force instead: the gradient of the load's work.
         Equilibria then are the minima of a potential, and always exist.
@@ -62,13 +58,10 @@ class ModalWarping(ModalModel):
         self,
         basis: Basis,
         *,
-        integrator: Integrator = "implicit_euler",
-        warp: Literal["closed_form", "sum"] = "closed_form",
+        integrator: str | ModalIntegrator = "implicit_euler",
         consistent_force: bool = False,
     ) -> None:
         super().__init__(basis, integrator=integrator)
-        checked_choice("warp", warp, ("closed_form", "sum"))
-        self.warp = warp
         self.consistent_force = consistent_force
         rigid = basis.rigid_modes
         self._elastic = slice(rigid, None)
@@ -91,28 +84,10 @@ class ModalWarping(ModalModel):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state, in one fused pass."""
-        if state.carried is not None:
-            return self.shell.rest_positions + state.carried
         if self._frame is None:  # at first use: it holds a second copy of the modal data
             self._frame = WarpFrame(self.basis)
         count_read(self._frame.bytes_read)
         return self._frame.positions(state.coordinates)
-
-    def start_motion(self, positions: Array | None = None) -> MotionState:
-        """Modal state at rest."""
-        state = super().start_motion(positions)
-        if self.warp == "sum":
-            state.carried = self.displacement(state.coordinates)
-        return state
-
-    def advanced(self, state: MotionState, q: Array, rates: Array) -> MotionState:
-        """State at q (m,) after ``state``; the summed warp grows by ``R(w) Phi dq``."""
-        if state.carried is None:
-            return MotionState(q, rates)
-        change = np.asarray(self.basis.modes @ (q - state.coordinates)).reshape(-1, 3)
-        turned = np.empty_like(change)
-        rotations.rotate(self.rotation_vectors(q), change, 1.0, turned)
-        return MotionState(q, rates, state.carried + turned)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
@@ -145,24 +120,32 @@ class ModalWarping(ModalModel):
         return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
 
     def work_curvature(self, q: Array, load: Array) -> Array:
-        """Second derivatives (m, m) of the work, by central differences of its gradient."""
-        curvature = np.empty((q.size, q.size))
-        turns = np.abs(self.basis.rotations).max(axis=0)
-        for k in range(q.size):
-            step = np.zeros_like(q)
-            step[k] = _DIFFERENCE / max(float(turns[k]), 1e-300)
-            forward, backward = (self.work(q + sign * step, load)[1] for sign in (1.0, -1.0))
-            curvature[k] = (forward - backward) / (2.0 * step[k])
-        return 0.5 * (curvature + curvature.T)
+        """Second derivatives (m, m) of the work."""
+        w = self.rotation_vectors(q)
+        linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
+        mixed, curvature = np.empty((2, *load.shape, 3))
+        rotations.warped_work_curvature(w, linear, load, mixed, curvature)
+        by_modes = self.basis.modes.T @ self._turned(mixed)
+        return np.asarray(by_modes + by_modes.T + self.basis.rotations.T @ self._turned(curvature))
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force; not symmetric unless the force is consistent."""
+        if self.consistent_force:
+            return self.work_curvature(q, load)
+        blocks = np.empty((*load.shape, 3))
+        rotations.rotated_load_jacobian(self.rotation_vectors(q), load, blocks)
+        return np.asarray(self.basis.modes.T @ self._turned(blocks))
+
+    def _turned(self, blocks: Array) -> Array:
+        """Derivatives by w (n, 3, 3) at every vertex as derivatives by q (3n, m)."""
+        count_read(self.basis.rotations.nbytes + self.basis.modes.nbytes)
+        count_products((3 + self.basis.count) * self.basis.modes.size)
+        turns = self.basis.rotations.reshape(-1, 3, self.basis.count)
+        return np.asarray(np.einsum("nij,njm->nim", blocks, turns)).reshape(self.basis.modes.shape)
 
     def largest_turn(self, q: Array) -> float:
         """Largest rotation of a vertex [rad] at q."""
         return float(rotations.largest_angle(self.rotation_vectors(q)))
-
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
-        if self.warp == "sum":
-            raise OptionError("the summed warp depends on the path, so it has no statics: take warp='closed_form'")
-        return super()._solve(load, start, constraints)
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         if self.consistent_force:
@@ -190,9 +173,9 @@ class ModalWarping(ModalModel):
             return Statics(q, residual, iterations, Outcome.UNSTABLE, message, stable)
         return Statics(q, residual, iterations, stable=True)
 
-    def fault(self, state: MotionState) -> str | None:
+    def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up: a vertex turned by more than 2 pi."""
-        return "wound up" if self.largest_turn(state.coordinates) > WOUND_UP else None
+        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def _balance(self, y: Array, load: Array, root: Array) -> Array:
         """Out-of-balance ``y - p / sqrt(lambda)``."""
@@ -202,11 +185,10 @@ class ModalWarping(ModalModel):
 
     def _jacobian(self, y: Array, load: Array, root: Array) -> Array:
         """Jacobian of :meth:`_balance` (elastic modes, elastic modes); not symmetric."""
-        blocks = np.empty((load.shape[0], 3, 3))
-        rotations.rotated_load_jacobian((self._rotations @ (y / root)).reshape(-1, 3), load, blocks)
-        turned = np.einsum("nij,njm->nim", blocks, self._rotations.reshape(-1, 3, root.size))
-        coupling = self._modes.T @ turned.reshape(self._modes.shape)
-        return np.asarray(np.eye(root.size) - coupling / root[:, None] / root)
+        q = np.zeros(self.basis.count)
+        q[self._elastic] = y / root
+        slope = self.modal_force_jacobian(q, load)[self._elastic, self._elastic]
+        return np.asarray(np.eye(root.size) - slope / root[:, None] / root)
 
     def _stable(self, y: Array, load: Array, root: Array) -> bool:
         """Whether heavily damped motion returns to y: all eigenvalues of the Jacobian have positive real part."""

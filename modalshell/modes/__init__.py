@@ -1,17 +1,17 @@
 """Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
 
 from modalshell.modes.basis import Basis, solve_modes
-from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_eigenpair, lowest_tangent_eigenvalue, mass_scaled
-from modalshell.modes.factorisation import Factor, Factoriser, available_backends
+from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
+from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
 
 __all__ = [
+    "BACKENDS",
     "Basis",
     "Factor",
     "Factoriser",
-    "available_backends",
+    "condensed_factor",
     "largest_eigenvalue",
-    "lowest_eigenpair",
     "lowest_tangent_eigenvalue",
-    "mass_scaled",
+    "lowest_tangent_mode",
     "solve_modes",
 ]

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +19,12 @@ from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.plugins import load_plugins
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
-from modalshell.shell import Material, Shell
+from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
 from modalshell.typing import Array
 
 _FORMAT = 1
+"""Version of the saved file."""
 
 
 @dataclass(frozen=True)
@@ -72,17 +74,15 @@ class Basis(ReadOnlyArrays):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the basis with its shell to an ``.npz`` file (no pickle)."""
         shell, material = self.shell, self.shell.material
+        if isinstance(material, Isotropic):  # functions cannot be stored, their values can
+            material = material.on(shell.mesh)
         write_npz(
             path,
             modalshell_basis=np.array(_FORMAT),
             vertices=shell.mesh.vertices,
             faces=shell.mesh.faces,
             clamped=shell.clamped,
-            stretch=np.asarray(material.stretch),
-            shear=np.asarray(material.shear),
-            flexure=np.asarray(material.flexure),
-            density=np.asarray(material.density),
-            correct_clamp=np.array(material.correct_clamp),
+            **{field.name: np.asarray(getattr(material, field.name)) for field in fields(material)},
             energies=np.array(json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])),  # type: ignore[call-overload]
             eigenvalues=self.eigenvalues,
             modes=self.modes,
@@ -106,11 +106,14 @@ class Basis(ReadOnlyArrays):
             data = read_npz(path)
             if int(data["modalshell_basis"]) != _FORMAT:
                 raise ValueError(f"format {data['modalshell_basis']} (this version reads {_FORMAT})")
-            stiffnesses = {name: data[name] for name in ("stretch", "shear", "flexure", "density")}
-            material = Material(**stiffnesses, correct_clamp=bool(data["correct_clamp"]))
+            kind = Isotropic if "young" in data else Material
+            constants: dict[str, Any] = {field.name: data[field.name] for field in fields(kind)}
+            if "correct_clamp" in constants:
+                constants["correct_clamp"] = bool(constants["correct_clamp"])
             further = json.loads(str(data["energies"])) if "energies" in data else []
             energies = [ENERGIES[key](**fields) for key, fields in further]
-            shell = Shell(TriangleMesh(data["vertices"], data["faces"]), material, data["clamped"], energies=energies)
+            mesh = TriangleMesh(data["vertices"], data["faces"])
+            shell = Shell(mesh, kind(**constants), data["clamped"], energies=energies)
             values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
             shape = (shell.rest_positions.size, values.size)
             modes = checked_vectors("modes", data["modes"], shape)
@@ -133,7 +136,7 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     count : int
         Number of modes m, rigid ones counted in.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Returns
     -------

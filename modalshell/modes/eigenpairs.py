@@ -11,16 +11,18 @@ import scipy.sparse.linalg as spla
 
 from modalshell.checks import finite_answer
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.modes.factorisation import Factor, Factoriser
+from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.typing import Array
 
 _DENSE_BELOW = 150
+"""Unknowns up to which a dense solver finds all eigenpairs."""
 _REPEATED = 1e-9
 """Relative gap below which eigenvalues count as one; further apart they are resolved and keep their own modes."""
 
 _RESIDUAL_LIMIT = 1e-8
+"""Residual over |K| |phi| above which a mode is refused."""
 _ILL_CONDITIONED = (
     "the stiffness is too ill-conditioned: remesh needles (aspects of 1e4 and more), or bring the stiffnesses nearer "
     "together"
@@ -79,9 +81,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         # One mode more shows whether the last one asked for is part of a repeated eigenvalue.
         wanted = min(elastic + 1, size - rigid.shape[1])
         if size <= max(_DENSE_BELOW, 3 * wanted):
-            values, vectors = _dense(
-                mass_scaled(shell, shell.pattern.free_matrix(data))[0].toarray(), root[:, None] * rigid, wanted
-            )
+            dense = np.asarray(mass_scaled(shell, data) @ np.eye(size))
+            values, vectors = _dense(0.5 * (dense + dense.T), root[:, None] * rigid, wanted)
         else:
             # The factor is the peak of memory: no matrix but its own stands beside it.
             solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid, mass, backend)
@@ -89,8 +90,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             values, vectors = _lanczos(solver, root, root[:, None] * rigid, wanted)
             del solver
         values, vectors = _canonical(values, vectors, elastic)
-    scaled, _ = mass_scaled(shell, shell.pattern.free_matrix(data))
-    norm = float(spla.norm(scaled, 1))
+    scaled = mass_scaled(shell, data)
+    norm = _norm(shell, data) or 1.0
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
     residual = float(residuals.max(initial=0.0))
     if residual > _RESIDUAL_LIMIT:
@@ -106,13 +107,35 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name
 
 
-def mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
-    """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K on them, and ``M^1/2`` (N,)."""
+def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
+    """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, without internal unknowns."""
+    whole, free = _mass_scaled(shell, shell.pattern.free_matrix(data))[0], shell.free_unknowns.size
+    inner = shell.pattern.internal
+    if inner is None:
+        return spla.aslinearoperator(whole)
+    own, coupling = sps.csr_array(whole[:free, :free]), sps.csr_array(whole[free:, :free])
+    solve = inner.solve
+
+    def product(vectors: Array) -> Array:
+        return np.asarray(own @ vectors - coupling.T @ solve(coupling @ vectors))
+
+    return spla.LinearOperator(own.shape, matvec=product, matmat=product, dtype=np.float64)
+
+
+def _mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
+    """``M^-1/2 K M^-1/2`` of the free unknowns and of the internal ones, which have no mass; and ``M^1/2`` (N,)."""
     scaled = matrix.copy()
-    root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+    masses = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+    root = np.concatenate([masses, np.ones(scaled.shape[0] - masses.size)])
     scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
     finite_answer("the stiffness over the mass", scaled.data)
-    return scaled, root
+    return scaled, masses
+
+
+def _norm(shell: Shell, data: Array) -> float:
+    """1-norm of the mass-scaled stiffness by positions, fold shares and the like held."""
+    size = shell.free_unknowns.size
+    return float(spla.norm(_mass_scaled(shell, shell.pattern.free_matrix(data))[0][:size, :size], 1))
 
 
 def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
@@ -122,8 +145,8 @@ def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
     """
     if data is None:
         data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
-    scaled, root = mass_scaled(shell, shell.pattern.free_matrix(data))
-    start = np.random.default_rng(0).standard_normal(root.size)
+    scaled = mass_scaled(shell, data)
+    start = np.random.default_rng(0).standard_normal(scaled.shape[0])
     value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
     return float(value[0]) * (1.0 + 1e-4)
 
@@ -134,38 +157,59 @@ def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
     On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap, and is
     negative where the state is unstable.
     """
-    scaled, _ = mass_scaled(shell, shell.pattern.free_matrix(shell.energy_gradient_hessian(positions, EXACT)[2]))
-    return lowest_eigenpair(scaled, Factoriser())[0]
+    whole = shell.pattern.free_matrix(shell.energy_gradient_hessian(positions, EXACT)[2])
+    return lowest_tangent_mode(shell, whole, Factoriser())[0]
 
 
-def lowest_eigenpair(matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
-    """Lowest eigenvalue of a symmetric matrix (N, N) and its vector (N,).
+def lowest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
+    """Lowest eigenvalue [1/s^2] of a stiffness over the mass, and its direction (N,) in the free unknowns.
 
     Lanczos finds what is nearest to a shift. Where the matrix is not definite, that at zero need not be the lowest one:
-    the shift is lowered until it has the whole spectrum above it. SolverError where a factorisation fails.
+    the shift is lowered until it has the whole spectrum above it.
+
+    Parameters
+    ----------
+    shell : Shell
+        Gives the masses.
+    matrix : csc_array
+        A stiffness on the free unknowns (N, N), with those of internal unknowns after them.
+    factoriser : Factoriser
+        For matrices of that pattern.
+
+    Raises
+    ------
+    SolverError
+        If a factorisation fails, or Lanczos does not converge.
     """
-    if matrix.shape[0] < _LANCZOS_FROM:
-        values, vectors = np.linalg.eigh(matrix.toarray())
-        return float(values[0]), np.asarray(vectors[:, 0])
-    start = np.random.default_rng(0).standard_normal(matrix.shape[0])
+    scaled, root = _mass_scaled(shell, matrix)
+    size = root.size
+    if size < _LANCZOS_FROM:
+        dense = scaled.toarray()
+        inner = dense[size:, :size]
+        values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
+        return float(values[0]), np.asarray(vectors[:, 0] / root)
+    start = np.random.default_rng(0).standard_normal(size)
 
     def nearest(shift: float, factor: Factor) -> tuple[float, Array]:
-        inverse = spla.LinearOperator(matrix.shape, matvec=factor.solve, dtype=np.float64)
-        try:
-            values, vectors = spla.eigsh(matrix, k=1, sigma=-shift, OPinv=inverse, v0=start)
+        inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
+        try:  # with its inverse at hand, Lanczos asks nothing of the matrix itself but its shape
+            values, vectors = spla.eigsh(inverse, k=1, sigma=-shift, OPinv=inverse, v0=start)
         except spla.ArpackError as error:
-            raise SolverError(f"no lowest eigenvalue of a matrix of {start.size} unknowns: {error}") from error
-        return float(values[0]), np.asarray(vectors[:, 0])
+            raise SolverError(f"no lowest eigenvalue of a matrix of {size} unknowns: {error}") from error
+        return float(values[0]), np.asarray(vectors[:, 0] / root)
 
-    factor = factoriser.symmetric(matrix)
+    def factored(matrix: sps.csc_array) -> Factor:
+        return condensed_factor(factoriser.symmetric(matrix), matrix.shape[0] - size)
+
+    factor = factored(scaled)
     value, vector = nearest(0.0, factor)
     if factor.is_definite():
         return value, vector
-    shifted, diagonal, shift = matrix.copy(), matrix.diagonal(), max(abs(value), 1e-300)
+    diagonal, shift = scaled.diagonal(), max(abs(value), 1e-300)
     while not factor.is_definite():
         shift *= 4.0
-        shifted.setdiag(diagonal + shift)
-        factor = factoriser.symmetric(shifted)
+        scaled.setdiag(diagonal + np.where(np.arange(diagonal.size) < size, shift, 0.0))
+        factor = factored(scaled)
     return nearest(shift, factor)
 
 
@@ -281,8 +325,12 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     """Largest Rayleigh quotient [1/s^2] that K gives to a rigid motion of the whole shell: zero but for rounding."""
     fields = six_motions(shell.rest_positions).reshape(-1, 6)
     mass = np.repeat(shell.mass, 3)
+    # Internal unknowns do not take part in rigid motions. Vertices that share an element with a clamped edge do resist.
     stiffness = shell.pattern.matrix(data)
-    return float((np.abs(np.sum(fields * (stiffness @ fields), axis=0)) / (mass @ fields**2)).max())
+    clamped = (3 * shell.held_slopes()[:, None] + np.arange(3)).ravel()
+    forces = stiffness @ fields
+    forces[stiffness[clamped].indices] = 0.0
+    return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
 
 
 def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
@@ -314,17 +362,12 @@ def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]
 def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array:
     """Eigenvalues as twice the strain energy of each mass-normalised mode, summed over elements.
 
-    A sum of squares keeps the digits that ``phi^T K phi`` loses where membrane and bending stiffness are many decades
+    The measures' rates keep the digits that ``phi^T K phi`` loses where membrane and bending stiffness are many decades
     apart.
     """
     values = np.empty_like(approximate)
     step = np.zeros(shell.rest_positions.size)
-    zero = shell.predicted_stresses(shell.rest_positions, np.zeros_like(shell.rest_positions))
     for k in range(modes.shape[1]):
         step[shell.free_unknowns] = modes[:, k]
-        stresses = shell.predicted_stresses(shell.rest_positions, step.reshape(-1, 3))
-        values[k] = sum(
-            float(np.sum((stress - offset)[e.weight != 0] ** 2 / (2.0 * e.weight[e.weight != 0])))
-            for stress, offset, e in zip(stresses, zero, shell.elements, strict=True)
-        )
+        values[k] = 2.0 * shell.linear_energy(shell.rest_positions, step.reshape(-1, 3))
     return values

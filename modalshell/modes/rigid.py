@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
 
-from modalshell.modes.factorisation import Factor, Factoriser
+from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
 from modalshell.shell import Shell
 from modalshell.typing import Array
 
@@ -26,7 +26,7 @@ def rigid_motions(shell: Shell) -> Array:
     """Mass-orthonormal rigid motions (free unknowns, r) compatible with the supports.
 
     Each connected part of the shell has six; held vertices take away those that would move them, so a part held along
-    one straight line keeps one, the turn about that line.
+    one straight line keeps one, the turn about that line, unless an edge on it is clamped.
     """
     positions = shell.rest_positions
     labels = shell.mesh.components
@@ -38,7 +38,7 @@ def rigid_motions(shell: Shell) -> Array:
         if held.any():
             _, values, right = np.linalg.svd(np.linalg.qr(motions[held].reshape(-1, 6), mode="r"))
             rank = int(np.count_nonzero(values > 1e-6 * values[0]))
-            if rank == 6:
+            if rank == 6 or np.isin(shell.held_slopes(), vertices).any():
                 continue
             motions = motions @ right[rank:].T
         whole = np.zeros((positions.shape[0], 3, motions.shape[2]))
@@ -60,7 +60,7 @@ class RigidFreeSolver:
     Parameters
     ----------
     stiffness : csc_array, shape (N, N)
-        Stiffness of the free unknowns.
+        Stiffness of the free unknowns; internal unknowns, without mass, may follow them.
     rigid : ndarray, shape (N, r)
         Mass-orthonormal rigid motions.
     mass : ndarray, shape (N,)
@@ -70,12 +70,14 @@ class RigidFreeSolver:
     def __init__(self, stiffness: sps.csc_array, rigid: Array, mass: Array, backend: str | None = None) -> None:
         self._rigid = rigid
         self._mass = mass
-        self._kept = np.arange(stiffness.shape[0])
+        self._kept = np.arange(mass.size)
+        internal = stiffness.shape[0] - mass.size
         if rigid.shape[1]:
             _, _, order = scipy.linalg.qr(rigid.T, pivoting=True, mode="economic")
             self._kept = np.sort(order[rigid.shape[1] :])
-            stiffness = sps.csc_array(stiffness[self._kept][:, self._kept])
-        self.factor: Factor = Factoriser(backend, use="solve").definite(stiffness)
+            kept = np.concatenate([self._kept, mass.size + np.arange(internal)])
+            stiffness = sps.csc_array(stiffness[kept][:, kept])
+        self.factor: Factor = condensed_factor(Factoriser(backend, use="solve").definite(stiffness), internal)
 
     def solve(self, right_side: Array) -> Array:
         """Solution without rigid part, for (N,) right sides; their rigid part is left out."""

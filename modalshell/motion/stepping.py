@@ -12,6 +12,7 @@ from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import HeldPatch, checked_constraints, held_patches
 from modalshell.errors import OptionError, SupportError
+from modalshell.loads import Load
 from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget, total_load
 from modalshell.motion.supports import Pose, SupportPath
@@ -52,6 +53,7 @@ class Motion:
         dt: float,
         gravity: ArrayLike | None = None,
         force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
         damping: tuple[float, float] = (0.0, 0.0),
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
@@ -60,7 +62,7 @@ class Motion:
         self.dt = checked_step(dt)
         factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
         self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
-        self.load = total_load(model.shell, gravity, force)
+        self.load = total_load(model.shell, gravity, force, loads)
         model.check_step(self.dt, self.damping)
         shell = model.shell
         if supports is not None:
@@ -75,11 +77,8 @@ class Motion:
             model = model.holding(np.concatenate([patch.vertices for patch in self._patches]))
         self.model = model
         self.state = model.start_motion(None if start is None else shell.checked_positions(start))
-        if supports is not None and not model.in_shell_frame:
-            pose = supports.at(0.0)
-            self.state.coordinates = pose.to_world(self.state.coordinates)
-            if self.state.carried is not None:
-                self.state.carried = self.state.carried @ pose.rotation.T
+        if supports is not None:
+            self.state = model.placed(self.state, supports.at(0.0))
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
         self.count, self.unconverged, self.finite = 0, 0, True
@@ -141,9 +140,7 @@ class Motion:
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
         arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals}
         for name, state in self._states().items():
-            arrays[f"{name}_coordinates"], arrays[f"{name}_rates"] = state.coordinates, state.rates
-            if state.carried is not None:
-                arrays[f"{name}_carried"] = state.carried
+            arrays |= {f"{name}_{part}": array for part, array in state.arrays().items()}
         return arrays
 
     def _states(self) -> dict[str, MotionState]:
@@ -156,12 +153,10 @@ class Motion:
         """Go on from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.constraint_residuals = np.array(arrays["constraint_residuals"])
-        states = []
-        for name in self._states():
-            state = MotionState(*(np.array(arrays[f"{name}_{part}"]) for part in ("coordinates", "rates")))
-            if f"{name}_carried" in arrays:
-                state.carried = np.array(arrays[f"{name}_carried"])
-            states.append(state)
+        states = [
+            state.with_arrays({part: np.array(arrays[f"{name}_{part}"]) for part in state.arrays()})
+            for name, state in self._states().items()
+        ]
         self.state, self._before = states[0], states[-1]
 
     def _held_positions(self, time: float, pose: Pose | None) -> Array:

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import final
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from modalshell.models import Equilibrium
+from modalshell.outcome import Outcome
 from modalshell.shell import Shell
 from modalshell.typing import Array
 
 
-@dataclass(frozen=True)
+@final
+@dataclass(frozen=True, kw_only=True)
 class Trajectory:
-    """A simulated motion.
+    """A simulated motion; made by keywords only.
 
     Attributes
     ----------
@@ -22,9 +25,11 @@ class Trajectory:
         Times of the stored frames [s], the start at 0 included.
     positions : ndarray of float64 or float32, shape (F, n, 3)
         Vertex positions [m]; every one finite.
-    status : str
-        "completed", or what went wrong and when. A motion that diverges keeps the frames up to there; one that wound
-        up, cycles, missed its constraints or had steps that did not converge is kept whole.
+    outcome : Outcome
+        How the motion ended, the gravest outcome where several hold; an equilibrium's own for a static answer. A motion
+        that diverges keeps the frames up to there; any other one is kept whole.
+    message : str
+        A sentence that names everything that is wrong, with numbers and times; empty if nothing is.
     unconverged_steps : int
         Steps whose own solver did not converge.
     seconds : float
@@ -42,7 +47,8 @@ class Trajectory:
 
     times: Array
     positions: NDArray[np.floating]
-    status: str
+    outcome: Outcome
+    message: str
     unconverged_steps: int
     seconds: float
     energies: Array = field(default_factory=lambda: np.empty((0, 3)))
@@ -50,19 +56,25 @@ class Trajectory:
     faces: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
     rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
 
+    @property
+    def status(self) -> str:
+        """The outcome as a word or two."""
+        return str(self.outcome)
+
     @classmethod
     def still(cls, answer: Equilibrium, shell: Shell, load: Array, dtype: DTypeLike = np.float64) -> Trajectory:
-        """One frame at time 0: a static answer under ``load`` (n, 3) [N], its status the solver's."""
+        """One frame at time 0: a static answer under ``load`` (n, 3) [N], its outcome the solver's."""
         moved = answer.positions - shell.rest_positions
         energies = [0.0, shell.raw_energy(answer.positions), -float(np.vdot(load, moved))]
         return cls(
-            np.zeros(1),
-            answer.positions[None].astype(dtype),
-            answer.status,
-            int(not answer.converged),
-            answer.seconds,
-            np.array([energies]),
-            answer.constraint_residuals[None],
-            np.asarray(shell.mesh.faces),
-            shell.rest_positions,
+            times=np.zeros(1),
+            positions=answer.positions[None].astype(dtype),
+            outcome=answer.outcome,
+            message=answer.message,
+            unconverged_steps=int(not answer.converged),
+            seconds=answer.seconds,
+            energies=np.array([energies]),
+            constraint_residuals=answer.constraint_residuals[None],
+            faces=np.asarray(shell.mesh.faces),
+            rest_positions=shell.rest_positions,
         )

@@ -75,7 +75,7 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     modes : Basis
         Vibration modes of a shell that its supports hold.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Raises
     ------

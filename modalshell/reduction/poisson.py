@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.modes import Factoriser, available_backends
+from modalshell.modes import Factoriser
 from modalshell.shell import Shell
 from modalshell.typing import Array
 
@@ -25,8 +25,7 @@ class PoissonFit:
     shell : Shell
         The shell.
     backend : str, optional
-        Factorisation to use; see :func:`modalshell.modes.available_backends`. CHOLMOD if present, else SuperLU, without
-        it.
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Attributes
     ----------
@@ -63,10 +62,8 @@ class PoissonFit:
         self.frames = np.stack([along, across, mesh.face_normals], axis=1)
         height, foot = np.einsum("ti,ti->t", second, across), np.einsum("ti,ti->t", second, along)
         self.sides = np.column_stack([height, foot, length])
-        # With three right sides a frame PARDISO takes six times as long as SuperLU.
-        chosen = backend or next(name for name in available_backends("solve") if name != "pardiso")
-        self.factor = Factoriser(chosen, use="solve").definite(self._laplacian())
-        self._made_from = shell, chosen
+        self.factor = Factoriser(backend, use="solve").definite(self._laplacian())
+        self._made_from = shell, backend
 
     def __reduce__(self) -> tuple[Any, ...]:  # a factor cannot be copied: a copy factorises again
         return PoissonFit, self._made_from

@@ -8,13 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_precision, shown
+from modalshell.checks import checked_count, checked_kind, checked_precision, shown
 from modalshell.errors import OptionError
 from modalshell.kernels.frame import TILE, WORK, warp_frame, warp_frame_parallel
 from modalshell.modes import Basis
 from modalshell.sharing import PerThread
 
 _ALIGNMENT = 64
+"""Bytes to which the data are aligned: a cache line."""
+MOST_THREADS = 1024
+"""Parts that a frame may be cut into."""
 
 
 class WarpFrame:
@@ -46,8 +49,9 @@ class WarpFrame:
     """
 
     def __init__(self, basis: Basis, *, dtype: DTypeLike = np.float64, threads: int = 1) -> None:
+        checked_kind("basis", basis, Basis)
         self.dtype = checked_precision(dtype)
-        self.threads = checked_count("threads", threads)
+        self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
         self.count = basis.count
         points = basis.shell.rest_positions
         self.vertices = len(points)

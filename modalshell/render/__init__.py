@@ -1,14 +1,13 @@
-"""Pictures and films of shells, drawn by PyVista where OpenGL works and by matplotlib everywhere else.
+"""Pictures and films of shells, drawn by PyVista where OpenGL works and by the built-in rasteriser everywhere else.
 
-Importing this package imports neither library: both are loaded when something is drawn.
+Importing this package imports neither PyVista nor matplotlib: they are loaded when something is drawn.
 """
 
 from modalshell.render.backend import choose_backend
 from modalshell.render.camera import look_at
-from modalshell.render.film import write_film, write_scene_film
-from modalshell.render.scene import ShadedSurface, View
-from modalshell.render.stream import draw_surface, write_streamed_film
-from modalshell.render.views import draw_views
+from modalshell.render.content import ShadedSurface, View
+from modalshell.render.film import write_film
+from modalshell.render.views import draw_surface, draw_views
 
 __all__ = [
     "ShadedSurface",
@@ -18,6 +17,4 @@ __all__ = [
     "draw_views",
     "look_at",
     "write_film",
-    "write_scene_film",
-    "write_streamed_film",
 ]

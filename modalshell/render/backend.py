@@ -9,17 +9,21 @@ import sys
 import threading
 import warnings
 from collections.abc import Sequence
-from typing import Literal, cast
+from functools import cache
+from typing import Literal
 
 from modalshell.errors import ModalShellWarning, OptionError
 
-Backend = Literal["pyvista", "matplotlib"]
+Backend = Literal["pyvista", "built-in"]
+_NAMES: dict[str, Backend] = {"pyvista": "pyvista", "built-in": "built-in", "matplotlib": "built-in"}
+"""Values of the environment variable; earlier versions called the built-in rasteriser by the last."""
 
 RENDERER_VARIABLE = "MODALSHELL_RENDERER"
 WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 APT_LINE = "apt-get install libegl1 libgl1-mesa-dri"
 INSTALL_LINE = "pip install 'modalshell[vtk]'"
 PROBE_SECONDS = 60.0
+"""Longest wait for a probe [s]."""
 
 _PROBE = """
 try:
@@ -45,15 +49,16 @@ plotter.close()
 print("modalshell-probe", "ok" if shown else "unseen")
 """
 _lock = threading.Lock()
+_told: set[tuple[str, ...]] = set()
+"""Commands whose failure was warned of."""
 
 
 def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float = PROBE_SECONDS) -> Backend:
     """
-    Name the library that draws on this machine.
+    Name what draws on this machine; the answer is found once a process.
 
-    The answer is kept in the environment variable ``MODALSHELL_RENDERER``, so that neither this process nor its
-    children probe again; a user who sets it to ``pyvista`` or ``matplotlib`` skips the probe. Where only one kind of
-    off-screen window works, ``VTK_DEFAULT_OPENGL_WINDOW`` is set to it.
+    The environment variable ``MODALSHELL_RENDERER`` (``pyvista`` or ``built-in``) skips the probe. Where only one kind
+    of off-screen window works, ``VTK_DEFAULT_OPENGL_WINDOW`` is set to it, because VTK reads it there.
 
     Parameters
     ----------
@@ -66,38 +71,47 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
     Returns
     -------
     str
-        ``"pyvista"`` or ``"matplotlib"``.
+        ``"pyvista"``, or ``"built-in"`` for the built-in rasteriser.
     """
+    named = os.environ.get(RENDERER_VARIABLE, "")
+    if named:
+        if named not in _NAMES:
+            raise OptionError(
+                f"{RENDERER_VARIABLE} must be 'pyvista' or 'built-in' (got {named!r}); unset it to let "
+                "modalshell find out which of them draws here"
+            )
+        return _NAMES[named]
+    if not vtk_installed():
+        return "built-in"
+    command = PROBE_COMMAND if probe_command is None else tuple(probe_command)
     with _lock:
-        named = os.environ.get(RENDERER_VARIABLE, "")
-        if named:
-            if named not in ("pyvista", "matplotlib"):
-                raise OptionError(
-                    f"{RENDERER_VARIABLE} must be 'pyvista' or 'matplotlib' (got {named!r}); unset it to let "
-                    "modalshell find out which of them draws here"
-                )
-            return cast(Backend, named)
-        if not vtk_installed():
-            return "matplotlib"
-        if not os.environ.get(WINDOW_VARIABLE, "unset"):
-            # VTK takes an empty value for the name of a window, finds none and crashes.
-            del os.environ[WINDOW_VARIABLE]
-        command = PROBE_COMMAND if probe_command is None else tuple(probe_command)
-        for window in _window_candidates():
-            if _renders(command, window, timeout):
-                if window is not None:
-                    os.environ[WINDOW_VARIABLE] = window
-                os.environ[RENDERER_VARIABLE] = "pyvista"
-                return "pyvista"
-        # Set before the warning, which a caller may have turned into an error: the next call must not probe again.
-        os.environ[RENDERER_VARIABLE] = "matplotlib"
-    warnings.warn(
-        "PyVista renders nothing on this machine (no OpenGL), so shapes are drawn by matplotlib: slower and plainer. "
-        f"On Debian or Ubuntu this mends it: {APT_LINE}",
-        ModalShellWarning,
-        stacklevel=2,
-    )
-    return "matplotlib"
+        renders, window = _probe(command, timeout)
+        first = command not in _told
+        _told.add(command)
+    if renders:
+        if window is not None:
+            os.environ[WINDOW_VARIABLE] = window
+        return "pyvista"
+    if first:
+        warnings.warn(
+            "PyVista renders nothing on this machine (no OpenGL), so the built-in rasteriser draws: slower and "
+            f"plainer. On Debian or Ubuntu this mends it: {APT_LINE}",
+            ModalShellWarning,
+            stacklevel=2,
+        )
+    return "built-in"
+
+
+@cache
+def _probe(command: tuple[str, ...], timeout: float) -> tuple[bool, str | None]:
+    """Whether PyVista renders, and the off-screen window that it needs; None leaves that to VTK."""
+    if not os.environ.get(WINDOW_VARIABLE, "unset"):
+        # VTK takes an empty value for the name of a window, finds none and crashes.
+        del os.environ[WINDOW_VARIABLE]
+    for window in _window_candidates():
+        if _renders(command, window, timeout):
+            return True, window
+    return False, None
 
 
 def vtk_installed() -> bool:

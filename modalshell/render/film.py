@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.errors import OptionError
-from modalshell.render.camera import frame_points
+from modalshell.render.camera import Camera, frame_points
 from modalshell.render.compose import Page, paste
-from modalshell.render.open_painter import open_painter
-from modalshell.render.scene import (
+from modalshell.render.content import (
     DEFAULT_CAMERA,
-    Color,
     ShadedSurface,
     checked_direction,
     checked_path,
     checked_positions,
     checked_size,
 )
+from modalshell.render.open_painter import open_painter
+from modalshell.render.surfaces import scalar_colors
+from modalshell.typing import Progress
 
 RATE_FACTOR = 18
 """H.264's constant rate factor where nothing is said about a film's size: higher is smaller and coarser."""
@@ -30,50 +32,51 @@ RATE_FACTOR = 18
 
 def write_film(
     path: str | Path,
-    frames_positions: ArrayLike,
-    faces: ArrayLike,
+    surfaces: Sequence[ShadedSurface],
+    motions: Sequence[ArrayLike | Iterable[ArrayLike] | None],
     *,
+    total: int | None = None,
     fps: float = 30.0,
-    color: Color = "#8fb3d9",
     size: tuple[int, int] = (960, 720),
-    rest: ArrayLike | None = None,
     title: str | None = None,
-    camera: tuple[float, float, float] = DEFAULT_CAMERA,
+    camera: tuple[float, float, float] | Camera = DEFAULT_CAMERA,
     zoom: float = 1.0,
     parallel: bool = False,
-    smooth: bool = False,
-    edges: bool = False,
-    on_frame: Callable[[int, int], None] | None = None,
+    colormap: str = "viridis",
+    rate_factor: int = RATE_FACTOR,
+    on_frame: Progress | None = None,
 ) -> Path:
     """
-    Write a film of one moving surface.
+    Write a film of surfaces, moving or not.
 
     Parameters
     ----------
     path : str or Path
         File to write, ending in ``.mp4``; it appears only when the film is complete.
-    frames_positions : array_like, shape (F, n, 3)
-        Positions in each frame [m].
-    faces : array_like of int, shape (T, 3)
-        Triangles.
+    surfaces : sequence of ShadedSurface
+        What is seen; scalars, if any, are coloured from their least to their largest.
+    motions : sequence of array_like, iterable or None
+        For each surface its positions in every frame, shape (F, n, 3) [m], or None where it stands still. With `total`
+        an iterable of positions (n, 3) serves too, of which one frame is held at a time.
+    total : int, optional
+        Number of frames, where motions are iterables.
     fps : float
         Frames per second.
-    color : str or tuple of float
-        Colour of the surface.
     size : tuple of int
         Width and height, both even [pixels].
-    rest : array_like, shape (n, 3), optional
-        Rest positions, drawn as a pale outline [m].
     title : str, optional
         Text above the picture.
-    camera : tuple of float
-        Direction from target to camera; the framing holds the whole motion.
+    camera : tuple of float or Camera
+        Direction from target to camera, the framing holding the whole motion; or a camera that stands somewhere (see
+        `look_at`), which iterables need.
     zoom : float
-        Magnification over this framing.
+        Magnification over the framing.
     parallel : bool
-        Parallel instead of perspective projection.
-    smooth, edges : bool
-        As in `ShadedSurface`.
+        Parallel instead of perspective projection of the framing.
+    colormap : str
+        Matplotlib colour map for scalars.
+    rate_factor : int
+        H.264's constant rate factor: higher makes a smaller and coarser film.
     on_frame : callable, optional
         Called as ``on_frame(done, total)`` after each frame; what it raises ends the film and leaves no file.
 
@@ -81,63 +84,14 @@ def write_film(
     -------
     Path
         The file written.
-    """
-    positions = checked_positions(frames_positions, "frames_positions", frames=True)
-    surfaces = [ShadedSurface(positions[0], faces, color, smooth=smooth, edges=edges)]
-    motions: list[ArrayLike | None] = [positions]
-    if rest is not None:
-        outline = checked_positions(rest, "rest")
-        if outline.shape != positions.shape[1:]:
-            raise OptionError(f"rest must have shape {positions.shape[1:]}, as each frame (got {outline.shape})")
-        surfaces.append(ShadedSurface(outline, faces, "0.55", opacity=0.6, style="outline"))
-        motions.append(None)
-    return write_scene_film(
-        path, surfaces, motions, fps=fps, size=size, title=title, camera=camera, zoom=zoom, parallel=parallel,
-        on_frame=on_frame,
-    )  # fmt: skip
 
-
-def write_scene_film(
-    path: str | Path,
-    surfaces: Sequence[ShadedSurface],
-    motions: Sequence[ArrayLike | None],
-    *,
-    fps: float = 30.0,
-    size: tuple[int, int] = (960, 720),
-    title: str | None = None,
-    camera: tuple[float, float, float] = DEFAULT_CAMERA,
-    zoom: float = 1.0,
-    parallel: bool = False,
-    on_frame: Callable[[int, int], None] | None = None,
-) -> Path:
-    """
-    Write a film of several surfaces, moving or not; the parameters not named here are those of `write_film`.
-
-    Parameters
-    ----------
-    path : str or Path
-        File to write, ending in ``.mp4``.
-    surfaces : sequence of ShadedSurface
-        What is seen.
-    motions : sequence of array_like or None
-        For each surface its positions in every frame, shape (F, n, 3) [m], or None where it stands still.
-
-    Returns
-    -------
-    Path
-        The file written.
+    Raises
+    ------
+    OptionError
+        For motions that fit neither the surfaces nor one another, and options out of range.
     """
     shown = list(surfaces)
-    moves = [None if motion is None else checked_positions(motion, "motions", frames=True) for motion in motions]
-    counts = {len(motion) for motion in moves if motion is not None}
-    if len(moves) != len(shown) or len(counts) != 1:
-        raise OptionError(
-            f"motions must hold one entry a surface, all of the same number of frames (got {len(moves)} for "
-            f"{len(shown)} surfaces, with {sorted(counts)} frames)"
-        )
-    for surface, motion in zip(shown, moves, strict=True):
-        if motion is not None and motion.shape[1:] != np.shape(surface.vertices):
-            raise OptionError(f"a surface of {len(np.asarray(surface.vertices))} vertices moves by {motion.shape}")
+    moves, count = (list(motions), total) if total is not None else _checked_motions(shown, motions)
     size = checked_size(size, even=True)
     if not (math.isfinite(fps) and 0.0 < fps <= 1000.0):
         raise OptionError(f"fps must lie in (0, 1000] (got {fps!r})")
@@ -145,38 +99,64 @@ def write_scene_film(
         raise OptionError(f"zoom must be a positive number (got {zoom!r})")
     target = checked_path(path, ".mp4")
     page = Page(size, [(title, None)], 1)
-    seen = [
-        np.asarray(surface.vertices) if motion is None else motion.reshape(-1, 3)
-        for surface, motion in zip(shown, moves, strict=True)
-    ]
-    aspect = page.cell[0] / page.cell[1]
-    view = frame_points(np.concatenate(seen), checked_direction(camera), aspect, zoom=zoom, parallel=parallel)
-    total = counts.pop()
+    if isinstance(camera, Camera):
+        view = camera
+    elif total is not None:
+        raise OptionError("frames that come one by one cannot be framed before they are drawn: place a camera, look_at")
+    else:
+        seen = [
+            np.asarray(surface.vertices if motion is None else motion, dtype=np.float64).reshape(-1, 3)
+            for surface, motion in zip(shown, moves, strict=True)
+        ]
+        aspect = page.cell[0] / page.cell[1]
+        view = frame_points(np.concatenate(seen), checked_direction(camera), aspect, zoom=zoom, parallel=parallel)
+    colors = scalar_colors(shown, colormap)
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
-        blank = np.full((page.cell[1], page.cell[0], 3), 255, dtype=np.uint8)
-        canvas = page.paint([blank])
+        canvas = page.paint([np.full((page.cell[1], page.cell[0], 3), 255, dtype=np.uint8)])
+        moving: dict[int, Iterator[ArrayLike]] = {
+            index: iter(cast("Iterable[ArrayLike]", motion)) for index, motion in enumerate(moves) if motion is not None
+        }
         with open_painter(page.cell) as painter:
-            painter.start(shown, view, None)
-            for frame in range(total):
-                for index, motion in enumerate(moves):
-                    if motion is not None:
-                        painter.move(index, motion[frame])
+            painter.start(shown, view, colors)
+            for _ in range(count):
+                for index, frames in moving.items():
+                    painter.move(index, checked_positions(next(frames), "motions"))
                 paste(canvas, page.corners[0], painter.image())
                 yield canvas
 
-    encode(target, pictures(), size, fps, total, on_frame)
+    _encode(target, pictures(), size, fps, count, on_frame, rate_factor)
     return target
 
 
-def encode(
+def _checked_motions(
+    surfaces: Sequence[ShadedSurface], motions: Sequence[ArrayLike | Iterable[ArrayLike] | None]
+) -> tuple[list[NDArray[np.float64] | None], int]:
+    """Motions as arrays (F, n, 3) that fit their surfaces, and their number of frames."""
+    moves = [
+        None if motion is None else checked_positions(cast(ArrayLike, motion), "motions", frames=True)
+        for motion in motions
+    ]
+    counts = {len(motion) for motion in moves if motion is not None}
+    if len(moves) != len(surfaces) or len(counts) != 1:
+        raise OptionError(
+            f"motions must hold one entry a surface, all of the same number of frames (got {len(moves)} for "
+            f"{len(surfaces)} surfaces, with {sorted(counts)} frames)"
+        )
+    for surface, motion in zip(surfaces, moves, strict=True):
+        if motion is not None and motion.shape[1:] != np.shape(surface.vertices):
+            raise OptionError(f"a surface of {len(np.asarray(surface.vertices))} vertices moves by {motion.shape}")
+    return moves, counts.pop()
+
+
+def _encode(
     target: Path,
     pictures: Iterator[NDArray[np.uint8]],
     size: tuple[int, int],
     fps: float,
     total: int,
-    on_frame: Callable[[int, int], None] | None,
-    rate_factor: int = RATE_FACTOR,
+    on_frame: Progress | None,
+    rate_factor: int,
 ) -> None:
     """Send pictures to ffmpeg, under a temporary name until the last one is in."""
     import imageio_ffmpeg

@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from modalshell.render.scene import Color, ShadedSurface
+from modalshell.render.content import Color, ShadedSurface
 
 # Vertices (n, 3) [m] and faces (T, 3).
-Shape = tuple[NDArray[np.float64], NDArray[np.int64]]
+GlyphMesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 AXIS_COLORS: tuple[Color, Color, Color] = ("#d62728", "#2ca02c", "#1f5fd0")
 """Red x, green y, blue z."""
 
 
-def sphere(center: ArrayLike, radius: float, *, detail: int = 2) -> Shape:
+def sphere(center: ArrayLike, radius: float, *, detail: int = 2) -> GlyphMesh:
     """Sphere of `radius` [m] from an icosahedron whose triangles are split in four `detail` times."""
     from trimesh import creation
 
@@ -26,7 +26,7 @@ def sphere(center: ArrayLike, radius: float, *, detail: int = 2) -> Shape:
     return np.asarray(ball.vertices + np.asarray(center)), np.asarray(ball.faces, dtype=np.int64)
 
 
-def rod(start: ArrayLike, end: ArrayLike, radii: tuple[float, float], *, sections: int = 16) -> Shape:
+def rod(start: ArrayLike, end: ArrayLike, radii: tuple[float, float], *, sections: int = 16) -> GlyphMesh:
     """Round rod from `start` to `end`, with a radius [m] and a rounded cap at each."""
     from trimesh import creation
 
@@ -38,7 +38,7 @@ def rod(start: ArrayLike, end: ArrayLike, radii: tuple[float, float], *, section
     return _placed(creation.revolve(_closed(np.vstack([low, high])), sections=sections), first, last - first)
 
 
-def arrow(start: ArrayLike, end: ArrayLike, radius: float) -> Shape:
+def arrow(start: ArrayLike, end: ArrayLike, radius: float) -> GlyphMesh:
     """Arrow from `start` to `end`: a shaft of `radius` [m] and a cone three times as thick."""
     from trimesh import creation
 
@@ -60,7 +60,7 @@ def axes(origin: ArrayLike, rotation_vector: ArrayLike, length: float, *, opacit
     ]
 
 
-def joined(shapes: Sequence[Shape]) -> Shape:
+def joined(shapes: Sequence[GlyphMesh]) -> GlyphMesh:
     """Several shapes as one."""
     starts = np.cumsum([0, *(len(vertices) for vertices, _ in shapes)])
     faces = [faces + start for (_, faces), start in zip(shapes, starts, strict=False)]
@@ -73,7 +73,7 @@ def _closed(outline: NDArray[np.float64]) -> NDArray[np.float64]:
     return outline
 
 
-def _placed(mesh: Any, start: NDArray[np.float64], direction: NDArray[np.float64]) -> Shape:
+def _placed(mesh: Any, start: NDArray[np.float64], direction: NDArray[np.float64]) -> GlyphMesh:
     """A shape along +z turned into `direction` and moved to `start`."""
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces, dtype=np.int64)
     if np.linalg.norm(direction) > 0.0:

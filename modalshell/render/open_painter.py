@@ -12,6 +12,6 @@ def open_painter(size: tuple[int, int]) -> Painter:
         from modalshell.render.pyvista_painter import PyvistaPainter
 
         return PyvistaPainter(size)
-    from modalshell.render.fallback import MatplotlibPainter
+    from modalshell.render.rasteriser_painter import RasteriserPainter
 
-    return MatplotlibPainter(size)
+    return RasteriserPainter(size)

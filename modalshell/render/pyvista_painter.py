@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Self
@@ -11,16 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
+from modalshell.render.content import ShadedSurface
 from modalshell.render.painter import (
-    LIGHTS,
     LINE_WIDTH,
     MESH_LINE_WIDTH,
     SUPERSAMPLING,
     line_opacity,
-    reflectance,
     shrink,
 )
-from modalshell.render.scene import ShadedSurface
+from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
 from modalshell.render.surfaces import EdgeTable, ScalarColors, line_color, vertex_colors, vertex_normals
 
 
@@ -35,21 +33,10 @@ class PyvistaPainter:
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
-        import importlib
-
-        # Loaded as Any: PyVista's own annotations differ between its releases.
-        pyvista: Any = importlib.import_module("pyvista")
-        self._pyvista = pyvista
         window = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
-        # A theme of its own, so that a user's global theme changes no figure.
-        theme = pyvista.themes.DocumentTheme()
-        self._plotter: Any = pyvista.Plotter(off_screen=True, window_size=window, lighting="none", theme=theme)
-        self._plotter.set_background("white")
+        self._pyvista, self._plotter = open_plotter(window, off_screen=True)
         # With multisampling on, depth peeling gives a blank picture under Mesa's EGL; supersampling needs none.
         self._plotter.disable_anti_aliasing()
-        for direction, power in LIGHTS:
-            light = pyvista.Light(position=direction, intensity=power, light_type="camera light")
-            self._plotter.add_light(light)
         self._shown: list[_Shown] = []
         self._camera: Camera | None = None
 
@@ -63,14 +50,7 @@ class PyvistaPainter:
             plotter.enable_depth_peeling(number_of_peels=8)
         else:
             plotter.disable_depth_peeling()
-        plotter.camera_position = [camera.position, camera.target, camera.axes[1]]
-        view = plotter.camera
-        if camera.parallel:
-            view.enable_parallel_projection()
-            view.parallel_scale = camera.distance * camera.slope
-        else:
-            view.disable_parallel_projection()
-            view.view_angle = math.degrees(2.0 * math.atan(camera.slope))
+        set_camera(plotter, camera)
 
     def move(self, index: int, vertices: NDArray[np.float64]) -> None:
         """Move the vertices (n, 3) of one surface, keeping its triangles."""
@@ -91,8 +71,7 @@ class PyvistaPainter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the plotter, which frees its OpenGL window."""
-        self._plotter.close()
-        self._plotter.deep_clean()
+        close_plotter(self._plotter)
 
 
 class _Shown:
@@ -108,27 +87,21 @@ class _Shown:
         if surface.style == "surface":
             self._mesh = pyvista.PolyData.from_regular_faces(vertices, self._faces)
             self._mesh.point_data["colors"] = np.round(255.0 * vertex_colors(surface, scalar_colors)).astype(np.uint8)
-            ambient, diffuse = reflectance(surface)
-            actor = plotter.add_mesh(
+            actor = add_faces(
+                plotter,
                 self._mesh,
+                surface,
                 scalars="colors",
                 rgb=True,
                 opacity=surface.opacity,
                 show_edges=surface.edges,
                 edge_color=tuple(line_color(surface)),
                 line_width=MESH_LINE_WIDTH * SUPERSAMPLING,
-                ambient=ambient,
-                diffuse=diffuse,
-                specular=0.0,
                 smooth_shading=False,
                 reset_camera=False,
-                copy_mesh=False,
             )
             if surface.smooth:
                 actor.prop.interpolation = "Phong"
-            # Faces step back a little so that lines on them are never half hidden.
-            actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
-            actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 1.0)
         if surface.style == "surface" and not surface.lined:
             self.move(vertices, camera)
             return

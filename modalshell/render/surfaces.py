@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalshell.checks import shown
 from modalshell.errors import OptionError
 from modalshell.render.camera import Camera
-from modalshell.render.scene import ShadedSurface, rgb
+from modalshell.render.content import ShadedSurface, rgb
 
 # Neighbouring faces whose normals differ by more than this at the start meet in a line that is drawn.
 CREASE_ANGLE = math.radians(25.0)

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
-from modalshell.render.camera import camera_axes, frame_points
+from modalshell.render.camera import Camera, camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
+from modalshell.render.content import ShadedSurface, View, checked_path, checked_size, rgb
 from modalshell.render.open_painter import open_painter
-from modalshell.render.scene import View, checked_path, checked_size, rgb
 from modalshell.render.surfaces import scalar_colors
 
 
@@ -93,6 +93,17 @@ def draw_views(
             painter.start(view.surfaces, camera, colors)
             images.append(painter.image())
     save_picture(page.paint(images), target)
+    return target
+
+
+def draw_surface(
+    path: str | Path, surface: ShadedSurface, camera: Camera, *, size: tuple[int, int], colormap: str = "viridis"
+) -> Path:
+    """Draw a surface as a placed camera sees it (see `look_at`) into a PNG file, as a frame of a film."""
+    target, size = checked_path(path, ".png"), checked_size(size)
+    with open_painter(size) as painter:
+        painter.start([surface], camera, scalar_colors([surface], colormap))
+        save_picture(painter.image(), target)
     return target
 
 

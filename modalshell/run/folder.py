@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
 from llvmlite.binding import get_host_cpu_name
 
-from modalshell.modes import available_backends
 from modalshell.provenance import run_record
+from modalshell.reading import open_regular
 from modalshell.scene import Scene
 from modalshell.shell import Shell
 
@@ -22,13 +23,30 @@ def run_identity(scene: Scene, shell: Shell) -> dict[str, str]:
     mesh = shell.mesh.vertices.tobytes() + np.asarray(shell.mesh.faces, dtype="<i8").tobytes()
     identity = {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(mesh).hexdigest()}
     identity |= {f"{name} version": str(version) for name, version in run_record({})["versions"].items()}
-    return identity | {"factorisation": ", ".join(available_backends()), "processor": str(get_host_cpu_name())}
+    return identity | {"processor": str(get_host_cpu_name())}
+
+
+def result_digest(folder: Path, name: str, kind: str) -> str:
+    """SHA-256 of the file ``NAME.KIND``, and of the frames that a ``.pvd`` file names; "" where it is missing."""
+    whole = hashlib.sha256()
+    try:
+        for path in (folder / f"{name}.{kind}", *(sorted((folder / f"{name}_frames").glob("*")) * (kind == "pvd"))):
+            with open_regular(path) as file:
+                whole.update(f"{path.name} {path.stat().st_size}\n".encode())
+                while block := file.read(1 << 20):
+                    whole.update(block)
+    except OSError:
+        return ""
+    return whole.hexdigest()
 
 
 def remove_leftovers(folder: Path, name: str) -> None:
-    """Delete what killed processes had begun to write."""
-    for path in folder.glob(f".{name}.*.part*"):
-        if path.is_dir():
+    """Delete what killed processes had begun to write: names that :func:`modalshell.atomic_io.replacing` makes."""
+    ours = re.compile(rf"\.{re.escape(name)}\.\d+\.part(_frames|ial)?(\.\w+)?")
+    for path in folder.iterdir():
+        if not ours.fullmatch(path.name):
+            continue
+        if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path)
         else:
             path.unlink(missing_ok=True)

@@ -6,14 +6,16 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.atomic_io import read_record
 from modalshell.checks import checked_number
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
+from modalshell.outcome import Outcome, read_outcome
 from modalshell.run.frame_reader import FrameReader
 from modalshell.scene import load_scene
 from modalshell.typing import Array
@@ -21,6 +23,9 @@ from modalshell.typing import Array
 _FRAMES = ".frames"
 _PAUSE = 0.05
 """Wall time [s] between two looks while there is nothing to show yet."""
+
+State = Literal["waiting", "running", "stopped", "running or stopped", "finished"]
+_STATES: dict[bool | None, State] = {True: "running", False: "stopped", None: "running or stopped"}
 
 
 class RunFollower:
@@ -42,8 +47,10 @@ class RunFollower:
     state : str
         "waiting" for a first frame, "running", "stopped" (no process is at work on it, its results are missing),
         "finished", or "running or stopped" where the system cannot tell.
-    outcome : str
-        The finished run's own status, such as "completed".
+    outcome : Outcome or None
+        The finished run's own, such as "completed"; "stopped" of a stopped one; None before.
+    message : str
+        The finished run's own sentence about what is wrong; "" if nothing is.
     index, time, positions
         Number of the newest frame, its time [s] and positions (n, 3) [m].
     rest_positions, faces, held, gravity
@@ -68,7 +75,9 @@ class RunFollower:
         self._reader: FrameReader | None = None
         self._generation: object = None
         self._identity: dict[str, Any] = {}
-        self.name, self.state, self.outcome = "", "waiting", ""
+        self.name, self.message = "", ""
+        self.state: State = "waiting"
+        self.outcome: Outcome | None = None
         self.index, self.time, self.restarts = -1, 0.0, 0
         self.positions, self.rest_positions, self.gravity = np.empty((0, 3)), np.empty((0, 3)), np.zeros(3)
         self.faces, self.held = np.empty((0, 3), np.int64), np.empty(0, bool)
@@ -106,7 +115,9 @@ class RunFollower:
         """One line: name, frame, time, state."""
         if self.index < 0:
             return f"{self.name or self._given}; {self.state}"
-        state = f"{self.state}: {self.outcome}" if self.state == "finished" else self.state
+        state: str = self.state
+        if state == "finished" and self.outcome is not None:
+            state += f": {self.outcome.with_message(self.message)}"
         parts = [self.name, f"frame {self.index}", f"t = {self.time:.6g} s", state]
         return "; ".join([*parts, "restarted"] if self.restarts else parts)
 
@@ -129,11 +140,16 @@ class RunFollower:
         if self.index < 0 or self._reader.index < 0:  # at work, if at all, on what comes before the first frame
             self.state = "waiting"
         else:
-            self.state = {True: "running", False: "stopped", None: "running or stopped"}[held]
+            self.state = _STATES[held]
+        self.outcome = Outcome.STOPPED if self.state == "stopped" else None
 
     def _take_newest(self, reader: FrameReader) -> None:
         if not reader.read_newest():
             return
+        if fault := _fault(reader.constants, reader.record):
+            raise FileFormatError(
+                f"{self._path or self._given} holds no frames of a shell's run ({fault}); name another run"
+            )
         if reader.generation != self._generation:
             self._begin(reader.generation, reader.identity)
             self._take_shell(**reader.constants)
@@ -143,13 +159,17 @@ class RunFollower:
         """Without a file of frames the run is finished, or not begun, or somebody has deleted what it stored."""
         record = _record(path.with_suffix(".json"))
         if record is not None and self.index >= 0 and _same(record["identity"], self._identity):
-            self.state, self.outcome = "finished", str(record.get("status"))
+            self._finish(record)
         elif self._reader is not None and self._reader.index >= 0 and self._reader.is_held():
             self.state = "running"
         elif record is not None and self._take_results(path.with_suffix(".npz"), record["identity"]):
-            self.state, self.outcome = "finished", str(record.get("status"))
+            self._finish(record)
         elif self.index >= 0:
-            self.state = "stopped"
+            self.state, self.outcome = "stopped", Outcome.STOPPED
+
+    def _finish(self, record: dict[str, Any]) -> None:
+        self.state = "finished"
+        self.outcome, self.message = read_outcome(str(record.get("status")), record.get("message"))
 
     def _take_results(self, path: Path, identity: dict[str, Any]) -> bool:
         try:
@@ -193,6 +213,31 @@ class RunFollower:
             )
         if self._path is not None:
             self.name = self._path.stem
+
+
+def _fault(constants: dict[str, NDArray[Any]], record: Any) -> str:
+    """What keeps arrays of sound checksums from being a shell and a frame of it, in words; "" if nothing does."""
+    names = {"rest_positions": "f", "faces": "i", "held": "b", "gravity": "f"}
+    if constants.keys() != names.keys() or any(constants[name].dtype.kind != kind for name, kind in names.items()):
+        return f"its shell must be arrays named {', '.join(names)}"
+    count, triangles = (next(iter(constants[name].shape), 0) for name in ("rest_positions", "faces"))
+    shapes = {"rest_positions": (count, 3), "faces": (triangles, 3), "held": (count,), "gravity": (3,)}
+    for name, shape in shapes.items():
+        if constants[name].shape != shape or not np.isfinite(constants[name]).all():
+            return f"{name} must be finite and of shape {shape}"
+    faces = constants["faces"]
+    if faces.size and not (faces.min() >= 0 and faces.max() < count):
+        return f"faces must name vertices 0 to {count - 1}"
+    if not {"time", "positions"} <= set(record.dtype.names or ()) or record["positions"].shape != (count, 3):
+        return f"a frame must have a time and positions of shape {(count, 3)}"
+    kinds = {record["time"].dtype.kind, record["positions"].dtype.kind}
+    if (
+        kinds != {"f"}
+        or record["time"].shape
+        or not (np.isfinite(record["time"]) and np.isfinite(record["positions"]).all())
+    ):
+        return "a frame's time and positions must be finite numbers"
+    return ""
 
 
 def _only_run(folder: Path) -> str | None:

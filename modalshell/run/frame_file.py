@@ -18,11 +18,13 @@ from numpy.typing import NDArray
 
 from modalshell.atomic_io import make_folder
 from modalshell.errors import OptionError
-from modalshell.lock import hold
+from modalshell.lock import acquire_lock
 
 MAGIC = b"modalshell frames 2\n"
 ALIGNMENT = 64
+"""Bytes to which records are aligned, so that frames can be mapped."""
 CHECKSUM_BYTES = 4
+"""Bytes of a record's CRC-32."""
 CONSTANTS, LINE_CHECKSUM = "constants", "line checksum"
 _CHECKSUM = "checksum"
 
@@ -52,7 +54,7 @@ class FrameFile:
         self._header = b""
         self._dtype = np.dtype([])
         make_folder(path.parent)
-        self._descriptor = hold(path)
+        self._descriptor = acquire_lock(path)
 
     def __enter__(self) -> FrameFile:
         return self
@@ -90,7 +92,7 @@ class FrameFile:
             If the file belongs to another run, or its header is damaged; it is left as it is.
         """
         self._dtype = record_dtype(fields)
-        whole_identity = identity | {"record": repr(fields)}
+        whole_identity = identity | {"record": json.dumps(fields)}
         self._header = _header(whole_identity, constants or {})
         if restart:
             os.ftruncate(self._descriptor, 0)
@@ -163,8 +165,11 @@ class FrameFile:
     def _write(self, place: int, data: bytes) -> None:
         os.lseek(self._descriptor, place, os.SEEK_SET)
         left = memoryview(data)
-        while left:
-            left = left[os.write(self._descriptor, left) :]
+        try:
+            while left:
+                left = left[os.write(self._descriptor, left) :]
+        except OSError as error:  # a full disk: the system does not say of which file
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
 
 
 def record_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import math
 import os
@@ -14,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.lock import is_held
+from modalshell.lock import is_locked
+from modalshell.reading import open_regular
 from modalshell.run.frame_file import (
     ALIGNMENT,
     CHECKSUM_BYTES,
@@ -28,7 +28,10 @@ from modalshell.run.frame_file import (
 
 _LINE_LIMIT = 1 << 20
 """Length [bytes] beyond which no header's line is looked for."""
+_LOOK_BACK = 10_000
+"""Records, from the end on, among which a sound one is looked for: a killed process leaves one that is not."""
 _TRIES = 3
+"""Times that a record is read again while it is being written."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +75,8 @@ class FrameReader:
     """
 
     def __init__(self, path: Path) -> None:
-        self._descriptor = os.open(path, os.O_RDONLY)
+        with open_regular(path) as file:
+            self._descriptor = os.dup(file.fileno())
         self._header: _Header | None = None
         self._seen: object = None
         self.index = -1
@@ -87,7 +91,7 @@ class FrameReader:
 
     def is_held(self) -> bool | None:
         """Whether a process is at work on the file; None where the system cannot tell."""
-        return is_held(self._descriptor)
+        return is_locked(self._descriptor)
 
     def is_file(self, path: Path) -> bool:
         """Whether ``path`` is the file that is open here, and not another of its name."""
@@ -141,11 +145,16 @@ class FrameReader:
             layout = identity.pop(CONSTANTS)
             arrays = [(name, np.dtype(kind), tuple(shape)) for name, kind, shape in layout["arrays"]]
             sizes = [kind.itemsize * math.prod(shape) for _, kind, shape in arrays]
+            if min(sizes, default=0) < 0 or sum(sizes) > os.fstat(self._descriptor).st_size:
+                return None
             data = os.pread(self._descriptor, sum(sizes), len(line))
             if len(data) != sum(sizes) or zlib.crc32(data) != layout["checksum"]:
                 return None
-            dtype = record_dtype(ast.literal_eval(identity["record"]))
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            fields = [(name, kind, *map(tuple, shape)) for name, kind, *shape in json.loads(identity["record"])]
+            dtype = record_dtype(fields)
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
+            return None
+        if any(kind.hasobject or not kind.itemsize for kind in (dtype, *(kind for _, kind, _ in arrays))):
             return None
         constants, place = {}, 0
         for (name, kind, shape), size in zip(arrays, sizes, strict=True):
@@ -156,7 +165,7 @@ class FrameReader:
     def _newest_sound(self, header: _Header, count: int) -> tuple[int, bytes]:
         """The last whole record's number and bytes; (-1, b"") if there is none."""
         length = header.dtype.itemsize
-        for index in range(count - 1, -1, -1):
+        for index in range(count - 1, max(count - _LOOK_BACK, 0) - 1, -1):
             data = os.pread(self._descriptor, length, header.start + index * length)
             if len(data) == length and is_sound(data):
                 return index, data

@@ -13,6 +13,7 @@ from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.typing import Progress
 
 _FILM_RATE = 60.0
+"""Frames a second of a film, at most."""
 
 
 def write_results(
@@ -36,5 +37,6 @@ def _write(run: Trajectory, path: Path, title: str, on_step: Progress | None) ->
     if path.suffix == ".mp4":
         rate = 1.0 / float(run.times[1] - run.times[0]) if len(run.times) > 1 else _FILM_RATE
         every = int(np.ceil(rate / _FILM_RATE - 1e-9))  # at real speed, with as many frames as a screen shows
-        return write_film(path, run.positions[::every], run.faces, fps=rate / every, smooth=True, on_frame=on_step)
+        surface = ShadedSurface(run.positions[0], run.faces, smooth=True)
+        return write_film(path, [surface], [run.positions[::every]], fps=rate / every, on_frame=on_step)
     return save_trajectory(run, path, on_frame=on_step)

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 
 from modalshell.atomic_io import digest, read_npz, read_record, write_npz, write_record
 from modalshell.crowd import Flight
-from modalshell.motion.simulate import step_count
+from modalshell.motion.recorder import step_count
+from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
-from modalshell.render import ShadedSurface, draw_surface, look_at, write_streamed_film
+from modalshell.render import ShadedSurface, draw_surface, look_at, write_film
 from modalshell.render.camera import Camera
-from modalshell.render.scene import checked_size, rgb
+from modalshell.render.content import checked_size, rgb
 from modalshell.run.flight_film import FlightFilm, FlightReport
 from modalshell.run.frame_file import FrameFile
 from modalshell.scene import Scene
@@ -50,6 +51,11 @@ class FlightResult:
     frames: int
     files: list[Path]
     resumed: int
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the flight ended: birds fly to the end, or what stops them is raised."""
+        return Outcome.COMPLETED
 
     @property
     def summary(self) -> str:
@@ -195,9 +201,9 @@ def _draw(
     if "mp4" in scene.output.formats:
         rate = 1.0 / (scene.motion.dt * scene.motion.store_every)
         path = folder / f"{scene.name}.mp4"
-        write_streamed_film(
-            path, surface(0), frames(), len(records), camera,
-            fps=rate, size=lens.size, rate_factor=lens.rate_factor, on_frame=on_frame,
+        write_film(
+            path, [surface(0)], [frames()], total=len(records), camera=camera, fps=rate, size=lens.size,
+            rate_factor=lens.rate_factor, on_frame=on_frame,
         )  # fmt: skip
     else:
         deque(frames(), maxlen=0)  # for the report

@@ -14,18 +14,19 @@ from modalshell.atomic_io import read_record, write_record
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import check_formats, load_trajectory
 from modalshell.motion import Motion, Trajectory
-from modalshell.motion.simulate import Observer, step_count, stored_steps
+from modalshell.motion.recorder import Recorder, step_count
+from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
-from modalshell.run.folder import remove_leftovers, run_identity
+from modalshell.run.folder import remove_leftovers, result_digest, run_identity
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.results import write_results
 from modalshell.run.run_flock import FlightResult, run_flock
 from modalshell.scene import BuiltScene, Scene, load_scene
 from modalshell.scene.tables import Motion as MotionTable
-from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Progress
 
-_FAULT_BYTES = 256
+_FAULT_BYTES = 64
+"""Bytes of a fault's text in a stored record."""
 _SNAPSHOT = "snapshot_"
 
 
@@ -48,11 +49,16 @@ class SceneResult:
     resumed: int
 
     @property
+    def outcome(self) -> Outcome:
+        """How the motion or the equilibrium ended."""
+        return self.trajectory.outcome
+
+    @property
     def summary(self) -> str:
         """One line on how it went."""
         run = self.trajectory
         kept = f", {self.resumed} of them from an earlier run" if self.resumed else ""
-        return f"{run.status}, {len(run.times)} frames in {run.seconds:.3g} s{kept}"
+        return f"{run.outcome.with_message(run.message)}, {len(run.times)} frames in {run.seconds:.3g} s{kept}"
 
 
 def run_scene(
@@ -136,36 +142,17 @@ def _move(
 ) -> tuple[Trajectory, int]:
     """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
     motion = built.start_motion()
-    watch, observer, before = Stopwatch(), Observer(motion), 0.0
+    recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
     file.begin(identity, _record_fields(motion, built.scene.output.positions), restart, _constants(built))
     resumed = file.count
-
-    def store() -> None:
-        observer.look()
-        values: dict[str, Any] = {f"{_SNAPSHOT}{name}": array for name, array in motion.snapshot().items()}
-        values |= {"time": motion.time, "positions": motion.positions(), "energies": observer.energies[-1]}
-        fault = (observer.fault or "").encode()[:_FAULT_BYTES]
-        file.append(values | {"fault": fault, "seconds": before + watch()})
-
     if resumed:
-        before = _take_up(motion, observer, file.records(), file.path)
-    else:
-        store()
-    total = step_count(table.duration, table.dt)
-    for _ in stored_steps(motion, total, table.store_every, on_step):
-        store()
-    records = file.records()
-    return Trajectory(
-        np.array(records["time"]),
-        records["positions"],
-        observer.status(total),
-        motion.unconverged,
-        float(records["seconds"][-1]),
-        np.array(records["energies"]),
-        np.array(records["snapshot_constraint_residuals"]),
-        np.asarray(built.shell.mesh.faces),
-        built.shell.rest_positions,
-    ), resumed
+        _resume(recorder, file.records(), file.path)
+    for _ in recorder.frames(on_step):
+        values: dict[str, Any] = {f"{_SNAPSHOT}{name}": array for name, array in motion.snapshot().items()}
+        values |= {"time": motion.time, "positions": motion.positions(), "energies": recorder.energies[-1]}
+        values |= {"fault": str(recorder.fault or "").encode(), "fault_time": recorder.fault_time}
+        file.append(values | {"seconds": recorder.seconds})
+    return recorder.trajectory(file.records()["positions"]), resumed
 
 
 def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
@@ -175,6 +162,7 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
         ("seconds", "<f8"),
         ("energies", "<f8", (3,)),
         ("fault", f"S{_FAULT_BYTES}"),
+        ("fault_time", "<f8"),
         ("positions", np.dtype(precision).newbyteorder("<").str, motion.model.shell.rest_positions.shape),
     ]
     return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
@@ -191,13 +179,13 @@ def _constants(built: BuiltScene) -> dict[str, NDArray[Any]]:
     }
 
 
-def _take_up(motion: Motion, observer: Observer, records: NDArray[Any], path: Path) -> float:
-    """Bring motion and observer to the last record; returns the seconds spent until then.
+def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
+    """Bring the recorder and its motion to the last record.
 
     The last stored step is taken again: libraries may round otherwise where they find other threads, and the frames
     would be those of no single run.
     """
-    last = records[-1]
+    last, motion = records[-1], recorder.motion
     motion.restore(_snapshot(records[-2:][0]))
     while motion.count < _snapshot(last)["counts"][0]:
         motion.advance()
@@ -208,9 +196,15 @@ def _take_up(motion: Motion, observer: Observer, records: NDArray[Any], path: Pa
             f"the last step of {path} comes out otherwise than it did (other threads or libraries?), so that going on "
             "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start anew"
         )
-    fault = bytes(last["fault"]).decode(errors="ignore")
-    observer.recall(records["time"], records["energies"], records["snapshot_constraint_residuals"], fault)
-    return float(last["seconds"])
+    fault = bytes(last["fault"]).decode()
+    recorder.resume(
+        np.array(records["time"]),
+        np.array(records["energies"]),
+        np.array(records["snapshot_constraint_residuals"]),
+        Outcome(fault) if fault else None,
+        float(last["fault_time"]),
+        float(last["seconds"]),
+    )
 
 
 def _snapshot(record: Any) -> dict[str, Array]:
@@ -226,7 +220,8 @@ def _whole_results(folder: Path, name: str, identity: dict[str, str]) -> tuple[T
         return None
     try:
         run = load_trajectory(folder / f"{name}.npz", verify=True)
-        return run, [kind for kind in record["formats"] if (folder / f"{name}.{kind}").exists()]
+        digests = record.get("digests", {})  # records of earlier versions have none: what they name is written again
+        return run, [kind for kind in record["formats"] if digests.get(kind) == result_digest(folder, name, kind)]
     except FileFormatError:
         return None
 
@@ -236,7 +231,9 @@ def _write_record(folder: Path, scene: Scene, identity: dict[str, str], run: Tra
         "scene": scene.name,
         "identity": identity,
         "formats": formats,
+        "digests": {kind: result_digest(folder, scene.name, kind) for kind in formats},
         "status": run.status,
+        "message": run.message,
         "frames": len(run.times),
         "seconds": run.seconds,
         "record": run_record(scene.content()),

@@ -17,8 +17,6 @@ from modalshell.models import (
     RotationStrain,
     SpringSheet,
 )
-from modalshell.models.full import Integrator as FullIntegrator
-from modalshell.models.modal import Integrator
 from modalshell.modes import Basis, solve_modes
 from modalshell.scene.tables import Count, Table
 from modalshell.shell import Shell
@@ -35,7 +33,7 @@ class ModelTable(Table, frozen=True, tag_field="name"):
 
 class _Modal(ModelTable, frozen=True):
     modes: Count = 8
-    integrator: Integrator = "implicit_euler"
+    integrator: str = "implicit_euler"
 
     def basis(self, shell: Shell) -> Basis:
         return solve_modes(shell, self.modes)
@@ -52,7 +50,6 @@ class Linear(_Modal, frozen=True, tag="lma"):
 class Warping(_Modal, frozen=True, tag="mwts"):
     """MWTS."""
 
-    warp: Literal["closed_form", "sum"] = "closed_form"
     consistent_force: bool = False
 
     def build(self, shell: Shell) -> Model:
@@ -60,7 +57,6 @@ class Warping(_Modal, frozen=True, tag="mwts"):
         return ModalWarping(
             self.basis(shell),
             integrator=self.integrator,
-            warp=self.warp,
             consistent_force=self.consistent_force,
         )
 
@@ -93,7 +89,7 @@ class Derivatives(ModelTable, frozen=True, tag="md-rom"):
 
 
 class _Full(ModelTable, frozen=True):
-    integrator: FullIntegrator = "implicit"
+    integrator: str = "implicit"
     allow_unstable_step: bool = False
     step_tolerance: Annotated[float, Meta(gt=0.0, le=1e-2)] = 1e-6
 

@@ -15,12 +15,15 @@ import msgspec
 
 from modalshell.checks import shortened
 from modalshell.errors import ModalShellError, SceneError
+from modalshell.reading import read_text
 
 T = TypeVar("T", bound=msgspec.Struct)
 
 _WORDS = {"float": "a number", "int": "an integer", "str": "a text", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
 _BOUNDS = {">": "above", ">=": "at least", "<": "below", "<=": "at most"}
+_DEEPEST = 50
+"""Levels of nested keys that a scene file may have."""
 _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 """Parameters that the package names otherwise than scenes do."""
 
@@ -28,7 +31,7 @@ _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 def read_toml(file: Path) -> dict[str, Any]:
     """The file as plain tables, all numbers finite; else SceneError."""
     try:
-        document = tomllib.loads(file.read_bytes().decode("utf-8"))
+        document = tomllib.loads(read_text(file))
     except FileNotFoundError as error:
         raise SceneError(f"{file}: no such file; check the path (working folder: {Path.cwd()})") from error
     except OSError as error:
@@ -37,19 +40,21 @@ def read_toml(file: Path) -> dict[str, Any]:
         raise SceneError(f"{file}: not UTF-8 text ({error.reason} at byte {error.start})") from error
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
         raise SceneError(f"{file}: not TOML: {error}") from error
-    for path, value in _numbers(document, ""):
+    for path, value in _numbers(file, document):
         if not (isinstance(value, int) or math.isfinite(value)) or abs(value) > 1e300:
             raise SceneError(f"{file}: {path}: must be a finite number below 1e300 (got {value!r:.40})")
     return document
 
 
-def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
+def _numbers(file: Path, value: Any, path: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
+    if depth > _DEEPEST:
+        raise SceneError(f"{file}: {shortened(path, 80)}: nested deeper than {_DEEPEST} levels; no scene has such keys")
     if isinstance(value, dict):
         for key, inner in value.items():
-            yield from _numbers(inner, f"{path}.{key}" if path else key)
+            yield from _numbers(file, inner, f"{path}.{key}" if path else key, depth + 1)
     elif isinstance(value, list):
         for index, inner in enumerate(value):
-            yield from _numbers(inner, f"{path}[{index}]")
+            yield from _numbers(file, inner, f"{path}[{index}]", depth + 1)
     elif isinstance(value, float | int):
         yield path, value
 

@@ -1,6 +1,8 @@
-"""Discrete shells: material, supports, energies over the generated kernels, and their assembly."""
+"""Thin shells: materials, supports, their elastic energies over the generated kernels, and the assembly."""
 
+from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
+from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
-from modalshell.shell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, Shell
+from modalshell.shell.shell import Shell
 
-__all__ = ["EXACT", "GAUSS_NEWTON", "MIXED", "PROJECTED", "Material", "Shell"]
+__all__ = ["EXACT", "GAUSS_NEWTON", "MIXED", "PROJECTED", "Isotropic", "Material", "Shell"]

@@ -23,7 +23,9 @@ from modalshell.shell.orientation import in_plane_angles, orient
 from modalshell.typing import Array
 
 _RINGS = 9
+"""Radius of a patch, in edges."""
 _PATCHES = 24
+"""Patches over which the constants are averaged."""
 
 
 @dataclass(frozen=True)
@@ -157,14 +159,22 @@ def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
         if movable.size:
             fluctuation = operator[hinges][:, movable].toarray()
             weighted = weights[hinges][:, None] * fluctuation
-            # Definite, as the outermost two rings are held.
-            angles = angles - fluctuation @ np.linalg.solve(weighted.T @ fluctuation, weighted.T @ angles)
+            # Definite, as the outermost two rings are held, but for parts that hang on one vertex.
+            angles = angles - fluctuation @ _least_solution(weighted.T @ fluctuation, weighted.T @ angles)
         total += np.einsum("h,hi,hj->ij", share * weights[hinges], angles, angles)
         area += float(mesh.face_areas[measured].sum())
     if area == 0.0:
         angles = _turn(rows, tangents, normals, axis if axis.any() else tangents[0])
         return np.asarray(np.einsum("h,hi,hj->ij", weights, angles, angles) / mesh.area)
     return total / area
+
+
+def _least_solution(matrix: Array, right_sides: Array) -> Array:
+    """Solution of a symmetric system, the shortest one where it is singular."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right_sides))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.lstsq(matrix, right_sides, rcond=None)[0])
 
 
 def _rings(graph: sps.csr_array, sources: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -198,7 +208,7 @@ def _cantilever(mesh: TriangleMesh, axis: Array) -> float:
         clamp = along[mesh.faces][first].max()
         held = along <= clamp * (1.0 + 1e-9)
         free = np.flatnonzero(~held)
-        if free.size == 0:
+        if free.size == 0 or np.setdiff1d(mesh.components, mesh.components[held]).size:  # loose parts drop for ever
             continue
         weights = hinge_weights(mesh) * np.where(clamp_line_hinges(mesh, held), 2.0, 1.0)
         stiffness = sps.csc_array(2.0 * operator.T @ sps.diags_array(weights) @ operator)

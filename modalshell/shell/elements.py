@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from types import ModuleType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
+from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy
+from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.material import Material
-from modalshell.shell.pattern import SparsePattern
+from modalshell.shell.pattern import SparsePattern, build_pattern
 from modalshell.typing import Array, Index
 from modalshell.work import count_elements
 
@@ -134,7 +136,7 @@ def energy_gradient_hessian(
     """
     count_elements(_size(elements))
     gradient = np.zeros_like(x)
-    data = np.zeros(pattern.indices.size)
+    data = np.zeros(pattern.size)
     total = 0.0
     none = np.empty(0)
     for index, e in enumerate(elements):
@@ -153,3 +155,82 @@ def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> li
         e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
         stresses.append(stress)
     return stresses
+
+
+@final
+class ElementSum(ElasticEnergy):
+    """Sum of element sets, such as the stretch, shear and flexure of a discrete shell.
+
+    Parameters
+    ----------
+    elements : list of ElementSet
+        The sets.
+    vertex_count : int
+        Number of vertices n.
+    """
+
+    def __init__(self, elements: list[ElementSet], vertex_count: int) -> None:
+        self.elements = elements
+        self._vertex_count = vertex_count
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether elements are damped by dashpots of their own."""
+        return any(e.viscosity is not None for e in self.elements)
+
+    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+        """Pattern of the Hessian, and the slots of the elements in it."""
+        return build_pattern(self._vertex_count, [e.stencils for e in self.elements], free)
+
+    def energy(self, x: Array) -> float:
+        """Energy [J]."""
+        return energy(self.elements, x)
+
+    def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (n, 3) [N]."""
+        return energy_gradient(self.elements, x)
+
+    def energy_gradient_hessian(
+        self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
+    ) -> tuple[float, Array, Array]:
+        """Energy, gradient and Hessian values."""
+        return energy_gradient_hessian(self.elements, slots, pattern, x, geometric, stresses)
+
+    def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] in extended precision."""
+        total = np.zeros(displacement.shape, dtype=np.longdouble)
+        for e in self.elements:
+            change, slope = measure_changes(e.kernel, e.stencils, rest, displacement)
+            stored = np.empty(len(e.stencils))
+            e.kernel.measures(rest, e.stencils, stored)
+            add_forces(e.stencils, 2.0 * e.weight * (change + (stored - e.rest)), slope, total)
+        return total
+
+    def linear_stresses(self, x: Array, step: Array) -> list[Array]:
+        """Stresses after ``step`` by the linearised measures."""
+        return linear_stresses(self.elements, x, step)
+
+    def linear_energy(self, x: Array, step: Array) -> float:
+        """Energy [J] of the measures' rates along ``step``."""
+        # A sum of squares keeps the digits that step . K step loses where stiffnesses are many decades apart.
+        zero, stresses = (linear_stresses(self.elements, x, moved) for moved in (np.zeros_like(x), step))
+        return sum(
+            float(np.sum((stress - offset)[e.weight != 0] ** 2 / (4.0 * e.weight[e.weight != 0])))
+            for stress, offset, e in zip(stresses, zero, self.elements, strict=True)
+        )
+
+    def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
+        """Force (n, 3) [N] of stiffness-proportional damping."""
+        force = np.zeros_like(x)
+        for e in self.elements:
+            e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
+        return force
+
+    def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
+        """Values of its matrix [N s/m] on the pattern."""
+        data = np.zeros(pattern.size)
+        unused, none = np.zeros_like(x), np.empty(0)
+        for place, e in zip(slots, self.elements, strict=True):
+            where = (place, pattern.strides, data, unused)
+            e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *where)
+        return data

@@ -8,13 +8,12 @@ measures are differences from those at rest, so that small displacements have sm
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.shell.elements import ElementSet
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 
 Extended = NDArray[np.longdouble]
 
@@ -23,41 +22,41 @@ _SMALL = 1e-3
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def extended_gradient(elements: Sequence[ElementSet], rest: Array, displacement: Extended) -> Extended:
-    """Gradient (n, 3) [N] of the energy at ``rest + displacement``, both (n, 3) [m].
+def measure_changes(
+    kernel: ModuleType, stencils: Index, rest: Array, displacement: Extended
+) -> tuple[Extended, Extended]:
+    """Changes (elements,) of a generated kernel's measures from ``rest`` to ``rest + displacement``, and their slopes.
 
     A measure's change is the difference of its values; where that would cancel, its gradient integrated along the
-    displacement by Gauss's rule, whose error is of eighth order.
+    displacement by Gauss's rule, whose error is of eighth order. Both positions are (n, 3) [m]; slopes (unknowns,
+    elements) are those at the end.
     """
     exact: Extended = rest.astype(np.longdouble)
-    total = np.zeros(displacement.shape, dtype=np.longdouble)
-    for e in elements:
-        relative = e.stencils[:, 1:]
-        edges, moved = (
-            np.moveaxis(field[relative] - field[e.stencils[:, :1]], 0, 2).reshape(e.kernel.UNKNOWNS, -1)
-            for field in (exact, displacement)
-        )
-        slope = np.empty_like(edges)
-        now = e.kernel.first_derivatives.py_func(*(edges + moved), slope)
-        change = now - e.kernel.measure.py_func(*edges)
-        if e.kernel.PERIODIC:
-            change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
-        small = np.abs(moved).max(axis=0) < _SMALL * np.abs(edges).max(axis=0)
-        if small.any():
-            change[small] = _integrated(e, edges[:, small], moved[:, small])
-        stored = np.empty(len(e.stencils))
-        e.kernel.measures(rest, e.stencils, stored)
-        force = 2.0 * e.weight * (change + (stored - e.rest)) * slope
-        parts = np.moveaxis(force.reshape(-1, 3, force.shape[1]), 2, 0)
-        np.add.at(total, relative, parts)
-        np.add.at(total, e.stencils[:, 0], -parts.sum(axis=1))
-    return total
+    edges, moved = (
+        np.moveaxis(field[stencils[:, 1:]] - field[stencils[:, :1]], 0, 2).reshape(kernel.UNKNOWNS, -1)
+        for field in (exact, displacement)
+    )
+    slope = np.empty_like(edges)
+    change = kernel.first_derivatives.py_func(*(edges + moved), slope) - kernel.measure.py_func(*edges)
+    if kernel.PERIODIC:
+        change -= 2.0 * np.pi * np.round(change / (2.0 * np.pi))
+    small = np.abs(moved).max(axis=0) < _SMALL * np.abs(edges).max(axis=0)
+    if small.any():
+        change[small] = _integrated(kernel, edges[:, small], moved[:, small])
+    return change, slope
 
 
-def _integrated(e: ElementSet, edges: Extended, moved: Extended) -> Extended:
+def add_forces(stencils: Index, stress: Extended | Array, slope: Extended, total: Extended) -> None:
+    """Add the ``stress`` (elements,) of measures with slopes (unknowns, elements) to a gradient (n, 3)."""
+    parts = np.moveaxis((stress * slope).reshape(-1, 3, slope.shape[1]), 2, 0)
+    np.add.at(total, stencils[:, 1:], parts)
+    np.add.at(total, stencils[:, 0], -parts.sum(axis=1))
+
+
+def _integrated(kernel: ModuleType, edges: Extended, moved: Extended) -> Extended:
     total = np.zeros(edges.shape[1], dtype=np.longdouble)
     slope = np.empty_like(edges)
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):
-        e.kernel.first_derivatives.py_func(*(edges + 0.5 * (1.0 + node) * moved), slope)
+        kernel.first_derivatives.py_func(*(edges + 0.5 * (1.0 + node) * moved), slope)
         total += 0.5 * weight * (slope * moved).sum(axis=0)
     return total

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,8 +13,41 @@ from modalshell.typing import Array, Index
 
 
 @dataclass(frozen=True)
+class InternalUnknowns:
+    """Unknowns without mass or load that an energy minimises over, such as fold shares; constant among themselves.
+
+    Attributes
+    ----------
+    indptr, vertices : ndarray of int64
+        CSR structure of their coupling to the vertices, one row an internal unknown, three entries a vertex.
+    stiffness : csr_array, shape (m, m)
+        Second derivatives by these unknowns, positive definite.
+    solve : callable
+        Solution of ``stiffness f = b`` for right sides (m,) or (m, k).
+    """
+
+    indptr: Index
+    vertices: Index
+    stiffness: sps.csr_array
+    solve: Callable[[Array], Array]
+
+    @property
+    def count(self) -> int:
+        """Number of internal unknowns m."""
+        return self.indptr.size - 1
+
+    @property
+    def columns(self) -> Index:
+        """Positions' unknowns that the entries of the coupling belong to."""
+        return np.asarray((3 * self.vertices[:, None] + np.arange(3)).ravel())
+
+
+@dataclass(frozen=True)
 class SparsePattern:
     """CSR pattern of a symmetric matrix of 3 x 3 blocks, one block row a vertex.
+
+    An energy with internal unknowns has the entries of their coupling, then of their own stiffness after those of the
+    blocks; its Hessian by positions is the Schur complement, which is dense and is never formed: see :meth:`product`.
 
     Attributes
     ----------
@@ -25,7 +58,10 @@ class SparsePattern:
     diagonal : ndarray of int64, shape (3n,)
         Where the diagonal entries stand.
     free_indptr, free_indices, free_entries : ndarray
-        CSR structure of the part that belongs to the free unknowns, and where its entries stand in the whole.
+        CSR structure of the part that belongs to the free unknowns, and to the internal ones after them, and where its
+        entries stand in the whole.
+    internal : InternalUnknowns, optional
+        Internal unknowns of the energy.
     """
 
     indptr: NDArray[np.int32]
@@ -35,20 +71,70 @@ class SparsePattern:
     free_indptr: NDArray[np.int32]
     free_indices: NDArray[np.int32]
     free_entries: Index
+    internal: InternalUnknowns | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of entries of a Hessian."""
+        inner = self.internal
+        return self.indices.size + (0 if inner is None else 3 * inner.vertices.size + inner.stiffness.nnz)
 
     def matrix(self, data: Array) -> sps.csr_array:
-        """Matrix (3n, 3n) with the entries ``data``."""
+        """Matrix (3n, 3n) of the blocks with the entries ``data``, internal unknowns left where they are."""
         size = self.indptr.size - 1
-        return sps.csr_array((data, self.indices, self.indptr), shape=(size, size))
+        return sps.csr_array((data[: self.indices.size], self.indices, self.indptr), shape=(size, size))
+
+    def coupling(self, data: Array) -> sps.csr_array:
+        """Coupling (m, 3n) of the internal unknowns, which must be there, to the positions."""
+        inner = self.internal
+        assert inner is not None
+        values = data[self.indices.size : self.indices.size + 3 * inner.vertices.size]
+        return sps.csr_array((values, inner.columns, 3 * inner.indptr), shape=(inner.count, self.indptr.size - 1))
+
+    def product(self, data: Array, vectors: Array) -> Array:
+        """Hessian by positions times vectors (3n,) or (3n, k), internal unknowns following at their minimum."""
+        result = np.asarray(self.matrix(data) @ vectors)
+        if self.internal is None or (scale := self._internal_scale(data)) == 0.0:
+            return result
+        coupling = self.coupling(data)
+        return np.asarray(result - coupling.T @ self.internal.solve(coupling @ vectors) / scale)
+
+    def _internal_scale(self, data: Array) -> float:
+        """The stiffness of the internal unknowns in ``data`` over their own; 0 where there is none."""
+        inner = self.internal
+        if inner is None or inner.count == 0:
+            return 0.0
+        return float(data[-inner.stiffness.nnz] / inner.stiffness.data[0])
+
+    def condensed(self, data: Array, drop: float = 1e-15) -> sps.csr_array:
+        """Hessian by positions (3n, 3n): the Schur complement, less entries below ``drop`` times the largest.
+
+        Far wider than the pattern, as every internal unknown follows its neighbours: entries fall off by about a factor
+        of two an edge. For the solvers use :meth:`free_matrix` or :meth:`product`.
+        """
+        if self.internal is None or (scale := self._internal_scale(data)) == 0.0:
+            return self.matrix(data).copy()  # its indices would be the pattern's own
+        coupling = sps.csc_array(self.coupling(data))
+        blocks = []
+        least = drop * np.abs(data).max(initial=0.0)
+        for start in range(0, coupling.shape[1], 300):
+            columns = self.internal.solve(coupling[:, start : start + 300].toarray()) / scale
+            columns[np.abs(columns) <= drop * np.abs(columns).max(initial=0.0)] = 0.0
+            block = sps.csc_array(coupling.T @ sps.csc_array(columns))
+            block.data[np.abs(block.data) <= least] = 0.0
+            block.eliminate_zeros()
+            blocks.append(block)
+        schur = sps.csr_array(self.matrix(data) - sps.hstack(blocks, format="csr"))
+        return sps.csr_array(0.5 * (schur + schur.T))
 
     def free_matrix(self, data: Array) -> sps.csc_array:
-        """The free unknowns' part of the matrix; symmetric, so its CSR arrays are handed out as CSC."""
+        """Part of the free unknowns and of the internal ones; symmetric, so its CSR arrays are handed out as CSC."""
         size = self.free_indptr.size - 1
         return sps.csc_array((data[self.free_entries], self.free_indices, self.free_indptr), shape=(size, size))
 
 
 def build_pattern(
-    vertex_count: int, stencils: Sequence[Index], free_vertices: Index
+    vertex_count: int, stencils: Sequence[Index], free_vertices: Index, internal: InternalUnknowns | None = None
 ) -> tuple[SparsePattern, list[Index]]:
     """Pattern that holds every pair of vertices in ``stencils``, and the slots of each stencil array.
 
@@ -57,20 +143,24 @@ def build_pattern(
     vertex_count : int
         Number of vertices n.
     stencils : sequence of (elements, vertices) int arrays
-        Vertices of each element.
+        Vertices of each element; those outside the range 0 to n - 1 have no place in the matrix.
     free_vertices : ndarray of int
         Vertices that are not held.
+    internal : InternalUnknowns, optional
+        Internal unknowns, which come after the vertices' ones.
 
     Returns
     -------
     SparsePattern
         The pattern.
     list of ndarray of int64, shape (elements, vertices, vertices)
-        For each pair of an element's vertices, where its 3 x 3 block begins in the CSR values.
+        For each pair of an element's vertices, where its 3 x 3 block begins in the CSR values; -1 where it has none.
     """
     keys = [np.arange(vertex_count, dtype=np.int64) * (vertex_count + 1)]
     for stencil in stencils:
-        keys.append((stencil[:, :, None] * vertex_count + stencil[:, None, :]).ravel())
+        inside = (stencil >= 0) & (stencil < vertex_count)
+        pairs = stencil[:, :, None] * vertex_count + stencil[:, None, :]
+        keys.append(pairs[inside[:, :, None] & inside[:, None, :]])
     unique = np.unique(np.concatenate(keys))
     block_rows, block_columns = np.divmod(unique, vertex_count)
     degrees = np.bincount(block_rows, minlength=vertex_count)
@@ -88,14 +178,19 @@ def build_pattern(
     slots = []
     for stencil in stencils:
         pair_keys = stencil[:, :, None] * vertex_count + stencil[:, None, :]
+        inside = (stencil >= 0) & (stencil < vertex_count)
         position = np.searchsorted(unique, pair_keys)
-        row = np.broadcast_to(stencil[:, :, None], position.shape)
-        slots.append(np.ascontiguousarray(9 * block_starts[row] + 3 * (position - block_starts[row])))
+        row = np.broadcast_to(np.where(inside, stencil, 0)[:, :, None], position.shape)
+        slot = 9 * block_starts[row] + 3 * (position - block_starts[row])
+        slots.append(np.ascontiguousarray(np.where(inside[:, :, None] & inside[:, None, :], slot, -1)))
 
     free_unknowns = (3 * free_vertices[:, None] + np.arange(3)).ravel()
     numbers = sps.csr_array(
         (np.arange(1, indices.size + 1, dtype=np.int64), indices, indptr), shape=(3 * vertex_count, 3 * vertex_count)
     )
+    if internal is not None:
+        numbers = _bordered(numbers, internal)
+        free_unknowns = np.concatenate([free_unknowns, 3 * vertex_count + np.arange(internal.count)])
     part = numbers[free_unknowns][:, free_unknowns].tocsr()
     part.sort_indices()
     pattern = SparsePattern(
@@ -106,5 +201,20 @@ def build_pattern(
         free_indptr=part.indptr.astype(np.int32),
         free_indices=part.indices.astype(np.int32),
         free_entries=part.data - 1,
+        internal=internal,
     )
     return pattern, slots
+
+
+def _bordered(numbers: sps.csr_array, internal: InternalUnknowns) -> sps.csr_array:
+    """Entry numbers, counted from 1, with rows and columns of the internal unknowns; both sides share their entries."""
+    first = numbers.nnz + 1
+    columns = internal.columns
+    entries = np.arange(first, first + columns.size, dtype=np.int64)
+    shape = (internal.count, numbers.shape[1])
+    coupling = sps.csr_array((entries, columns, 3 * internal.indptr), shape=shape)
+    first += columns.size
+    stiffness = internal.stiffness
+    entries = np.arange(first, first + stiffness.nnz, dtype=np.int64)
+    own = sps.csr_array((entries, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
+    return sps.csr_array(sps.block_array([[numbers, coupling.T], [coupling, own]], format="csr"))

@@ -9,33 +9,37 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_kind, checked_vectors
-from modalshell.errors import LoadError
+from modalshell.checks import checked_kind, checked_vectors, shown
+from modalshell.errors import LoadError, OptionError
+from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
-from modalshell.shell import elements as sums
-from modalshell.shell.elements import ElementSet, Energy, element_sets
+from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
+from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
+from modalshell.shell.extended import Extended
+from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
-from modalshell.shell.pattern import build_pattern
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.shell.supports import held_vertices
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 
-GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
-"""How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""
+_VERTEX_BYTES = 8_000
+"""Memory that the pattern of the stiffness takes while it is made."""
 
 
 class Shell(ReadOnlyArrays):
-    """A discrete shell [choi2007, section 3; grinspun2003].
+    """A thin shell on a triangle mesh: a discrete shell [choi2007, section 3; grinspun2003], or one of shell theory.
 
     Parameters
     ----------
     mesh : TriangleMesh
         The rest shape; its fold angles, areas and lengths are the rest values of the energies.
-    material : Material
-        Stiffnesses and density.
+    material : Material or Isotropic
+        Stiffnesses of the discrete-shell energies; or an isotropic sheet, whose energy is that of split folds.
     clamped : array_like of bool, shape (n,), or of int, optional
-        Vertices that are held. To clamp an edge hold two rows of vertices: with one row the triangles next to it can
-        hinge freely about the clamped edge.
+        Vertices that are held. To clamp an edge of a :class:`Material`'s shell hold two rows of vertices: with one row
+        the triangles next to it can hinge freely about the clamped edge. An :class:`Isotropic` shell is clamped by
+        one row: at every edge with both ends held.
     energies : sequence of Energy, optional
         Further energies besides those of the material.
 
@@ -63,21 +67,29 @@ class Shell(ReadOnlyArrays):
     def __init__(
         self,
         mesh: TriangleMesh,
-        material: Material,
+        material: Material | Isotropic,
         clamped: ArrayLike | None = None,
         *,
         energies: Sequence[Energy] = (),
     ) -> None:
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
-        self.material = checked_kind("material", material, Material)
+        if not isinstance(material, Material | Isotropic):
+            raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
+        self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
+        count = len(mesh.vertices)
+        demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
         clamped = held_vertices(clamped, len(mesh.vertices))
         self.energies = tuple(
             checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
             for energy in energies
         )
         further = [energy.elements(mesh) for energy in self.energies]
-        self.elements: list[ElementSet] = [*element_sets(mesh, material, clamped), *further]
+        self._energy: ElasticEnergy
+        if isinstance(material, Isotropic):
+            self._energy = SplitFoldEnergy(mesh, material, clamped, further)
+        else:
+            self._energy = ElementSum([*element_sets(mesh, material, clamped), *further], len(mesh.vertices))
         self._hold(clamped)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = read_only(mesh.shared_among_corners(face_mass))
@@ -86,8 +98,17 @@ class Shell(ReadOnlyArrays):
         self.clamped = read_only(clamped)
         self.free = read_only(np.flatnonzero(~clamped))
         self.free_unknowns = read_only((3 * self.free[:, None] + np.arange(3)).ravel())
-        stencils = [elements.stencils for elements in self.elements]
-        self.pattern, self._slots = build_pattern(len(clamped), stencils, self.free)
+        self.pattern, self._slots = self._energy.pattern(self.free)
+
+    @property
+    def elements(self) -> list[ElementSet]:
+        """Element sets of the discrete-shell energies, or of springs; OptionError for an :class:`Isotropic` shell."""
+        if not isinstance(self._energy, ElementSum):
+            raise OptionError(
+                "this needs a shell of the discrete-shell energies (got one of ms.Isotropic): build the shell with "
+                "ms.Material.from_physical(...) instead"
+            )
+        return self._energy.elements
 
     def holding(self, vertices: ArrayLike) -> Shell:
         """The same shell, with the same energies, that also holds ``vertices`` (bool (n,) or indices)."""
@@ -98,7 +119,8 @@ class Shell(ReadOnlyArrays):
     def with_elements(self, elements: list[ElementSet]) -> Shell:
         """The same vertices, masses and supports under other energies, such as those of springs."""
         other = copy.copy(self)
-        other.energies, other.elements = (), elements
+        other.energies = ()
+        other._energy = ElementSum(elements, len(self.rest_positions))
         other._hold(self.clamped)
         return other
 
@@ -120,6 +142,7 @@ class Shell(ReadOnlyArrays):
         other = copy.copy(self)
         other.rest_positions = self.rest_positions - origin
         other.rest_positions.flags.writeable = False
+        other._energy = self._energy.shifted(origin)
         return other, origin
 
     def __repr__(self) -> str:
@@ -145,12 +168,14 @@ class Shell(ReadOnlyArrays):
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
         """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them.
 
-        LoadError where it is not finite.
+        LoadError where it is not finite. That of an :class:`Isotropic` shell is the Schur complement without the fold
+        shares: exact to rounding, but as its entries fall off slowly it is almost full, and made for checks on meshes
+        of some thousand vertices; the solvers never form it.
         """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
         data = self.energy_gradient_hessian(x, EXACT)[2]
         self._refuse_collapse("stiffness", data, x)
-        return self.pattern.matrix(data).copy()  # its indices would be the shell's own
+        return self.pattern.condensed(data)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -178,45 +203,49 @@ class Shell(ReadOnlyArrays):
 
     def raw_energy(self, x: Array) -> float:
         """Energy [J] without input checks; not finite at collapsed elements."""
-        return sums.energy(self.elements, x)
+        return self._energy.energy(x)
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N] in one pass."""
-        return sums.energy_gradient(self.elements, x)
+        return self._energy.energy_gradient(x)
+
+    def extended_gradient(self, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] in extended precision, at displacements (n, 3) [m] from the rest shape."""
+        return self._energy.extended_gradient(self.rest_positions, displacement)
 
     def energy_gradient_hessian(
         self, x: Array, geometric: int, stresses: list[Array] | None = None
     ) -> tuple[float, Array, Array]:
         """Energy, gradient (n, 3) and Hessian values for :attr:`pattern`, in one pass.
 
-        ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
+        ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, as predicted) and PROJECTED.
         """
-        return sums.energy_gradient_hessian(self.elements, self._slots, self.pattern, x, geometric, stresses)
+        return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
+
+    def held_slopes(self) -> Index:
+        """Vertices of clamped edges, about which the surface cannot turn; none of a discrete shell."""
+        return self._energy.held_slopes()
 
     def predicted_stresses(self, x: Array, step: Array) -> list[Array]:
-        """Stress of every element after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
-        return sums.linear_stresses(self.elements, x, step)
+        """Stresses after ``step`` (n, 3) by the linearised measures at ``x`` (mixed Newton)."""
+        return self._energy.linear_stresses(x, step)
+
+    def linear_energy(self, x: Array, step: Array) -> float:
+        """Half of ``step . K_1(x) step`` [J], K_1 the positive semi-definite first term of the Hessian."""
+        return self._energy.linear_energy(x, step)
 
     @property
     def has_dashpots(self) -> bool:
         """Whether elements are damped by dashpots of their own, whatever the Rayleigh factors."""
-        return any(e.viscosity is not None for e in self.elements)
+        return self._energy.has_dashpots
 
     def damping_force(self, x: Array, velocity: Array, factor: float = 1.0) -> Array:
         """``-(factor K_1(x) + D(x)) velocity`` (n, 3) [N].
 
         K_1 is the positive semi-definite first term of the Hessian, ``factor`` [s] Rayleigh's zeta, D the dashpots.
         """
-        force = np.zeros_like(x)
-        for e in self.elements:
-            e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
-        return force
+        return self._energy.damping_force(x, velocity, factor)
 
     def damping_matrix(self, x: Array, factor: float) -> Array:
         """Values of ``factor K_1(x) + D(x)`` [N s/m] for :attr:`pattern`; see :meth:`damping_force`."""
-        data = np.zeros(self.pattern.indices.size)
-        unused, none = np.zeros_like(x), np.empty(0)
-        for slots, e in zip(self._slots, self.elements, strict=True):
-            place = (slots, self.pattern.strides, data, unused)
-            e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *place)
-        return data
+        return self._energy.damping_matrix(self._slots, self.pattern, x, factor)

@@ -12,7 +12,7 @@ NumPy below 2), as root::
     /usr/bin/python3 -m venv --system-site-packages mpi
     export PETSC_DIR=/usr/lib/petscdir/petsc3.18/x86_64-linux-gnu-real
     mpi/bin/pip install '.[mpi]' 'numpy<2'
-    mpiexec -n 2 mpi/bin/python -m modalshell.springs.ranks --rows 256 --columns 256
+    mpiexec -n 2 mpi/bin/python -m studies.benchmarks.ranks --rows 256 --columns 256
 
 Open MPI wants ``--allow-run-as-root`` from root, and ``--oversubscribe`` for more ranks than cores. The environment
 variable ``PETSC_OPTIONS`` reaches the solver: ``-pc_type pbjacobi`` for the diagonal blocks of single particles.
@@ -20,24 +20,19 @@ variable ``PETSC_OPTIONS`` reaches the solver: ``-pc_type pbjacobi`` for the dia
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.atomic_io import write_npz
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.kernels import rank_blocks, spring_blocks
 from modalshell.shell.supports import held_vertices
 from modalshell.springs.implicit import TASKS, ImplicitStep
 from modalshell.springs.partition import rank_block
-from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import limited_to
 from modalshell.typing import Array
@@ -50,7 +45,7 @@ def petsc() -> ModuleType:
     except ImportError as error:
         words = "sheets over MPI ranks need PETSc and petsc4py, see the text of modalshell.springs.ranks"
         raise OptionError(f"{words} ({error})") from error
-    return PETSc  # type: ignore[no-any-return]
+    return PETSc
 
 
 class RankedSprings:
@@ -238,69 +233,3 @@ class RankedSprings:
         values = np.empty((self.count, 3))
         values[self.block.order] = whole.getArray().reshape(-1, 3)
         return values
-
-
-def hanging_sheet(rows: int, columns: int) -> SheetGrid:
-    """A cloth 1 m wide, 0.2 kg/m^2, held along its first row, that falls from the level."""
-    spacing = 1.0 / (columns - 1)
-    pinned = np.zeros((rows, columns), bool)
-    pinned[0] = True
-    return SheetGrid(
-        shape=(rows, columns),
-        spacing=spacing,
-        particle_mass=0.2 * spacing**2,
-        structural=100.0,
-        shear=50.0,
-        flexion=1.0,
-        drag=0.5,
-        spring_damping=1e-4,
-        pinned=pinned,
-        gravity=np.array([0.0, 0.0, -9.81]),
-    )
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Step :func:`hanging_sheet` over the ranks; rank 0 prints what the steps took as JSON."""
-    parser = argparse.ArgumentParser(prog="python -m modalshell.springs.ranks", description=main.__doc__)
-    parser.add_argument("--rows", type=int, default=64, help="masses along the sheet")
-    parser.add_argument("--columns", type=int, default=64, help="masses across it")
-    parser.add_argument("--steps", type=int, default=10)
-    parser.add_argument("--step", type=float, default=1.0 / 60.0, help="length of a step [s]")
-    parser.add_argument("--tolerance", type=float, default=1e-12, help="residual over load and momentum")
-    parser.add_argument("--iterations", type=int, default=1000, help="most iterations of conjugate gradients a step")
-    parser.add_argument("--out", type=Path, help="file .npz for positions and velocities")
-    given = parser.parse_args(arguments)
-    grid = hanging_sheet(given.rows, given.columns)
-    start = time.perf_counter()
-    masses = np.full(grid.count, grid.particle_mass)
-    sheet = RankedSprings(grid.springs(), masses, grid.rest_positions(), grid.pinned.ravel())
-    setup = time.perf_counter() - start
-    rows = []
-    for _ in range(checked_count("steps", given.steps)):
-        start = time.perf_counter()
-        step = sheet.step(
-            given.step, grid.gravity, drag=grid.drag, iterations=given.iterations, tolerance=given.tolerance
-        )
-        rows.append((time.perf_counter() - start, step))
-    positions, velocities = sheet.positions(), sheet.velocities()
-    if positions is not None and velocities is not None:
-        steps = [step for _, step in rows]
-        print(
-            json.dumps(
-                {
-                    "ghosts": len(sheet.block.ghosts),
-                    "owned": sheet.block.owned,
-                    "converged": all(step.converged for step in steps),
-                    "iterations": [step.iterations for step in steps],
-                    "seconds_setup": setup,
-                    "seconds_step": float(np.median([seconds for seconds, _ in rows])),
-                    "seconds_tasks": {task: float(np.median([step.seconds[task] for step in steps])) for task in TASKS},
-                }
-            )
-        )
-        if given.out is not None:
-            write_npz(given.out, positions=positions, velocities=velocities)
-
-
-if __name__ == "__main__":
-    main()

@@ -16,7 +16,9 @@ from modalshell.timings import Timings
 from modalshell.typing import Array
 
 _FIRST_STEP, _SMALLEST_STEP = 0.25, 1.0 / 256.0
+"""First and smallest share of a motion of the boundary taken in one step."""
 _STEP_TURN = 0.6
+"""Largest turn [rad] of a vertex in the guess for a step."""
 
 
 def lead(
@@ -59,12 +61,12 @@ def lead(
         moved[vertices] = target - x[vertices]
         try:
             gradient, hessian = problem.linearise(x, EXACT)
-            tangent = shell.pattern.matrix(shell.energy_gradient_hessian(x, EXACT)[2])
-            pull = tangent @ moved.ravel()
+            tangent = shell.energy_gradient_hessian(x, EXACT)[2]
+            pull = shell.pattern.product(tangent, moved.ravel())
             direction = problem.step(problem.factor(hessian), gradient + pull[held.free_unknowns])
             iterations += 1
             moved.reshape(-1)[held.free_unknowns] = direction
-            reaction = float(np.linalg.norm((tangent @ moved.ravel()).reshape(-1, 3)[vertices]))
+            reaction = float(np.linalg.norm(shell.pattern.product(tangent, moved.ravel()).reshape(-1, 3)[vertices]))
             scale = max(problem.scale, reaction, 1e-300)
             guess, _, fraction = warped_step(shell, x, moved.ravel()[shell.free_unknowns], _STEP_TURN)
             guess[vertices] = target

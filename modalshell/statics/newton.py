@@ -10,24 +10,24 @@ of stretching it. Full steps then converge in a few iterations whatever the memb
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sps
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
-from modalshell.modes import Factor, Factoriser, lowest_eigenpair, mass_scaled
+from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, Shell
 from modalshell.statics.verdict import ACCEPTED
 from modalshell.timings import Timings
 from modalshell.typing import Array
 
-_GOAL = 1e-10
-_LARGEST_TURN = 1.0
+_GOAL = 1e-10  # relative residual that is aimed at
+_LARGEST_TURN = 1.0  # of a vertex in one step [rad]
+_LOOSE = 1e-3  # relative residual of the steps of a descent
 _ASIDE = 2.0 ** np.arange(-20.0, 0.0)
 """Steps away from a saddle, in sizes of the shell."""
-_LOOSE = 1e-3
 _FIRST_MOVE = 0.05
 """Move of a free shell under the load, in its sizes, that the first drag of a descent allows."""
 _DESCENT = 150
@@ -66,11 +66,6 @@ class Potential:
     factoriser: Factoriser
     costs: Timings
     quadratic: Array | None = None
-    _matrix: sps.csr_array | None = field(init=False, repr=False, default=None)
-
-    def __post_init__(self) -> None:
-        if self.quadratic is not None:
-            object.__setattr__(self, "_matrix", self.shell.pattern.matrix(self.quadratic))
 
     @property
     def scale(self) -> float:
@@ -79,7 +74,9 @@ class Potential:
 
     def _outer(self, x: Array) -> tuple[float, Array]:
         u = x - self.origin
-        pull = -self.load if self._matrix is None else (self._matrix @ u.ravel()).reshape(-1, 3) - self.load
+        pull = -self.load
+        if self.quadratic is not None:
+            pull = self.shell.pattern.product(self.quadratic, u.ravel()).reshape(-1, 3) - self.load
         return 0.5 * float(np.vdot(u, pull - self.load)), pull
 
     def value(self, x: Array) -> float:
@@ -91,7 +88,7 @@ class Potential:
         return np.asarray((self.shell.energy_gradient(x)[1] + self._outer(x)[1]).ravel()[self.shell.free_unknowns])
 
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
-        """Gradient (N,) and Hessian (N, N) on the free unknowns."""
+        """Gradient (N,) on the free unknowns, and Hessian with the energy's internal unknowns after them."""
         with self.costs.part("assembly"):
             _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
             if self.quadratic is not None:
@@ -107,19 +104,19 @@ class Potential:
                 data += self.quadratic
             total = gradient + self._outer(x)[1]
             if led.any():
-                total += (self.shell.pattern.matrix(data) @ led.ravel()).reshape(-1, 3)
+                total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
             return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
 
     def dragged(self, x: Array, drag: float) -> Potential:
         """The same potential with ``drag |y - x|^2 / 2`` added, in the norm of the mass."""
-        outer = np.zeros(self.shell.pattern.indices.size) if self.quadratic is None else self.quadratic.copy()
+        outer = np.zeros(self.shell.pattern.size) if self.quadratic is None else self.quadratic.copy()
         outer[self.shell.pattern.diagonal] += drag * np.repeat(self.shell.mass, 3)
         return replace(self, load=-self._outer(x)[1], origin=x, quadratic=outer)
 
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
-            return self.factoriser.symmetric(hessian)
+            return self._condensed(self.factoriser.symmetric(hessian))
 
     def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
         """Factor of a positive definite Hessian, None for any other."""
@@ -128,7 +125,12 @@ class Potential:
                 factor = self.factoriser.definite(hessian)
             except SolverError:
                 return None
-            return factor if factor.is_definite() else None
+            return self._condensed(factor) if factor.is_definite() else None
+
+    def _condensed(self, factor: Factor) -> Factor:
+        """A factor for the positions' unknowns: the gradient by internal ones is zero, as the energy is least there."""
+        internal = self.shell.pattern.internal
+        return condensed_factor(factor, 0 if internal is None else internal.count)
 
     def step(self, factor: Factor, gradient: Array) -> Array:
         """Newton direction (N,)."""
@@ -286,11 +288,9 @@ def leave_saddle(problem: Potential, x: Array) -> tuple[Array, float]:
     """
     shell = problem.shell
     try:
-        scaled, root = mass_scaled(shell, problem.linearise(x, EXACT)[1])
-        lowest, direction = lowest_eigenpair(scaled, problem.factoriser)
+        lowest, direction = lowest_tangent_mode(shell, problem.linearise(x, EXACT)[1], problem.factoriser)
     except SolverError:
         return x, 0.0
-    direction /= root
     direction *= shell.size / float(np.abs(direction).max())
     best, least = x, problem.value(x)
     for sign in (1.0, -1.0):

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalshell.shell.extended import extended_gradient
 from modalshell.statics.newton import NewtonResult, Potential
 from modalshell.statics.verdict import ACCEPTED
 
 _LIMIT = 10
+"""Iterations at most."""
 
 
 def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResult:
@@ -27,7 +27,7 @@ def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResu
     moved = result.positions.astype(np.longdouble) - shell.rest_positions
     best, residual = moved, np.inf
     for iteration in range(_LIMIT + 1):
-        gradient = (extended_gradient(shell.elements, shell.rest_positions, moved) - problem.load).ravel()[free]
+        gradient = (shell.extended_gradient(moved) - problem.load).ravel()[free]
         # Both in double precision and scaled: squares of the smallest loads would underflow.
         out = (gradient / scale).astype(np.float64)
         size = float(np.linalg.norm(out))

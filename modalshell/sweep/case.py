@@ -8,7 +8,7 @@ import platform
 import threading
 import warnings
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numba
 import numpy as np
@@ -19,7 +19,8 @@ from modalshell.errors import ModalShellError, ModalShellWarning, WorkerError
 from modalshell.measure import area_change
 from modalshell.mesh import TriangleMesh
 from modalshell.motion import Trajectory
-from modalshell.motion.simulate import Observer, step_count, stored_steps
+from modalshell.motion.recorder import Recorder, step_count
+from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
 from modalshell.scene import BuiltScene, Scene, parse_scene
 from modalshell.timings import Stopwatch
@@ -27,9 +28,6 @@ from modalshell.typing import Array
 
 _ONE_AT_A_TIME = threading.Lock()
 """Threads of a cluster's worker take turns: results may not depend on who else computes in the process."""
-
-
-Ending = Literal["done", "refused", "failed", "crashed", "timed out"]
 
 
 class Task(Struct, frozen=True):
@@ -81,7 +79,7 @@ class Measures(Struct, frozen=True, kw_only=True):
     load_potential: float | None
 
 
-class Made(Struct, frozen=True):
+class RunInfo(Struct, frozen=True):
     """What differs from run to run: seconds to build the model and to solve, where and by what, and warnings."""
 
     building_seconds: float = 0.0
@@ -92,32 +90,32 @@ class Made(Struct, frozen=True):
     warnings: list[str] = []
 
 
-class Outcome(Struct, frozen=True):
+class CaseResult(Struct, frozen=True):
     """What became of a case.
 
     Attributes
     ----------
     digest : str
         Of the case.
-    outcome : {"done", "refused", "failed", "crashed", "timed out"}
-        "refused" by an error that the package raises on purpose, "failed" by another one; "crashed" where the process
-        died each time.
-    status : str
-        The solver's named outcome, or the message.
+    outcome : Outcome
+        The solver's; or "refused" by an error that the package raises on purpose, "failed" by another one or because
+        the process died each time, "stopped" by the time limit.
+    message : str
+        The solver's sentence, or the error's.
     measures : Measures or None
-        None unless done.
+        None where the solver gave no answer.
     positions : bytes
         Vertex positions of the last frame [m], (n, 3) little-endian float64.
-    made : Made
+    info : RunInfo
         What differs from run to run.
     """
 
     digest: str
-    outcome: Ending
-    status: str
+    outcome: Outcome
+    message: str
     measures: Measures | None = None
     positions: bytes = b""
-    made: Made = Made()
+    info: RunInfo = RunInfo()
 
     def final_positions(self) -> Array:
         """Positions of the last frame (n, 3) [m]."""
@@ -130,7 +128,7 @@ def case_digest(scene: Scene, mesh: TriangleMesh) -> str:
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
 
-def run_case(task: Task) -> Outcome:
+def run_case(task: Task) -> CaseResult:
     """Compute a case on one thread; what it raises becomes its outcome.
 
     Raises
@@ -147,38 +145,37 @@ def run_case(task: Task) -> Outcome:
             raise WorkerError("the worker names the case otherwise: give workers and driver the same modalshell")
         watch, building, threads = Stopwatch(), 0.0, numba.get_num_threads()
         numba.set_num_threads(1)
-        kind: Ending = "done"
-        status, measures, positions = "", None, b""
+        measures, positions = None, b""
         try:
             built = scene.build(scene.build_shell(mesh))
             building = watch()
-            status, measures, last = _solved(built)
+            outcome, message, measures, last = _solved(built)
             positions = np.ascontiguousarray(last, dtype="<f8").tobytes()
         except ModalShellError as error:
-            kind, status = "refused", str(error)
+            outcome, message = Outcome.REFUSED, str(error)
         except Exception as error:  # one case's fault must not end the sweep
-            kind, status = "failed", f"{type(error).__name__}: {error}"
+            outcome, message = Outcome.FAILED, f"{type(error).__name__}: {error}"
         finally:
             numba.set_num_threads(threads)
-        made = _made(building, watch() - building, [str(warning.message) for warning in heard])
-    return Outcome(task.digest, kind, status, measures, positions, made)
+        info = _run_info(building, watch() - building, [str(warning.message) for warning in heard])
+    return CaseResult(task.digest, outcome, message, measures, positions, info)
 
 
-def _made(building: float, solving: float, heard: list[str]) -> Made:
+def _run_info(building: float, solving: float, heard: list[str]) -> RunInfo:
     versions = ", ".join(f"{name} {version}" for name, version in run_record({})["versions"].items())
-    return Made(building, solving, platform.node(), versions, str(get_host_cpu_name()), list(dict.fromkeys(heard)))
+    return RunInfo(building, solving, platform.node(), versions, str(get_host_cpu_name()), list(dict.fromkeys(heard)))
 
 
-def _solved(built: BuiltScene) -> tuple[str, Measures, Array]:
-    """Status, numbers and last positions of an equilibrium or a motion, whose frames are not kept."""
+def _solved(built: BuiltScene) -> tuple[Outcome, str, Measures, Array]:
+    """Outcome, message, numbers and last positions of an equilibrium or a motion, whose frames are not kept."""
     if built.scene.motion is None:
         answer = built.equilibrium()
         last = answer.positions
-        energies = Trajectory.still(answer, built.shell, built.load()).energies[-1]
+        still = Trajectory.still(answer, built.shell, built.load())
         measures = _measures(
             built,
             last,
-            energies,
+            still.energies[-1],
             converged=answer.converged,
             frames=1,
             unconverged_steps=int(not answer.converged),
@@ -186,27 +183,25 @@ def _solved(built: BuiltScene) -> tuple[str, Measures, Array]:
             residual=_finite(answer.residual),
             peak_displacement=_largest(last, built),
         )
-        return answer.status, measures, last
+        return still.outcome, still.message, measures, last
     table, motion = built.scene.motion, built.start_motion()
-    observer, last = Observer(motion), motion.positions()
-    observer.look()
-    peak, total = _largest(last, built), step_count(table.duration, table.dt)
-    for _ in stored_steps(motion, total, table.store_every, None):
-        observer.look()
+    recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
+    peak = 0.0
+    for _ in recorder.frames():
         last = motion.positions()
         peak = max(peak, _largest(last, built))
     measures = _measures(
         built,
         last,
-        observer.energies[-1],
+        recorder.energies[-1],
         converged=motion.finite and not motion.unconverged,
-        frames=len(observer.times),
+        frames=len(recorder.times),
         unconverged_steps=motion.unconverged,
         iterations=None,
         residual=None,
         peak_displacement=_finite(peak),
     )
-    return observer.status(total), measures, last
+    return *recorder.verdict(), measures, last
 
 
 def _measures(built: BuiltScene, positions: Array, energies: Array, **others: Any) -> Measures:

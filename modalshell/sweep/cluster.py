@@ -10,7 +10,8 @@ from typing import Any
 
 from modalshell.checks import shortened, shown
 from modalshell.errors import OptionError, WorkerError
-from modalshell.sweep.case import Outcome, Task, run_case
+from modalshell.outcome import Outcome
+from modalshell.sweep.case import CaseResult, Task, run_case
 
 _SECONDS = 5
 """How long a scheduler may take to answer, and to have a first worker."""
@@ -51,8 +52,8 @@ def connect(address: str) -> Any:
     return client
 
 
-def run_on_cluster(tasks: Sequence[Task], client: Any) -> Generator[Outcome, None, None]:
-    """Compute cases on a cluster; yield each outcome as it is found.
+def run_on_cluster(tasks: Sequence[Task], client: Any) -> Generator[CaseResult, None, None]:
+    """Compute cases on a cluster; yield each result as it is found.
 
     The cluster does a killed worker's cases again, up to its ``allowed-failures``, three unless it is told otherwise.
 
@@ -82,6 +83,6 @@ def run_on_cluster(tasks: Sequence[Task], client: Any) -> Generator[Outcome, Non
                     "given is stored, and starting the sweep again does the rest"
                 ) from error
             digest = future.key.removeprefix("modalshell-")
-            yield Outcome(digest, "crashed", "the cluster's workers died at it")
+            yield CaseResult(digest, Outcome.FAILED, "the cluster's workers died at it")
         future.release()
         ahead.update([submit(task) for task in itertools.islice(rest, 1)])

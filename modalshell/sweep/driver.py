@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Generator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
@@ -10,7 +11,8 @@ from pathlib import Path
 
 from modalshell.checks import checked_count, checked_folder, checked_number, shown
 from modalshell.errors import OptionError
-from modalshell.sweep.case import Outcome, Task
+from modalshell.outcome import Outcome
+from modalshell.sweep.case import CaseResult, Task
 from modalshell.sweep.cluster import connect, run_on_cluster
 from modalshell.sweep.figure import checked_value, draw_summary
 from modalshell.sweep.grid import Sweep, load_sweep
@@ -19,7 +21,7 @@ from modalshell.sweep.plan import Plan
 from modalshell.sweep.store import CaseFolder
 from modalshell.sweep.summary import (
     MEASURES,
-    Row,
+    SummaryRow,
     refuse_parquet_without_pyarrow,
     run_rows,
     summary_rows,
@@ -28,7 +30,9 @@ from modalshell.sweep.summary import (
 )
 from modalshell.typing import Progress
 
-_AGAIN = ("failed", "crashed", "timed out")
+_LONGEST_LIMIT = 1e9
+"""Seconds beyond which no time limit can be waited for."""
+_AGAIN = (Outcome.FAILED, Outcome.STOPPED)
 """Outcomes that another time or machine may change; done again only where that is asked for."""
 
 
@@ -48,16 +52,15 @@ class SweepResult:
         "", or why there is no picture.
     """
 
-    rows: list[Row]
+    rows: list[SummaryRow]
     files: list[Path]
     computed: int
     stored: int
     note: str = ""
 
-    def counts(self) -> dict[str, int]:
+    def counts(self) -> dict[Outcome, int]:
         """Rows by outcome."""
-        outcomes = [row["outcome"] for row in self.rows]
-        return {name: outcomes.count(name) for name in dict.fromkeys(outcomes)}
+        return dict(Counter(Outcome(row["outcome"]) for row in self.rows))
 
 
 def run_sweep(
@@ -88,9 +91,9 @@ def run_sweep(
     cluster : str, optional
         Address of a scheduler of dask.distributed that computes the cases instead.
     time_limit : float, optional
-        Seconds after which a case is given up and recorded as timed out (not on a cluster).
+        Seconds after which a case is given up and recorded as stopped (not on a cluster).
     retry : bool
-        Whether to compute again the stored cases that failed, crashed or timed out.
+        Whether to compute again the stored cases that failed or were stopped by the time limit.
     on_step : callable, optional
         Called with the cases stored and their total.
 
@@ -115,7 +118,7 @@ def run_sweep(
     folder = chosen or Path(declared.output.folder)
     count = usable_cores() if workers is None else checked_count("workers", workers)
     if time_limit is not None:
-        checked_number("time_limit", time_limit, above=0.0, unit="s")
+        checked_number("time_limit", time_limit, above=0.0, at_most=_LONGEST_LIMIT, unit="s")
     if cluster is not None and (time_limit is not None or workers is not None):
         raise OptionError("workers and a time limit are for this machine: leave them out with a cluster")
     if cluster is not None and not isinstance(cluster, str):
@@ -125,16 +128,16 @@ def run_sweep(
         refuse_parquet_without_pyarrow()
     plan = Plan(declared)
     with CaseFolder(folder / f"{declared.name}_cases") as store:
-        found = {digest: outcome for digest in plan.tasks if (outcome := store.read(digest)) is not None}
+        found = {digest: result for digest in plan.tasks if (result := store.read(digest)) is not None}
         if retry:
-            found = {digest: outcome for digest, outcome in found.items() if outcome.outcome not in _AGAIN}
+            found = {digest: result for digest, result in found.items() if result.outcome not in _AGAIN}
         before = len(found)
         missing = [task for digest, task in plan.tasks.items() if digest not in found]
         try:
-            with closing(_outcomes(missing, count, cluster, time_limit)) as outcomes:
-                for outcome in outcomes:
-                    store.write(outcome)
-                    found[outcome.digest] = outcome
+            with closing(_results(missing, count, cluster, time_limit)) as results:
+                for result in results:
+                    store.write(result)
+                    found[result.digest] = result
                     if on_step is not None:
                         on_step(len(found), len(plan.tasks))
         except KeyboardInterrupt as stop:
@@ -144,9 +147,9 @@ def run_sweep(
     return SweepResult(rows, files, len(missing), before, note)
 
 
-def _outcomes(
+def _results(
     missing: list[Task], workers: int, cluster: str | None, time_limit: float | None
-) -> Generator[Outcome, None, None]:
+) -> Generator[CaseResult, None, None]:
     if not missing:
         return
     if cluster is None:
@@ -157,8 +160,8 @@ def _outcomes(
 
 
 def _write(
-    sweep: Sweep, plan: Plan, found: Mapping[str, Outcome], folder: Path, value: str
-) -> tuple[list[Path], list[Row], str]:
+    sweep: Sweep, plan: Plan, found: Mapping[str, CaseResult], folder: Path, value: str
+) -> tuple[list[Path], list[SummaryRow], str]:
     stem, note = f"{sweep.name}_sweep", ""
     rows = summary_rows(plan, [axis.key for axis in sweep.axes], found)
     files = [write_csv(folder / f"{stem}.csv", rows)]

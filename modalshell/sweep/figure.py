@@ -20,7 +20,7 @@ from modalshell.errors import OptionError
 from modalshell.render.curves import MODEL_COLORS, Curve, Panel, draw_curves
 from modalshell.render.maps import MapPanel, draw_maps
 from modalshell.sweep.grid import Axis
-from modalshell.sweep.summary import Row
+from modalshell.sweep.summary import SummaryRow
 from modalshell.typing import Array
 
 Chosen = dict[int, int]
@@ -40,11 +40,12 @@ _RANGES = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 _NONE, _NONE_COLOR = "no value", "#cccccc"
 _CURVES, _PANELS = len(_COLORS), 12
 _TICKS = 8
+"""Values along an axis up to which each gets a tick of its own."""
 _WIDE = 30.0
 """Ratio of largest to smallest from which an axis is logarithmic."""
 
 
-def draw_summary(rows: Sequence[Row], axes: Sequence[Axis], value: str, path: Path, title: str) -> str:
+def draw_summary(rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, path: Path, title: str) -> str:
     """Draw ``value`` over the axes into a PNG.
 
     Returns

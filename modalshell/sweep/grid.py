@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from modalshell.checks import shortened, shown
 from modalshell.errors import SceneError
 from modalshell.scene import MODELS
 from modalshell.scene.read import checked_table, read_toml, refuse_unknown_keys
@@ -117,9 +118,11 @@ class Sweep:
         place[self._index(key, last, place) if isinstance(place, list) else last] = value
 
     def _index(self, key: str, part: str, entries: list[Any]) -> int:
-        if not part.isdecimal() or int(part) >= len(entries):
+        if not part.isdecimal() or len(part) > 9 or int(part) >= len(entries):
             allowed = f"a number from 0 to {len(entries) - 1}" if entries else "no entry, for the list is empty"
-            raise SceneError(f"{self.file}: axes.{key}: {part!r} must name an entry of a list, {allowed}")
+            raise SceneError(
+                f"{self.file}: axes.{shortened(key)}: {shown(part)} must name an entry of a list, {allowed}"
+            )
         return int(part)
 
 

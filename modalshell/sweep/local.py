@@ -20,11 +20,12 @@ from typing import IO
 import msgspec
 
 from modalshell.errors import WorkerError
-from modalshell.sweep.case import Outcome, Task
+from modalshell.outcome import Outcome
+from modalshell.sweep.case import CaseResult, Task
 from modalshell.sweep.worker import READY
 
 ATTEMPTS = 3
-"""Processes that may die at a case before it is recorded as crashed."""
+"""Processes that may die at a case before it is recorded as failed."""
 _STARTS = 5
 """Processes in a row that may die before they are given a case."""
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -35,8 +36,10 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
-def run_locally(tasks: Sequence[Task], workers: int, time_limit: float | None = None) -> Generator[Outcome, None, None]:
-    """Compute cases in ``workers`` processes; yield each outcome as it is found.
+def run_locally(
+    tasks: Sequence[Task], workers: int, time_limit: float | None = None
+) -> Generator[CaseResult, None, None]:
+    """Compute cases in ``workers`` processes; yield each result as it is found.
 
     A case whose process dies is done again, up to three processes; one that takes longer than ``time_limit`` [s] is
     given up. Closing the iterator, like the end of this process however it comes, ends the workers.
@@ -49,7 +52,7 @@ def run_locally(tasks: Sequence[Task], workers: int, time_limit: float | None = 
     waiting: queue.SimpleQueue[Task] = queue.SimpleQueue()
     for task in tasks:
         waiting.put(task)
-    found: queue.SimpleQueue[Outcome | BaseException] = queue.SimpleQueue()
+    found: queue.SimpleQueue[CaseResult | BaseException] = queue.SimpleQueue()
 
     def serve(slot: _Slot) -> None:
         try:
@@ -57,7 +60,7 @@ def run_locally(tasks: Sequence[Task], workers: int, time_limit: float | None = 
                 found.put(slot.compute(waiting.get_nowait(), time_limit))
         except queue.Empty:
             pass
-        except BaseException as error:  # raised where the outcomes are waited for
+        except BaseException as error:  # raised where the results are waited for
             found.put(error)
         finally:
             slot.end()
@@ -68,10 +71,10 @@ def run_locally(tasks: Sequence[Task], workers: int, time_limit: float | None = 
         for thread in threads:
             thread.start()
         for _ in tasks:
-            outcome = found.get()
-            if isinstance(outcome, BaseException):
-                raise outcome
-            yield outcome
+            result = found.get()
+            if isinstance(result, BaseException):
+                raise result
+            yield result
     finally:
         for slot in slots:
             slot.stop()
@@ -95,24 +98,24 @@ class _Slot:
         self._worker: _Worker | None = None
         self._lock = threading.Lock()
 
-    def compute(self, task: Task, limit: float | None) -> Outcome:
+    def compute(self, task: Task, limit: float | None) -> CaseResult:
         """What becomes of a case, with as many new workers as that takes."""
         deaths, idle_deaths = 0, 0
         while True:
             try:
                 worker = self._worker or self._start()
-                outcome = worker.ask(task, limit)
+                result = worker.ask(task, limit)
             except _Death as death:
                 self.end()
                 deaths, idle_deaths = deaths + death.asked, idle_deaths + (not death.asked)
                 if self.stopped or idle_deaths == _STARTS:
                     raise WorkerError(f"worker processes die before they are given a case ({death})") from death
                 if deaths == ATTEMPTS:
-                    return Outcome(task.digest, "crashed", f"{deaths} processes died at it ({death})")
+                    return CaseResult(task.digest, Outcome.FAILED, f"{deaths} processes died at it ({death})")
             else:
                 if worker.late:
                     self.end()
-                return outcome
+                return result
 
     def stop(self) -> None:
         """Kill the worker, and have no other one; from any thread."""
@@ -164,7 +167,7 @@ class _Worker:
         if self._pipes[1].readline() != READY:
             raise self._death(asked=False)
 
-    def ask(self, task: Task, limit: float | None) -> Outcome:
+    def ask(self, task: Task, limit: float | None) -> CaseResult:
         """What becomes of a case; _Death if the process dies at it or has died before."""
         tasks, answers = self._pipes
         try:
@@ -180,9 +183,9 @@ class _Worker:
             timer.cancel()
             timer.join()
         if answer.endswith(b"\n"):
-            return msgspec.json.decode(answer, type=Outcome)
+            return msgspec.json.decode(answer, type=CaseResult)
         if self.late:
-            return Outcome(task.digest, "timed out", f"took longer than {limit:g} s")
+            return CaseResult(task.digest, Outcome.STOPPED, f"took longer than {limit:g} s")
         raise self._death(asked=True)
 
     def end(self) -> None:

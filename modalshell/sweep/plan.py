@@ -16,7 +16,7 @@ from modalshell.sweep.grid import Sweep
 
 
 @dataclass(frozen=True)
-class Case:
+class GridCase:
     """A point of the grid.
 
     Attributes
@@ -44,14 +44,14 @@ class Plan:
 
     Attributes
     ----------
-    cases : list of Case
+    cases : list of GridCase
         In the order of the grid.
     tasks : dict
         What is to be computed, by digest: the cases' own, and their truths where they are asked for.
     """
 
     def __init__(self, sweep: Sweep) -> None:
-        self.cases: list[Case] = []
+        self.cases: list[GridCase] = []
         self.tasks: dict[str, Task] = {}
         self._meshes: dict[str, tuple[TriangleMesh, bytes, bytes]] = {}
         self._checked: set[str] = set()
@@ -62,7 +62,7 @@ class Plan:
             except SceneError as error:
                 at = ", ".join(f"{axis.key} = {value!r:.60}" for axis, value in zip(sweep.axes, values, strict=True))
                 raise SceneError(f"{sweep.file}: case {number} of {sweep.count} ({at}): {error}") from error
-            self.cases.append(Case(values, digest, truth, mesh))
+            self.cases.append(GridCase(values, digest, truth, mesh))
 
     def _add(self, sweep: Sweep, raw: dict[str, Any]) -> tuple[str, TriangleMesh]:
         """Check a scene and take it up; return its digest and mesh."""

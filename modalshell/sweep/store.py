@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from pathlib import Path
 from types import TracebackType
 
@@ -11,8 +12,18 @@ import msgspec
 from msgspec import Struct
 
 from modalshell.atomic_io import make_folder, write_bytes
-from modalshell.lock import hold
-from modalshell.sweep.case import Outcome
+from modalshell.lock import acquire_lock
+from modalshell.outcome import Outcome, read_outcome
+from modalshell.reading import read_regular
+from modalshell.sweep.case import CaseResult
+
+_ENDINGS = {
+    "refused": Outcome.REFUSED,
+    "failed": Outcome.FAILED,
+    "crashed": Outcome.FAILED,
+    "timed out": Outcome.STOPPED,
+}
+"""What earlier versions called cases without an answer."""
 
 
 class _Stored(Struct, frozen=True):
@@ -31,9 +42,10 @@ class CaseFolder:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         make_folder(folder)
-        self._descriptor = hold(folder / "lock")
-        for leftover in folder.glob(".*.part.json"):
-            leftover.unlink()
+        self._descriptor = acquire_lock(folder / "lock")
+        for leftover in folder.glob(".*.part.json"):  # what killed processes had begun to write
+            if re.fullmatch(r"\.[0-9a-f]{64}\.\d+\.part\.json", leftover.name):
+                leftover.unlink()
 
     def __enter__(self) -> CaseFolder:
         return self
@@ -43,25 +55,35 @@ class CaseFolder:
     ) -> None:
         os.close(self._descriptor)
 
-    def read(self, digest: str) -> Outcome | None:
+    def read(self, digest: str) -> CaseResult | None:
         """The result of a case; None where it is missing or damaged."""
         try:
-            stored = msgspec.json.decode(self._path(digest).read_bytes(), type=_Stored)
-            found = msgspec.json.decode(stored.result, type=Outcome)
+            stored = msgspec.json.decode(read_regular(self._path(digest)), type=_Stored)
+            found = _decoded(stored.result)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError):
             return None
         sound = _checksum(bytes(stored.result)) == stored.checksum and found.digest == digest
         return found if sound else None
 
-    def write(self, outcome: Outcome) -> None:
+    def write(self, result: CaseResult) -> None:
         """Store a result: once this returns it outlives the process."""
-        result = msgspec.json.encode(outcome)
-        data = msgspec.json.encode(_Stored(_checksum(result), msgspec.Raw(result))) + b"\n"
-        write_bytes(self._path(outcome.digest), data)
+        text = msgspec.json.encode(result)
+        data = msgspec.json.encode(_Stored(_checksum(text), msgspec.Raw(text))) + b"\n"
+        write_bytes(self._path(result.digest), data)
 
     def _path(self, digest: str) -> Path:
         return self.folder / f"{digest}.json"
 
 
-def _checksum(result: bytes) -> str:
-    return hashlib.sha256(result).hexdigest()
+def _checksum(text: bytes) -> str:
+    return hashlib.sha256(text).hexdigest()
+
+
+def _decoded(text: bytes) -> CaseResult:
+    """The result, also as earlier versions wrote it: outcomes of the process, and a sentence for a status."""
+    plain = msgspec.json.decode(text)
+    if isinstance(plain, dict) and "status" in plain:
+        outcome, message = read_outcome(plain["status"], None)
+        plain |= {"outcome": _ENDINGS.get(plain["outcome"], outcome), "message": message}
+        plain["info"] = plain.pop("made", {})
+    return msgspec.convert(plain, CaseResult)

@@ -15,48 +15,49 @@ import msgspec
 from modalshell.atomic_io import replacing, write_text
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.measure import displacement_error
-from modalshell.sweep.case import Measures, Outcome
+from modalshell.sweep.case import CaseResult, Measures
 from modalshell.sweep.plan import Plan
 
-Row = dict[str, Any]
+SummaryRow = dict[str, Any]
 
 MEASURES = Measures.__struct_fields__
 """Columns of every summary; with a truth comes "error"."""
 
 
-def summary_rows(plan: Plan, keys: Sequence[str], found: Mapping[str, Outcome]) -> list[Row]:
-    """What each case found: its number from 1, the values of its axes, outcome, status, measures, error, digest.
+def summary_rows(plan: Plan, keys: Sequence[str], found: Mapping[str, CaseResult]) -> list[SummaryRow]:
+    """What each case found: its number from 1, the values of its axes, outcome, message, measures, error, digest.
 
     The error is the relative displacement error of the last frame against the truth's, vertices weighted by their
-    mass; None, with the truth's status beside it, where one of both has no positions or the truth does not move.
+    mass; None where one of both has no positions or the truth does not move. The truth's outcome and message follow.
     """
     rows = []
     for number, case in enumerate(plan.cases, start=1):
-        outcome = found[case.digest]
-        measures = dict.fromkeys(MEASURES) if outcome.measures is None else msgspec.structs.asdict(outcome.measures)
+        result = found[case.digest]
+        measures = dict.fromkeys(MEASURES) if result.measures is None else msgspec.structs.asdict(result.measures)
         row = {"case": number, **{key: _plain(value) for key, value in zip(keys, case.values, strict=True)}}
-        row |= {"outcome": outcome.outcome, "status": outcome.status} | measures
+        row |= {"outcome": str(result.outcome), "message": result.message} | measures
         if case.truth is not None:
             truth = found[case.truth]
-            row |= {"error": _error(outcome, truth, case.mesh), "truth_status": truth.status}
+            row |= {"error": _error(result, truth, case.mesh)}
+            row |= {"truth_outcome": str(truth.outcome), "truth_message": truth.message}
         rows.append(row | {"digest": case.digest})
     return rows
 
 
-def run_rows(plan: Plan, found: Mapping[str, Outcome]) -> list[Row]:
+def run_rows(plan: Plan, found: Mapping[str, CaseResult]) -> list[SummaryRow]:
     """What differs from run to run, for each computed case, truths too: seconds, machine, versions, warnings."""
     rows = []
     for digest in plan.tasks:
-        made = msgspec.structs.asdict(found[digest].made)
-        rows.append({"digest": digest} | made | {"warnings": " | ".join(found[digest].made.warnings)})
+        info = found[digest].info
+        rows.append({"digest": digest} | msgspec.structs.asdict(info) | {"warnings": " | ".join(info.warnings)})
     return rows
 
 
-def _error(outcome: Outcome, truth: Outcome, mesh: Any) -> float | None:
-    if outcome.measures is None or truth.measures is None:
+def _error(result: CaseResult, truth: CaseResult, mesh: Any) -> float | None:
+    if result.measures is None or truth.measures is None:
         return None
     try:
-        return displacement_error(outcome.final_positions(), truth.final_positions(), mesh)
+        return displacement_error(result.final_positions(), truth.final_positions(), mesh)
     except ModalShellError:
         return None
 
@@ -66,7 +67,7 @@ def _plain(value: Any) -> Any:
     return json.dumps(value, separators=(",", ":")) if isinstance(value, dict | list) else value
 
 
-def write_csv(path: Path, rows: Sequence[Row]) -> Path:
+def write_csv(path: Path, rows: Sequence[SummaryRow]) -> Path:
     """Rows as CSV: floats in full, nothing for None."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
@@ -82,7 +83,7 @@ def refuse_parquet_without_pyarrow() -> None:
         raise OptionError("Parquet needs pyarrow: pip install 'modalshell[parquet]', or leave it out of output.formats")
 
 
-def write_parquet(path: Path, rows: Sequence[Row]) -> Path:
+def write_parquet(path: Path, rows: Sequence[SummaryRow]) -> Path:
     """Rows as Parquet, columns typed; an axis that mixes types is written as JSON."""
     import pyarrow
     import pyarrow.parquet

@@ -1,4 +1,4 @@
-"""A worker process of a sweep on this machine: tasks in on standard input, outcomes out on standard output."""
+"""A worker process of a sweep on this machine: tasks in on standard input, results out on standard output."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def main() -> None:
     answers.write(READY)
     answers.flush()
     while True:
-        outcome = run_case(msgspec.json.decode(tasks.get(), type=Task))
-        answers.write(msgspec.json.encode(outcome) + b"\n")
+        result = run_case(msgspec.json.decode(tasks.get(), type=Task))
+        answers.write(msgspec.json.encode(result) + b"\n")
         answers.flush()
 
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-Row = tuple[sp.Expr, ...]
+LinearForm = tuple[sp.Expr, ...]
 """A linear form of the step: one coefficient an unknown."""
 
 
@@ -63,8 +63,8 @@ class Energy:
     unknowns: tuple[sp.Symbol, ...]
     measure: sp.Expr
     gradient: tuple[sp.Expr, ...]
-    squares: tuple[tuple[sp.Expr, Row], ...] = ()
-    products: tuple[tuple[Row, Row], ...] = ()
+    squares: tuple[tuple[sp.Expr, LinearForm], ...] = ()
+    products: tuple[tuple[LinearForm, LinearForm], ...] = ()
     periodic: bool = False
 
     @property
@@ -85,7 +85,7 @@ def _vector(name: str) -> sp.Matrix:
     return sp.Matrix(sp.symbols(f"{name}_x {name}_y {name}_z", real=True))
 
 
-def _row(*blocks: sp.Matrix) -> Row:
+def _row(*blocks: sp.Matrix) -> LinearForm:
     return tuple(entry for block in blocks for entry in block)
 
 
@@ -169,12 +169,14 @@ def flexure() -> Energy:
         unit, height, foot = normal / size, size / length, apex.dot(e) / length_squared
         across = (apex - foot * e) / height
 
-        def apex_step(vector: sp.Matrix, foot: sp.Expr = foot, height: sp.Expr = height, place: int = place) -> Row:
+        def apex_step(
+            vector: sp.Matrix, foot: sp.Expr = foot, height: sp.Expr = height, place: int = place
+        ) -> LinearForm:
             blocks = [sp.zeros(3, 1), sp.zeros(3, 1)]
             blocks[place] = vector / height
             return _row(-foot * vector / height, *blocks)
 
-        def edge_step(vector: sp.Matrix) -> Row:
+        def edge_step(vector: sp.Matrix) -> LinearForm:
             return _row(vector / length, sp.zeros(3, 1), sp.zeros(3, 1))
 
         slide = tuple(p + q / 2 for p, q in zip(apex_step(tangent), edge_step(across), strict=True))

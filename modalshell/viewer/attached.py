@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from modalshell.errors import OptionError
-from modalshell.render.scene import checked_path
+from modalshell.render.content import checked_path
 from modalshell.run import RunFollower
 from modalshell.viewer.desktop import demand_window, show_window
 from modalshell.viewer.session import FRAME_SECONDS
 from modalshell.viewer.stage import Stage, demand_opengl
-from modalshell.viewer.web import Page, check_page
+from modalshell.viewer.web import BrowserPage, check_page
 
 
 class AttachedWindow:
@@ -50,7 +50,7 @@ class AttachedWindow:
         self._stage.close()
 
 
-class AttachedPage(Page):
+class AttachedPage(BrowserPage):
     """A run's newest frame behind a page.
 
     Parameters

@@ -10,7 +10,7 @@ from typing import Any
 from modalshell.checks import checked_count
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.render.backend import opens_windows
-from modalshell.render.scene import checked_path
+from modalshell.render.content import checked_path
 from modalshell.scene import MODELS, Scene
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
 from modalshell.viewer.stage import Stage, demand_opengl

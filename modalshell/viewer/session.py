@@ -16,6 +16,8 @@ from modalshell.models.base import total_load
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
+from modalshell.motion.recorder import take_steps
+from modalshell.outcome import Outcome
 from modalshell.scene import MODELS, Scene
 from modalshell.scene.tables import Motion as MotionTable
 from modalshell.timings import Stopwatch
@@ -30,7 +32,9 @@ _WORK_LIMIT = 2.0 * FRAME_SECONDS
 _LONGEST_PAUSE = 0.25
 """Wall time [s] between frames beyond which a model was built or the machine slept: that time is not made up for."""
 _STANDARD_GRAVITY = 9.81
+"""Gravity [m/s^2] that the slider reaches twice at least."""
 _MODE_LIMIT = 64
+"""Modes that the slider reaches, where the scene has no more."""
 _STILL_SCENE_MOTION = MotionTable(duration=math.inf, damping=(0.5, 0.001))
 _ON_BASIS: dict[str, type[ModalModel]] = {"lma": LinearModal, "mwts": ModalWarping, "rsw": RotationStrain}
 """Models that share one basis; the others build what they need themselves."""
@@ -195,14 +199,19 @@ class ViewSession:
         watch = Stopwatch()
         self._owed += checked_number("seconds", seconds, at_least=0.0, unit="s")
         self.late = False
-        # A share of a step: thirty frames of 1/30 s shall be thirty steps.
-        while self.playing and self._owed > (1.0 - 1e-6) * self._motion.dt:
-            self.late = watch() > limit
-            if self.late:
-                self._owed = 0.0
-                break
-            self._step()
-            self._owed -= self._motion.dt
+        motion = self._motion
+        end = motion.count + int(self._owed / motion.dt + 1e-6)  # thirty frames of 1/30 s shall be thirty steps
+        try:
+            for _ in take_steps(motion, end):
+                self._owed -= motion.dt
+                self.late = motion.count < end and watch() > limit
+                if self.late:
+                    self._owed = 0.0
+                    break
+        except ModalShellError as error:
+            self.playing, self.note = False, str(error)
+        if not motion.finite:
+            self._stop_diverged()
         self._look()
         if self.playing:
             self.note = self._faults()
@@ -232,17 +241,9 @@ class ViewSession:
         if not self._diverged:
             self.note = self._faults()
 
-    def _step(self) -> None:
-        try:
-            self._motion.advance()
-        except ModalShellError as error:
-            self.playing, self.note = False, str(error)
-        if not self._motion.finite:
-            self._stop_diverged()
-
     def _stop_diverged(self) -> None:
         self.playing, self._diverged = False, True
-        self.note = f"diverged at t = {self.time:.3g} s: reset, or take another model"
+        self.note = f"{Outcome.DIVERGED} at t = {self.time:.3g} s: reset, or take another model"
 
     def _look(self) -> None:
         """Take the positions, unless they are no shape any more."""
@@ -257,11 +258,9 @@ class ViewSession:
     def _faults(self) -> str:
         """What the user should know about a motion that still goes on."""
         unconverged = self._motion.unconverged
-        faults = [
-            self.model.fault(self._motion.state),
-            f"{unconverged} steps did not converge" if unconverged else None,
-        ]
-        return ", ".join(fault for fault in faults if fault)
+        fault = self.model.fault(self._motion.state)
+        missed = f"{unconverged} steps did not converge" if unconverged else ""
+        return ", ".join(filter(None, [fault, missed]))
 
     def _cached_model(self, name: str, modes: int) -> Model:
         """The model on the scene's options if it is the scene's own, else on its defaults; the last of each is kept."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import math
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -14,13 +12,13 @@ from modalshell.errors import OptionError
 from modalshell.render import choose_backend
 from modalshell.render.backend import drawing_hint
 from modalshell.render.camera import frame_points
-from modalshell.render.painter import LIGHTS, LINE_WIDTH
-from modalshell.render.scene import DEFAULT_CAMERA, ShadedSurface
+from modalshell.render.content import DEFAULT_CAMERA, ShadedSurface
+from modalshell.render.painter import LINE_WIDTH, reflectance
+from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
 from modalshell.render.surfaces import EdgeTable, line_color, vertex_normals
 from modalshell.typing import Array
 from modalshell.viewer.session import gravity_limit
 
-_AMBIENT, _DIFFUSE = 0.38, 1.0
 _ARROW_COLOR = "#c0504d"
 _ARROW_LENGTH = 0.35
 """Length of the arrow, in shell sizes, at the largest gravity that the sliders offer."""
@@ -69,15 +67,9 @@ class Stage:
     """
 
     def __init__(self, shown: Shown, *, off_screen: bool, size: tuple[int, int] = (1200, 800)) -> None:
-        # Loaded as Any: PyVista's own annotations differ between its releases.
-        self._pyvista: Any = importlib.import_module("pyvista")
         self._shown = shown
         self._aspect = size[0] / size[1]
-        theme = self._pyvista.themes.DocumentTheme()
-        self.plotter: Any = self._pyvista.Plotter(off_screen=off_screen, window_size=size, lighting="none", theme=theme)
-        for direction, power in LIGHTS:
-            light = self._pyvista.Light(position=direction, intensity=power, light_type="camera light")
-            self.plotter.add_light(light)
+        self._pyvista, self.plotter = open_plotter(size, off_screen=off_screen)
         self._actors: list[Any] = []
         self._build()
         self.refresh()
@@ -93,10 +85,7 @@ class Stage:
         look = ShadedSurface(rest, faces)
         self._surface = self._pyvista.PolyData.from_regular_faces(rest.copy(), faces)
         self._surface.point_data.active_normals = vertex_normals(rest, faces)
-        actor = self._add(self._surface, color=look.color, ambient=_AMBIENT, diffuse=_DIFFUSE, specular=0.0)
-        # Faces step back a little so that lines on them are never half hidden.
-        actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
-        actor.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 1.0)
+        self._actors.append(add_faces(self.plotter, self._surface, look, color=look.color))
         table = EdgeTable.of(rest, faces)
         edges = table.edges[table.drawn]
         cells = np.column_stack([np.full(len(edges), 2), edges]).ravel()
@@ -109,7 +98,8 @@ class Stage:
             self._add(self._held_points, color="#404040", point_size=5.0)
         self._arrow = self._pyvista.Arrow(start=(0.0, 0.0, 0.0), direction=(1.0, 0.0, 0.0))
         self._arrow_shape = np.array(self._arrow.points, dtype=np.float64)
-        self._arrow_actor = self._add(self._arrow, color=_ARROW_COLOR, ambient=_AMBIENT, diffuse=_DIFFUSE)
+        ambient, diffuse = reflectance(look)
+        self._arrow_actor = self._add(self._arrow, color=_ARROW_COLOR, ambient=ambient, diffuse=diffuse)
         self._gravity_limit = gravity_limit(self._shown.gravity)
         self._place_camera()
 
@@ -127,9 +117,7 @@ class Stage:
         center = 0.5 * (self._rest.min(axis=0) + self._rest.max(axis=0))
         swing = center + self._size * np.array([[0.0, 0.0, -0.9], [0.0, 0.0, 0.6]])
         room = np.concatenate([self._rest, self._shown.positions, swing])
-        camera = frame_points(room, DEFAULT_CAMERA, self._aspect)
-        self.plotter.camera_position = [camera.position, camera.target, camera.axes[1]]
-        self.plotter.camera.view_angle = math.degrees(2.0 * math.atan(camera.slope))
+        set_camera(self.plotter, frame_points(room, DEFAULT_CAMERA, self._aspect))
 
     def refresh(self) -> None:
         """Bring what is shown up to its present state; draws nothing yet."""
@@ -167,8 +155,7 @@ class Stage:
 
     def close(self) -> None:
         """Free the plotter and its OpenGL window."""
-        self.plotter.close()
-        self.plotter.deep_clean()
+        close_plotter(self.plotter)
 
 
 def demand_opengl() -> None:

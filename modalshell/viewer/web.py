@@ -23,7 +23,7 @@ _SETTLING = 0.2
 _TRAME = ("trame.app", "trame.ui.vuetify3", "trame.widgets.vuetify3", "trame.widgets.vtk")
 
 
-class Page(ABC):
+class BrowserPage(ABC):
     """A page with a picture of something that moves, drawn here, and a line of text below it.
 
     Parameters
@@ -96,7 +96,7 @@ class Page(ABC):
         self._show_status()
 
 
-class WebViewer(Page):
+class WebViewer(BrowserPage):
     """A session behind a page; all browsers that open it share the session.
 
     Parameters

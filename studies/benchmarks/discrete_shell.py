@@ -9,7 +9,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.models import Damping
-from modalshell.modes import available_backends
+from modalshell.modes import BACKENDS
 from modalshell.shell import EXACT, PROJECTED
 from studies.benchmarks.timing import interleaved
 
@@ -47,7 +47,7 @@ def implicit_steps(sides: tuple[int, ...] = (50, 100, 150)) -> list[dict[str, An
     for side in sides:
         steps = max(3, round(10 * (50 / side)))
         shell = hanging_sheet(side)
-        for backend in available_backends("refactor"):
+        for backend in BACKENDS:
             model = ms.DiscreteShell(shell, backend=backend)
             ms.simulate(model, duration=STEP, dt=STEP, gravity=GRAVITY, damping=DAMPING)  # compiles, orders
             model = ms.DiscreteShell(shell, backend=backend)

@@ -14,7 +14,7 @@ import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
 import modalshell as ms
-from modalshell.modes import available_backends
+from modalshell.modes import BACKENDS
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.provenance import repository_file
 from studies.creature import make_creature
@@ -54,7 +54,7 @@ def solvers(shell: ms.Shell, count: int) -> dict[str, Any]:
         return spla.eigsh(stiffness, k=count, M=mass, sigma=0)[0]
 
     ways: dict[str, Any] = {PLAIN: plain}
-    for backend in available_backends():
+    for backend in BACKENDS:
         ways[backend] = lambda backend=backend: eigenpairs(shell, count, backend)[0]
     return ways
 

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import held, strip
 
 import modalshell as ms
 from modalshell.cli import main
@@ -23,12 +24,12 @@ STILL = ("[motion]\nduration = 1\n", "")
 
 @pytest.fixture(autouse=True)
 def _without_opengl(monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
 
 
 def beam(cells=(12, 4), **shape):
     mesh = ms.v_beam(cells=cells, **shape) if shape else ms.flat_beam(cells=cells)
-    return ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 1.5 / cells[0])
+    return held(mesh, 1.5 / cells[0])
 
 
 @pytest.fixture(scope="module")
@@ -193,8 +194,7 @@ def test_coarse_meshes_are_clamped_alike():
 
 
 def test_cases_that_cannot_be_compared_are_refused(scene_file):
-    mesh = ms.flat_beam(cells=(6, 2))
-    free = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    free = strip()
     with pytest.raises(ms.OptionError, match="6 rigid motions"):
         ms.tradeoff(free, gravity=(0, 0, -1))
     with pytest.raises(ms.OptionError, match="nothing to compare"):

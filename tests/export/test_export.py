@@ -5,15 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import pyvista
+from scenes import cantilever
 
 import modalshell as ms
 from modalshell.export import check_formats
+from modalshell.outcome import Outcome
 
 
 @pytest.fixture(scope="module")
 def run():
-    mesh = ms.v_beam(cells=(8, 4))
-    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.13)
+    shell = cantilever((8, 4))
+    mesh = shell.mesh
     tip = ms.PositionConstraint(len(mesh.vertices) - 1, mesh.vertices[-1] + [-0.05, 0.0, 0.05])
     model = ms.ModalWarping(ms.solve_modes(shell, 8))
     return ms.simulate(model, duration=0.5, dt=0.05, gravity=(0, 0, -1), constraints=[tip])
@@ -30,7 +32,7 @@ def test_archives_keep_every_bit(run, tmp_path, dtype):
     for name in ARRAYS:
         assert getattr(loaded, name).dtype == getattr(saved, name).dtype
         np.testing.assert_array_equal(getattr(loaded, name), getattr(saved, name))
-    for name in ("status", "unconverged_steps", "seconds"):
+    for name in ("outcome", "status", "message", "unconverged_steps", "seconds"):
         assert getattr(loaded, name) == getattr(saved, name)
 
 
@@ -102,6 +104,33 @@ def test_other_archives_are_refused(run, tmp_path, change, match):
     np.savez(tmp_path / "other.npz", **arrays)
     with pytest.raises(ms.FileFormatError, match=match):
         ms.load_trajectory(tmp_path / "other.npz")
+
+
+@pytest.mark.parametrize(
+    ("status", "outcome"),
+    [
+        ("completed", Outcome.COMPLETED),
+        ("completed, but wound up at 0.1 s; bounded cycle: the motion does not settle", Outcome.WOUND_UP),
+        ("completed, but bounded cycle: the motion does not settle although it is damped", Outcome.CYCLING),
+        ("completed, but 3 of 80 steps did not converge", Outcome.STEPS_NOT_CONVERGED),
+        ("diverged at 0.5 s: positions left the finite numbers", Outcome.DIVERGED),
+        ("no fixed point: the branch from rest ends before this load", Outcome.NO_FIXED_POINT),
+        ("converged, but wound up: a part of the shell has turned by more than 2 pi", Outcome.WOUND_UP),
+        ("not converged: residual 1.0e+00 of 1e-07", Outcome.NOT_CONVERGED),
+        ("never heard of", Outcome.NOT_CONVERGED),
+    ],
+)
+def test_archives_of_earlier_versions_are_read(run, tmp_path, status, outcome):
+    with np.load(ms.save_trajectory(run, tmp_path / "run.npz")) as stored:
+        arrays = {name: stored[name] for name in stored.files if name != "message"}
+    np.savez(tmp_path / "old.npz", **arrays | {"status": np.array(status), "modalshell_trajectory": np.array(1)})
+    loaded = ms.load_trajectory(tmp_path / "old.npz")
+    assert (loaded.outcome, loaded.status, loaded.message) == (
+        outcome,
+        str(outcome),
+        "" if outcome.succeeded else status,
+    )
+    np.testing.assert_array_equal(loaded.positions, run.positions)
 
 
 def test_missing_parts_and_compressed_archives_are_refused(tmp_path, run):

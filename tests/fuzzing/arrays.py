@@ -26,9 +26,10 @@ from modalshell.sweep import load_sweep
 
 Build = Callable[..., Any]
 
-RECORDS = {"Advice", "Basis", "Scene", "SceneResult", "SweepResult", "Tradeoff", "Trajectory"}
+RECORDS = {"Advice", "Basis", "Damping", "Equilibrium", "FlightResult", "Model", "Outcome", "Scene", "SceneResult"}
+RECORDS |= {"SweepResult", "Tradeoff", "Trajectory"}
 """Plain records that the package fills itself; they hold what they are given."""
-FILES = {"load_mesh", "save_mesh", "load_scene", "load_trajectory", "save_trajectory", "run_scene"}
+FILES = {"load_mesh", "save_mesh", "load_scene", "load_trajectory", "save_trajectory", "run_scene", "RunFollower"}
 """Their input is files: see the other surfaces."""
 SLOW = {"tradeoff", "advise"}
 """Minutes of work where they accept what they get: junk in every parameter that has a check."""
@@ -98,7 +99,7 @@ def _meshes() -> list[Target]:
     soup = {"vertices": np.array(mesh.vertices), "faces": np.array(mesh.faces)}
     size = {"length": 1.0, "width": 0.2, "cells": (2, 2)}
     panel = {"length": 1.0, "radius": 0.6, "angle": 90.0, "cells": (2, 2)}
-    family = {"family": ("alternating", "equilateral", "union-jack", "lloyd", "right")}
+    family = {"family": ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")}
     return [
         Target("TriangleMesh", _meshed(ms.TriangleMesh), soup),
         Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup | {"tolerance": 1e-6}),
@@ -162,6 +163,13 @@ def _shells() -> list[Target]:
         Target("Shell.force", shell.force, positions),
         Target("Shell.stiffness", shell.stiffness, positions),
         Target("Shell.gravity_force", shell.gravity_force, {"gravity": np.array([0.0, 0.0, -9.81])}),
+        *(
+            Target(load.__name__, lambda sel, force, load=load: load(sel, force).force(mesh),
+                   {"sel": np.array(held), "force": np.array([0.0, 0.0, -1.0])})
+            for load in (ms.PointForce, ms.LineForce)
+        ),
+        Target("WarpFrame", lambda **given: ms.WarpFrame(**given).positions(np.zeros(3)), {"threads": 1},
+               {"dtype": ("float64", "float32", "int")}, {"basis": world_["basis"]}),
         Target("solve_modes", ms.solve_modes, {"count": 3}, {"backend": (None, "superlu", "x", 3)}, {"shell": shell}),
     ]  # fmt: skip
 
@@ -183,8 +191,7 @@ def _models() -> list[Target]:
     coordinates = np.random.default_rng(0).standard_normal((6, 3)) * 0.01
     made = [
         Target("LinearModal", answered(ms.LinearModal), {}, integrators, {"basis": basis}),
-        Target("ModalWarping", answered(ms.ModalWarping), {}, integrators | {"warp": ("closed_form", "sum", "x", None)},
-               {"basis": basis}),
+        Target("ModalWarping", answered(ms.ModalWarping), {}, integrators, {"basis": basis}),
         Target("RotationStrain", answered(ms.RotationStrain), {}, integrators, {"basis": basis}),
         Target("ReducedRotationStrain", answered(ms.ReducedRotationStrain), {"coordinates": coordinates, "rank": 4}, {},
                {"model": world_["models"]["RotationStrain"]}),

@@ -112,7 +112,7 @@ def _without_windows() -> Iterator[None]:
         mock.patch("modalshell.viewer.web.demand_opengl", nothing["demand_opengl"]),
         mock.patch("modalshell.viewer.attached.time", clock),
         mock.patch("modalshell.run.follow.time", clock),
-        mock.patch("modalshell.doctor.choose_backend", return_value="matplotlib"),
+        mock.patch("modalshell.doctor.choose_backend", return_value="built-in"),
         mock.patch.multiple("modalshell.sweep.driver", run_locally=in_this_process, connect=_no_scheduler),
     ):
         yield
@@ -164,9 +164,9 @@ def _too_long(*_: Any, **__: Any) -> Any:
 
 
 def check_exit(status: Any, errors: str) -> None:
-    """DirtyExit unless a command ended well, or with one line, which is then raised as the error that it tells of."""
+    """DirtyExit unless a command ended its work (status 0 or 1) or with one line, which is then raised as an error."""
     lines = [line for line in errors.splitlines() if not line.startswith("modalshell: warning: ")]
-    if "Traceback" in errors or status not in (0, 2):
+    if "Traceback" in errors or status not in (0, 1, 2):
         raise DirtyExit(f"status {status}: {errors[-500:]}")
     if status == 2:
         if len(lines) != 1 or not lines[0].startswith("modalshell: "):

@@ -10,7 +10,6 @@ from unittest import mock
 
 import numpy as np
 
-from modalshell import render
 from modalshell.atomic_io import write_text
 
 
@@ -25,8 +24,10 @@ def _views(views: Any, path: Any, **_: Any) -> Path:
     return write_text(path, "picture")
 
 
-def _film(path: Any, frames: Any, *_: Any, **__: Any) -> Path:
-    _checked(frames)
+def _film(path: Any, surfaces: Any, motions: Any, **_: Any) -> Path:
+    _checked(surface.vertices for surface in surfaces)
+    for motion in motions:
+        _checked(motion)
     return write_text(path, "film")
 
 
@@ -35,17 +36,11 @@ def _surface(path: Any, surface: Any, *_: Any, **__: Any) -> Path:
     return write_text(path, "picture")
 
 
-def _streamed(path: Any, surface: Any, frames: Any, *_: Any, **__: Any) -> Path:
-    _checked([surface.vertices, *map(np.array, frames)])
-    return write_text(path, "film")
-
-
 @contextmanager
 def without_pictures() -> Iterator[None]:
     """Draw nothing, but look at what should be drawn."""
-    flocks = {"draw_surface": _surface, "write_streamed_film": _streamed}
     with (
-        mock.patch.multiple(render, draw_views=_views, write_film=_film),
-        mock.patch.multiple("modalshell.run.run_flock", **flocks),
+        mock.patch.multiple("modalshell.run.results", draw_views=_views, write_film=_film),
+        mock.patch.multiple("modalshell.run.run_flock", draw_surface=_surface, write_film=_film),
     ):
         yield

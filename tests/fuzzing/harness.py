@@ -58,7 +58,7 @@ class Escape(FuzzFinding):
 
 
 class DirtyExit(FuzzFinding):
-    """A command that ended otherwise than with status 0, or with status 2 and one line."""
+    """A command that ended otherwise than with status 0 or 1, or with status 2 and one line."""
 
 
 class LongWork(Exception):

@@ -36,6 +36,12 @@ def seeds() -> tuple[tuple[str, bytes], ...]:
     quads = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\ng side\nusemtl x\nf 1/1/1 2/1/1 3/1/1 4/1/1\n"
     found.append((".obj", quads.encode()))
     found.append((".obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf -4 -3 \\\n-2\n"))
+    found.append((".obj", b"\xef\xbb\xbf" + found[0][1]))
+    header = "ply\nformat binary_little_endian 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+    header += "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]], "<f4").tobytes()
+    mixed = b"\x04" + np.arange(4, dtype="<i4").tobytes() + b"\x03" + np.array([1, 4, 2], "<i4").tobytes()
+    found.append((".ply", header.encode() + points + mixed))
     found.append((".off", b"COFF 3 1 0 # colours\n0 0 0 1 1 1\n1 0 0 1 1 1\n0 1 0 1 1 1\n3 0 1 2\n"))
     return tuple(found)
 

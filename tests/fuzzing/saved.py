@@ -8,6 +8,7 @@ import json
 import shutil
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
+from scenes import TINY_BEAM, held
 
 import modalshell as ms
 from fuzzing.harness import HalfRead, Input
@@ -25,21 +27,21 @@ from modalshell.checks import shown
 from modalshell.compare.tradeoff import outside_positions
 from modalshell.provenance import run_record
 from modalshell.run import RunFollower
+from modalshell.run.frame_file import ALIGNMENT, CONSTANTS, LINE_CHECKSUM, MAGIC, line_checksum, record_dtype
 from modalshell.study import StudyResult
 from modalshell.sweep import load_sweep
 from modalshell.sweep.case import run_case
 from modalshell.sweep.plan import Plan
 from modalshell.sweep.store import CaseFolder
 
-SCENE = """
-name = "beam"
-mesh = {shape = "v_beam", cells = [2, 2]}
-material = {stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}
-supports = {clamped = "x < 0.6"}
+SCENE = (
+    TINY_BEAM
+    + """
 loads = {gravity = [0.0, 0.0, -4.0]}
 model = {name = "mwts", modes = 2}
 motion = {duration = 0.2, dt = 0.02}
 """
+)
 FLIGHT = (
     SCENE.replace('"beam"', '"birds"')
     + """
@@ -77,7 +79,7 @@ def _stop(done: int, _total: int) -> None:
 def results() -> tuple[Saved, ...]:
     """Every kind of saved result, made once."""
     mesh = ms.v_beam(cells=(2, 2))
-    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.6)
+    shell = held(mesh, 0.6)
     basis = ms.solve_modes(shell, 2)
     run = ms.simulate(ms.ModalWarping(basis), duration=0.1, gravity=(0.0, 0.0, -4.0))
     made = []
@@ -246,6 +248,75 @@ def _packed(arrays: dict[str, Any], packing: str) -> bytes:
     return out.getvalue()
 
 
+_RECORDS = (
+    *("[]", "5", "{}", "null", "", "__import__('os').abort()", "[" * 100_000, '[["time", "<f8"]]', '[["time", "O"]]'),
+    *('[["time", "<f8", [-1]], ["positions", "<f8", [9, 3]]]', '[["time", "<f8"], ["positions", "<f8", [9, 3]]]'),
+    *('[["time", "<f8"], ["positions", "<f8", [99999999999, 99999999999]]]', '[["a", "<f8"], ["a", "<f8"]]'),
+    *('[["time", "S8"], ["positions", "<f4", [9, 3]]]', '[["", ""]]'),
+)
+_ARRAYS = ("<f8", "<f4", "<i8", "?", "O", "S3", "x", "<c16", "V0")
+
+
+def _forged_frames(folder: Path, saved: Saved, draw: st.DrawFn) -> Input:
+    """A file of frames whose checksums are right and whose contents are another's."""
+    data = saved.files[saved.damaged]
+    line = data[len(MAGIC) : data.index(b"\n", len(MAGIC)) + 1]
+    document = json.loads(line)
+    del document[LINE_CHECKSUM]
+    layout = [list(row) for row in document[CONSTANTS]["arrays"]]
+    sizes = [np.dtype(kind).itemsize * int(np.prod(shape)) for _, kind, shape in layout]
+    body = data[len(MAGIC) + len(line) :]
+    starts = np.cumsum([0, *sizes])
+    parts = [body[start : start + size] for start, size in zip(starts, sizes, strict=False)]
+    changes = draw(
+        st.lists(st.sampled_from(("record", "name", "kind", "shape", "bytes", "less", "frames")), min_size=1)
+    )
+    for change in changes:
+        row = draw(st.integers(0, len(layout) - 1)) if layout else None
+        if change == "record":
+            document["record"] = draw(st.sampled_from(_RECORDS))
+        elif row is None or change == "frames":
+            continue
+        elif change == "name":
+            layout[row][0] = draw(st.sampled_from(("faces", "self", "", "rest_positions", "x")))
+        elif change == "kind":
+            layout[row][1] = draw(st.sampled_from(_ARRAYS))
+        elif change == "shape":
+            layout[row][2] = draw(st.sampled_from(([], [0], [3], [9, 3], [-1, 3], [10**12, 3], [2**62, 8], [0, 3])))
+        elif change == "bytes":
+            parts[row] = draw(st.sampled_from((b"\xff", b"\x00", b"\x7f"))) * len(parts[row])
+        else:
+            del layout[row], parts[row]
+    for index, (_, kind, shape) in enumerate(layout):  # the bytes that the layout promises, if there can be so many
+        with contextlib.suppress(TypeError, ValueError):
+            size = np.dtype(kind).itemsize * int(np.prod(shape, dtype=object))
+            if 0 <= size < 10_000:
+                parts[index] = parts[index].ljust(size, b"\0")[:size]
+    constants = b"".join(parts)
+    document[CONSTANTS] = {"arrays": layout, "checksum": zlib.crc32(constants)}
+    document[LINE_CHECKSUM] = line_checksum(document)
+    head = MAGIC + json.dumps(document, sort_keys=True).encode()
+    head += b" " * (-(len(head) + 1) % ALIGNMENT) + b"\n" + constants
+    head += b"\0" * (-len(constants) % ALIGNMENT)
+    frames = b""
+    with contextlib.suppress(TypeError, ValueError, RecursionError):
+        fields = [(name, kind, *map(tuple, shape)) for name, kind, *shape in json.loads(document["record"])]
+        record = np.full(record_dtype(fields).itemsize - 4, 255 if "frames" in changes else 0, np.uint8).tobytes()
+        frames = (record + zlib.crc32(record).to_bytes(4, "little")) if len(record) < 10_000 else b""
+
+    def call() -> Any:
+        path = folder / "forged.frames"
+        path.write_bytes(head + frames)
+        follower = RunFollower(path)
+        try:
+            follower.poll()
+            return [follower.time, follower.positions, follower.rest_positions, follower.gravity, follower.status()]
+        finally:
+            follower.close()
+
+    return Input(f"frames forged: {document['record'][:100]!r}, {str(layout)[:400]}, {changes}", call)
+
+
 _PACKINGS = ("stored", "stored", "stored", "deflated", "bomb", "negative", "nested", "escaping", "doubled")
 
 
@@ -280,6 +351,8 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
         _damage, st.just(place), any_kind, st.sampled_from(TOKENS).map(lambda token: [lambda _: token])
     )
     zipped = [_forgeries(place, saved) for saved in (*quick, *kinds) if saved.arrays]
+    followed = next(saved for saved in kinds if saved.name == "followed frames")
+    zipped.append(st.composite(lambda draw: _forged_frames(place, followed, draw))())
     written = [_json_junk(place, saved) for saved in kinds if saved.damaged.endswith(".json")]
     return st.integers(0, 9).flatmap(
         lambda roll: broken if roll < 6 else st.one_of(zipped) if roll < 9 else st.one_of(replaced, *written)

@@ -22,7 +22,7 @@ from fuzzing.mutations import damaged, text_damage
 from modalshell.scene import parse_scene
 from modalshell.selection import select_vertices
 from modalshell.sweep import Sweep, load_sweep
-from modalshell.sweep.case import Outcome, Task, run_case
+from modalshell.sweep.case import CaseResult, Task, run_case
 
 BASE: dict[str, Any] = {
     "name": "panel",
@@ -212,7 +212,7 @@ def run_few_cases(sweep: Any, **options: Any) -> Any:
         return ms.run_sweep(sweep, **options)
 
 
-def in_this_process(tasks: Sequence[Task], *_: Any) -> Iterator[Outcome]:
+def in_this_process(tasks: Sequence[Task], *_: Any) -> Iterator[CaseResult]:
     """Outcomes of a sweep's cases while they are few and short; UncaughtException where one fails."""
     for number, task in enumerate(tasks):
         motion = parse_scene(Path(task.file), task.scene).motion
@@ -221,7 +221,7 @@ def in_this_process(tasks: Sequence[Task], *_: Any) -> Iterator[Outcome]:
             raise LongWork
         found = run_case(task)
         if found.outcome == "failed":
-            raise UncaughtException(f"a case of the sweep failed: {found.status}")
+            raise UncaughtException(f"a case of the sweep failed: {found.message}")
         yield found
 
 

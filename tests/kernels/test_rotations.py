@@ -164,6 +164,29 @@ def test_warp_jacobian_passes_the_taylor_test(angle):
     assert np.polyfit(np.log(steps), np.log(remainders), 1)[0] == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.3, 0.999, 1.0, 1.001, math.pi, 2 * math.pi, 20.0])
+def test_curvature_of_the_warped_work_is_the_derivative_of_its_gradient(angle):
+    """By central differences of fourth order; the work itself passes at the third slope of Taylor as well."""
+    rng = np.random.default_rng(int(1000 * angle))
+    w, v, load, along_w, along_v = rng.standard_normal((5, 6, 3))
+    w *= angle / np.linalg.norm(w, axis=1, keepdims=True)
+    mixed, curvature = np.empty((2, 6, 3, 3))
+    rotations.warped_work_curvature(w, v, load, mixed, curvature)
+
+    def gradient(h):
+        by_v, by_w = np.empty((2, 6, 3))
+        rotations.warped_work(w + h * along_w, v + h * along_v, load, by_v, by_w)
+        return by_v, by_w
+
+    h = 1e-3
+    near, far = (np.subtract(gradient(size), gradient(-size)) / (2.0 * size) for size in (h, 2.0 * h))
+    by_v, by_w = (4.0 * near - far) / 3.0
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", mixed, along_w), by_v, rtol=0, atol=1e-10)
+    found = np.einsum("nij,nj->ni", curvature, along_w) + np.einsum("nji,nj->ni", mixed, along_v)
+    np.testing.assert_allclose(found, by_w, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(curvature, curvature.swapaxes(1, 2), rtol=0, atol=1e-14)
+
+
 @pytest.mark.parametrize("angle", [1e-160, 1e-8, 1e-3, 0.5, 0.99999, 1.0, 1.00001, 2.0, math.pi, 2 * math.pi, 20.0])
 def test_slopes_of_the_coefficients_keep_their_digits(angle):
     squared = angle**2
@@ -176,6 +199,17 @@ def test_slopes_of_the_coefficients_keep_their_digits(angle):
     # Where the closed form cancels, at angles of 1 and a little more, two digits go.
     assert found[0] == pytest.approx(float(exact_second), rel=1e-13, abs=1e-17)
     assert found[1] == pytest.approx(float(exact_third), rel=1e-13, abs=1e-17)
+    with mpmath.workdps(1400):
+        series = [
+            mpmath.nsum(
+                lambda k, s=s: (-1) ** int(k) * 4 * k * (k - 1) * phi ** (2 * k - 4) / mpmath.factorial(2 * k + s),
+                [2, 90],
+            )
+            for s in (2, 3)
+        ]
+    curves = rotations._curvatures(squared, *found, second, third)
+    for curve, exact in zip(curves, series, strict=True):
+        assert curve == pytest.approx(float(exact), rel=1e-11, abs=1e-16)
 
 
 def test_largest_angle():

@@ -1,11 +1,12 @@
 """Reading and writing meshes: round trips, and every damaged file named."""
 
-import shutil
+import json
 import struct
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from modalshell.errors import MeshError, ModalShellWarning
 from modalshell.mesh import TriangleMesh, leaf, load_mesh, save_mesh, v_beam
@@ -75,8 +76,6 @@ def test_single_precision_round_trip(tmp_path, suffix):
 
 
 def test_gltf_with_its_buffer_beside_it(tmp_path):
-    import trimesh
-
     mesh = v_beam(cells=(4, 2))
     files = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type="gltf")
     for name, data in files.items():
@@ -111,6 +110,78 @@ def test_collapsed_stl_triangle_warns(tmp_path):
     data = b"\0" * 80 + struct.pack("<I", 2) + b"".join(struct.pack("<12fH", 0, 0, 1, *row, 0) for row in rows)
     with pytest.warns(ModalShellWarning, match="dropped 1 of 2 triangles"):
         assert len(load_mesh(_write(tmp_path / "a.stl", data)).faces) == 1
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".ply", ".stl"])
+def test_a_byte_order_mark_loses_no_vertex(tmp_path, suffix):
+    path = tmp_path / f"beam{suffix}"
+    save_mesh(v_beam(cells=(4, 2)), path)
+    plain = load_mesh(path)
+    marked = load_mesh(_write(tmp_path / f"marked{suffix}", b"\xef\xbb\xbf" + path.read_bytes()))
+    np.testing.assert_array_equal(marked.vertices, plain.vertices)
+    np.testing.assert_array_equal(marked.faces, plain.faces)
+
+
+POINTS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0], [2, 1, 0], [1, 2, 0]]
+POLYGONS = [[0, 1, 2, 3], [1, 4, 2], [4, 5, 6, 2]]
+HEADER = (
+    "ply\nformat {} 1.0\nelement vertex 7\nproperty uchar red\nproperty double x\nproperty float y\n"
+    "property float z\nelement face 3\nproperty short part\nproperty list uchar int vertex_indices\n"
+    "property list uchar float texcoord\nelement edge 1\nproperty int a\nend_header\n"
+)
+
+
+def polygon_ply(kind):
+    """Quads beside triangles, further properties, and an element that is not asked for."""
+    header = HEADER.format(kind).encode()
+    if kind == "ascii":
+        rows = [f"9 {x} {y} {z}" for x, y, z in POINTS]
+        rows += [" ".join(map(str, [5, len(p), *p, 2, 0.5, 0.5])) for p in POLYGONS]
+        return header + "\n".join([*rows, "1"]).encode()
+    order = "<" if kind == "binary_little_endian" else ">"
+    rows = [struct.pack(f"{order}Bdff", 9, *point) for point in POINTS]
+    rows += [struct.pack(f"{order}hB{len(p)}iBff", 5, len(p), *p, 2, 0.5, 0.5) for p in POLYGONS]
+    return header + b"".join(rows) + struct.pack(f"{order}i", 1)
+
+
+@pytest.mark.parametrize("kind", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_ply_of_quads_and_triangles_is_split(tmp_path, kind):
+    mesh = load_mesh(_write(tmp_path / "a.ply", polygon_ply(kind)))
+    assert mesh.vertices.tolist() == POINTS
+    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3], [1, 4, 2], [4, 5, 6], [4, 6, 2]]
+    refuse(_write(tmp_path / "cut.ply", polygon_ply(kind)[:-40]), "cut short")
+
+
+def test_messages_say_how_faces_are_counted(tmp_path):
+    text = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 2 2\n"
+    refuse(_write(tmp_path / "a.obj", text), r"face 2, vertices \(0, 1, 1\).*add one.*faces are counted after")
+    data = polygon_ply("ascii").replace(b"5 3 1 4 2", b"5 3 1 4 9")
+    refuse(_write(tmp_path / "a.ply", data), "face 1 names vertex 9, out of range")
+
+
+def gltf(change):
+    files = trimesh.Trimesh(POINTS[:3], [[0, 1, 2]], process=False).export(file_type="gltf", embed_buffers=True)
+    document = json.loads(files["model.gltf"])
+    change(document)
+    return json.dumps(document).encode()
+
+
+def test_gltf_that_is_read_in_part_only_is_refused(tmp_path):
+    draco = gltf(lambda d: d.update(extensionsRequired=["KHR_draco_mesh_compression"]))
+    refuse(_write(tmp_path / "draco.gltf", draco), "requires KHR_draco_mesh_compression")
+    body = draco + b" " * (-len(draco) % 4)
+    head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(body), len(body), 0x4E4F534A)
+    refuse(_write(tmp_path / "draco.glb", head + body), "requires KHR_draco_mesh_compression")
+    for name in ("POSITION", "indices"):
+
+        def thin(document, name=name):
+            part = document["meshes"][0]["primitives"][0]
+            index = part["indices"] if name == "indices" else part["attributes"]["POSITION"]
+            document["accessors"][index]["sparse"] = {"count": 1}
+
+        refuse(_write(tmp_path / "sparse.gltf", gltf(thin)), "as sparse, which is not read")
+    unlit = gltf(lambda d: d.update(extensionsRequired=["KHR_materials_unlit"]))
+    assert len(load_mesh(_write(tmp_path / "unlit.gltf", unlit)).faces) == 1
 
 
 PLY = (
@@ -187,10 +258,3 @@ def test_repository_meshes_load():
     np.testing.assert_allclose(blade.vertices, leaf().vertices, atol=1e-12)
     np.testing.assert_allclose(beam.vertices, v_beam().vertices, atol=1e-12)
     np.testing.assert_array_equal(beam.faces, v_beam().faces)
-
-
-def test_reading_leaves_no_lock(tmp_path):
-    path = tmp_path / "a.obj"
-    save_mesh(v_beam(cells=(4, 2)), path)
-    load_mesh(path)
-    shutil.move(path, tmp_path / "b.obj")

@@ -70,6 +70,21 @@ def test_lloyd_is_isotropic_and_repeatable():
     np.testing.assert_allclose(side, np.linspace(0, 1, 21))
 
 
+def test_delaunay_is_unstructured_and_repeatable():
+    mesh = sheet(cells=(24, 24), family="delaunay")
+    assert quality(mesh).min() > 0.6
+    assert quality(mesh).mean() > 0.93
+    np.testing.assert_array_equal(mesh.vertices, sheet(cells=(24, 24), family="delaunay").vertices)
+    inside = np.setdiff1d(np.arange(len(mesh.vertices)), mesh.boundary_vertices)
+    neighbours = np.bincount(mesh.edges.ravel(), minlength=len(mesh.vertices))[inside]
+    assert neighbours.min() >= 4
+    assert neighbours.max() <= 8
+    assert np.mean((neighbours >= 5) & (neighbours <= 7)) > 0.97
+    assert np.mean(neighbours == 6) < 0.7
+    lloyd = sheet(cells=(24, 24), family="lloyd")
+    assert len(mesh.vertices) == len(lloyd.vertices)
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_every_shape_is_a_disc_facing_up(shape, family):
@@ -157,7 +172,7 @@ def test_any_rectangle(length, width, columns, rows, family):
     try:
         mesh = v_beam(length=length, width=width, fold=120.0, cells=(columns, 2 * rows), family=family)
     except OptionError:
-        assume(family != "lloyd")  # may refuse cells far from square
+        assume(family not in ("lloyd", "delaunay"))  # may refuse cells far from square
         raise
     assert mesh.area == pytest.approx(length * width, rel=1e-9)
     assert len(mesh.vertices) - len(mesh.edges) + len(mesh.faces) == 1

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scenes import held
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
@@ -53,8 +54,7 @@ def test_it_follows_the_stiff_beam_through_its_snap():
 
 def test_rigid_turns_and_rest_are_carried_exactly():
     mesh, under = ms.cylinder_panel(cells=(16, 16)), ms.cylinder_panel(cells=(6, 6))
-    material = ms.Material(20.0, 20.0, 0.05, 0.2)
-    coarse = CoarseDiscreteShell(ms.Shell(mesh, material), ms.Shell(under, material))
+    coarse = CoarseDiscreteShell(held(mesh), held(under))
     np.testing.assert_allclose(coarse.carried_up(under.vertices), mesh.vertices, atol=1e-13)
     turn, shift = Rotation.from_rotvec([0.4, 2.0, -1.0]), np.array([1.0, -2.0, 0.5])
     np.testing.assert_allclose(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scenes import PLAIN, cantilever, leaf
 
 from modalshell import (
     DiscreteShell,
@@ -14,7 +15,6 @@ from modalshell import (
     ModalWarping,
     Shell,
     flat_beam,
-    leaf,
     solve_modes,
     v_beam,
 )
@@ -160,15 +160,9 @@ def test_small_loads_give_the_linear_answer():
 # ---- equilibria
 
 
-def v_scene():
-    mesh = v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
-    material = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-    return Shell(mesh, material, mesh.vertices[:, 0] < 0.051)
-
-
 @pytest.mark.parametrize("gravity", [(0, 0, -5.0), (0, 0, -20.0), (0, 0, 10.0), (3.0, 5.0, -8.0), (-10.0, 0, 1.0)])
 def test_an_equilibrium_is_a_minimum(gravity):
-    shell = v_scene()
+    shell = cantilever((20, 4))
     answer = DiscreteShell(shell).equilibrium(gravity=gravity)
     assert answer.converged
     load = shell.gravity_force(gravity)
@@ -198,7 +192,7 @@ def test_a_warped_start_gives_the_same_answer(scene):
         shell, unit, *_ = strip(0.25, (18, 4), 1e-2, "equilateral")
         gravity = (0.0, 0.0, -10.0 * unit)
     else:
-        shell, gravity = v_scene(), (0.0, 0.0, -8.0)
+        shell, gravity = cantilever((20, 4)), (0.0, 0.0, -8.0)
     warped = ModalWarping(solve_modes(shell, 8)).equilibrium(gravity=gravity)
     cold = DiscreteShell(shell).equilibrium(gravity=gravity)
     warm = DiscreteShell(shell).equilibrium(gravity=gravity, start=warped.positions)
@@ -211,7 +205,7 @@ def test_a_warped_start_gives_the_same_answer(scene):
 
 
 def test_a_start_may_not_move_the_supports():
-    shell = v_scene()
+    shell = cantilever((20, 4))
     start = shell.rest_positions + 0.01
     answer = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -5.0), start=start)
     cold = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -5.0))
@@ -220,7 +214,7 @@ def test_a_start_may_not_move_the_supports():
 
 
 def test_gravity_and_force_add_up():
-    shell = v_scene()
+    shell = cantilever((20, 4))
     by_gravity = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -6.0))
     half = shell.gravity_force((0.0, 0.0, -3.0))
     both = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -3.0), force=half)
@@ -230,12 +224,11 @@ def test_gravity_and_force_add_up():
 def test_equilibrium_does_not_depend_on_the_frame():
     """Turned scene, turned answer."""
     mesh = v_beam(length=1.0, width=0.2, fold=150.0, cells=(12, 4))
-    material = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
     clamped = mesh.vertices[:, 0] < 0.09
     turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-    answer = DiscreteShell(Shell(mesh, material, clamped)).equilibrium(gravity=(1.0, 2.0, -8.0))
+    answer = DiscreteShell(Shell(mesh, PLAIN, clamped)).equilibrium(gravity=(1.0, 2.0, -8.0))
     turned_mesh = type(mesh)(mesh.vertices @ turn.T, mesh.faces)
-    turned = DiscreteShell(Shell(turned_mesh, material, clamped)).equilibrium(gravity=turn @ (1.0, 2.0, -8.0))
+    turned = DiscreteShell(Shell(turned_mesh, PLAIN, clamped)).equilibrium(gravity=turn @ (1.0, 2.0, -8.0))
     np.testing.assert_allclose(turned.positions, answer.positions @ turn.T, rtol=0, atol=1e-7)
 
 
@@ -284,7 +277,7 @@ def test_converged_never_means_a_saddle(share):
     "loads", [{}, {"gravity": (0.0, 0.0, 0.0)}, "zero force", "force on the supports alone"], ids=str
 )
 def test_no_load_is_rest(loads):
-    shell = v_scene()
+    shell = cantilever((20, 4))
     if loads == "zero force":
         loads = {"force": np.zeros_like(shell.rest_positions)}
     elif loads == "force on the supports alone":
@@ -296,7 +289,7 @@ def test_no_load_is_rest(loads):
 
 @pytest.mark.usefixtures("_time_limit")
 def test_no_load_from_a_bent_start_is_rest():
-    shell = v_scene()
+    shell = cantilever((20, 4))
     start = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -3.0)).positions
     answer = DiscreteShell(shell).equilibrium(start=start)
     assert answer.converged
@@ -306,7 +299,7 @@ def test_no_load_from_a_bent_start_is_rest():
 @pytest.mark.usefixtures("_time_limit")
 @pytest.mark.parametrize("gravity", [1e-300, 1e-30, 1e6, 1e30, 1e49])
 def test_absurd_loads_come_back(gravity):
-    shell = v_scene()
+    shell = cantilever((20, 4))
     answer = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity))
     assert np.isfinite(answer.positions).all()
     assert answer.converged == (answer.status == "converged")
@@ -317,8 +310,7 @@ def test_absurd_loads_come_back(gravity):
 
 @pytest.mark.usefixtures("_time_limit")
 def test_a_pushed_free_shell_has_no_equilibrium():
-    shell = Shell(leaf(cells=(6, 4)), Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2))
-    answer = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -1.0))
+    answer = DiscreteShell(leaf((6, 4))).equilibrium(gravity=(0.0, 0.0, -1.0))
     assert not answer.converged
     assert answer.status != "converged"
     assert answer.residual == pytest.approx(1.0, rel=0.1)
@@ -326,7 +318,7 @@ def test_a_pushed_free_shell_has_no_equilibrium():
 
 @pytest.mark.usefixtures("_time_limit")
 def test_a_collapsed_start_is_no_trap():
-    shell = v_scene()
+    shell = cantilever((20, 4))
     start = np.zeros_like(shell.rest_positions)
     answer = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -5.0), start=start)
     cold = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -5.0))
@@ -347,10 +339,10 @@ def test_a_collapsed_start_is_no_trap():
 )
 def test_bad_loads_are_refused(options):
     with pytest.raises(LoadError):
-        DiscreteShell(v_scene()).equilibrium(**options)
+        DiscreteShell(cantilever((20, 4))).equilibrium(**options)
 
 
 @pytest.mark.parametrize("integrator", ["rk4", None, 3])
 def test_unknown_integrators_are_refused(integrator):
     with pytest.raises(OptionError, match="integrator"):
-        DiscreteShell(v_scene(), integrator=integrator)
+        DiscreteShell(cantilever((20, 4)), integrator=integrator)

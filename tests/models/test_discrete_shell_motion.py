@@ -2,30 +2,26 @@
 
 import numpy as np
 import pytest
+from scenes import cantilever, held
 
 from modalshell import (
     DiscreteShell,
-    Material,
-    Shell,
     flat_beam,
     leaf,
     sheet,
     simulate,
-    v_beam,
 )
 from modalshell.errors import OptionError
 from modalshell.models import Damping, MotionState
 
 
 def v_scene():
-    mesh = v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
-    material = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-    return Shell(mesh, material, mesh.vertices[:, 0] < 0.051)
+    return cantilever((20, 4))
 
 
 def small_shell():
     mesh = flat_beam(length=1.0, width=0.25, cells=(8, 2), family="equilateral")
-    return Shell(mesh, Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2), mesh.vertices[:, 0] < 0.19)
+    return held(mesh, 0.19)
 
 
 DAMPINGS = [Damping(), Damping(3.0, 1e-3), Damping(0.0, 1e-2), Damping(50.0, 0.0)]
@@ -132,7 +128,7 @@ def test_a_step_solves_its_own_equation():
 
 def test_free_fall_is_the_discrete_solution():
     """x_k = x_0 + h^2 g k (k + 1) / 2: the solution of implicit Euler, of any shell without supports."""
-    shell = Shell(leaf(cells=(6, 4)), Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2))
+    shell = held(leaf(cells=(6, 4)))
     gravity = np.array([0.0, 1.0, -9.81])
     run = simulate(DiscreteShell(shell), duration=2.0, dt=0.1, gravity=gravity)
     k = np.arange(21)
@@ -144,7 +140,7 @@ def test_free_fall_is_the_discrete_solution():
 @pytest.mark.parametrize(("speed", "dt"), [(20.0, 1e-3), (20.0, 1e-6), (200.0, 1e-5)])
 def test_short_steps_of_a_fast_shell_feel_gravity(speed, dt):
     """The inertia of a step grows as speed over dt; what counts as balanced must not swallow the load for it."""
-    shell = Shell(leaf(cells=(6, 4)), Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2))
+    shell = held(leaf(cells=(6, 4)))
     rung = DiscreteShell(shell)
     state = rung.start_motion()
     state.rates = np.tile((0.0, 0.0, -speed), (len(shell.mass), 1))
@@ -157,7 +153,7 @@ def test_short_steps_of_a_fast_shell_feel_gravity(speed, dt):
 @pytest.mark.parametrize("integrator", ["implicit", "explicit"])
 def test_a_thrown_shell_keeps_its_momentum(integrator):
     """Linear momentum in both integrators; angular momentum exactly in the explicit one, and ever less in the other."""
-    shell = Shell(sheet(cells=(4, 4)), Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2))
+    shell = held(sheet(cells=(4, 4)))
     rung = DiscreteShell(shell, integrator=integrator)
     state = rung.start_motion()
     arms = shell.rest_positions - shell.rest_positions.mean(axis=0)
@@ -190,7 +186,7 @@ def test_damped_motion_comes_to_rest_in_the_static_answer():
 
 def test_stiffness_damping_leaves_rigid_motion_alone():
     """zeta K acts on strain rates only: a falling, spinning shell is slowed by xi M and not by it."""
-    shell = Shell(sheet(cells=(3, 3)), Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2))
+    shell = held(sheet(cells=(3, 3)))
     gravity = (0.0, 0.0, -9.81)
     free, damped = (
         simulate(DiscreteShell(shell), duration=0.5, dt=0.05, gravity=gravity, damping=damping).positions[-1]

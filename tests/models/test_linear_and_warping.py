@@ -7,10 +7,22 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse.linalg as spla
+from scenes import held
 from scipy.spatial.transform import Rotation
 
-from modalshell import DiscreteShell, LinearModal, Material, ModalWarping, Shell, flat_beam, leaf, measure, solve_modes
-from modalshell.errors import LoadError
+from modalshell import (
+    DiscreteShell,
+    LinearModal,
+    Material,
+    ModalWarping,
+    RotationStrain,
+    Shell,
+    flat_beam,
+    leaf,
+    measure,
+    solve_modes,
+)
+from modalshell.errors import LoadError, SolverError
 from modalshell.models import Damping, MotionState
 
 V_BEAM = json.loads((Path(__file__).resolve().parents[1] / "data" / "v_beam_static.json").read_text(encoding="utf-8"))
@@ -53,8 +65,7 @@ def flat():
 @pytest.fixture(scope="module")
 def coarse():
     """A shell with few enough unknowns to take all its modes."""
-    mesh = leaf(cells=(6, 4))
-    shell = Shell(mesh, Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2), mesh.vertices[:, 0] < 0.2)
+    shell = held(leaf(cells=(6, 4)), 0.2)
     return solve_modes(shell, shell.free_unknowns.size)
 
 
@@ -347,8 +358,7 @@ def test_motion_starts_where_it_is_told(v_basis, model):
 
 @pytest.fixture(scope="module")
 def free_basis():
-    mesh = leaf(cells=(8, 6))
-    return solve_modes(Shell(mesh, Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)), 14)
+    return solve_modes(held(leaf(cells=(8, 6))), 14)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -418,3 +428,12 @@ def test_a_load_that_is_not_finite_names_its_vertex(v_basis):
     force[11, 2] = np.inf
     with pytest.raises(LoadError, match=r"\b11\b"):
         LinearModal(v_basis).equilibrium(force=force)
+
+
+@pytest.mark.filterwarnings("ignore:mode 3 belongs to a repeated eigenvalue")
+@pytest.mark.parametrize("model", [LinearModal, ModalWarping, RotationStrain])
+def test_statics_without_stiffness_is_refused(model):
+    mesh = flat_beam(cells=(4, 2))
+    basis = solve_modes(Shell(mesh, Material(0.0, 0.0, 0.0, 1.0), mesh.vertices[:, 0] < 0.3), 3)
+    with pytest.raises(SolverError, match="elastic mode 0 has no stiffness"):
+        model(basis).equilibrium(gravity=(0, 0, -1))

@@ -4,8 +4,9 @@ import time
 
 import numpy as np
 import pytest
+from scenes import held
 
-from modalshell import Material, ReducedRotationStrain, RotationStrain, Shell, leaf, measure, solve_modes
+from modalshell import ReducedRotationStrain, RotationStrain, leaf, measure, solve_modes
 from modalshell.errors import OptionError
 from modalshell.models import Damping, MotionState
 from studies.benchmarks.modes import large_shell
@@ -103,12 +104,11 @@ def test_training_repeats(models):
 
 
 def test_a_mesh_of_few_triangles_is_sampled_whole():
-    mesh = leaf(cells=(6, 4))
-    shell = Shell(mesh, Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
+    shell = held(leaf(cells=(6, 4)), 0.2)
     full = RotationStrain(solve_modes(shell, 4))
-    assert len(mesh.faces) < 128
+    assert len(shell.mesh.faces) < 128
     reduced = ReducedRotationStrain.trained(full, loads(12, 8.0, seed=1), rank=12)
-    assert reduced.triangles.size == len(mesh.faces)
+    assert reduced.triangles.size == len(shell.mesh.faces)
     q = full.equilibrium(gravity=(0.0, 2.0, -6.0)).coordinates
     assert map_error(reduced, full, q) < 5e-3
 
@@ -139,7 +139,7 @@ def test_rest_may_be_among_the_training(models):
 
 
 def test_a_free_shell_is_refused():
-    full = RotationStrain(solve_modes(Shell(leaf(cells=(8, 6)), Material(20.0, 20.0, 0.05, 0.2)), 10))
+    full = RotationStrain(solve_modes(held(leaf(cells=(8, 6))), 10))
     with pytest.raises(OptionError, match="rigid modes"):
         ReducedRotationStrain(full, np.ones((40, 10)))
 

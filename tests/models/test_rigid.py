@@ -2,16 +2,12 @@
 
 import numpy as np
 import pytest
+from scenes import leaf, strip
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.models import Damping, MotionState
-
-
-def leaf(clamped=None):
-    mesh = ms.leaf(cells=(8, 6))
-    return ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +135,7 @@ def test_free_statics_asks_for_balance(free):
 
 
 def test_a_supported_shell_stays():
-    shell = leaf(np.arange(20))
+    shell = leaf(clamped=np.arange(20))
     model = ms.RigidShell(shell)
     answer = model.equilibrium(gravity=(0.0, 0.0, -9.81))
     assert answer.converged
@@ -149,7 +145,7 @@ def test_a_supported_shell_stays():
 
 
 def test_a_supported_shell_follows_its_supports():
-    shell = leaf(np.arange(20))
+    shell = leaf(clamped=np.arange(20))
     path = ms.SupportPath([0.0, 1.0], [(0, 0, 0), (1.0, 2.0, 3.0)], [(0, 0, 0), (0.0, 0.0, 1.0)])
     moved = ms.simulate(ms.RigidShell(shell), duration=1.0, supports=path).positions[-1]
     expected = shell.rest_positions @ Rotation.from_rotvec((0.0, 0.0, 1.0)).as_matrix().T + (1.0, 2.0, 3.0)
@@ -158,17 +154,16 @@ def test_a_supported_shell_follows_its_supports():
 
 def test_half_held_shells_are_refused():
     with pytest.raises(ms.OptionError, match="rigid motions"):
-        ms.RigidShell(leaf([0]))
+        ms.RigidShell(leaf(clamped=[0]))
 
 
 def test_longest_step_of_a_spin_is_one_radian_and_longer_ones_say_so():
     """About a principal axis the discrete momentum is that of sin c, which reaches ``h omega`` up to one."""
-    mesh = ms.flat_beam(cells=(6, 2))
-    model = ms.RigidShell(ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2)))
+    model = ms.RigidShell(strip())
     for dt, good in ((0.49, True), (0.51, False), (50.0, False)):
         state = model.start_motion()
         state.rates[3:] = (2.0, 0.0, 0.0)
         for _ in range(5):
-            state, converged = model.step(state, dt, np.zeros_like(mesh.vertices), Damping())
+            state, converged = model.step(state, dt, np.zeros_like(model.shell.rest_positions), Damping())
             assert converged is good
             assert np.isfinite(model.positions(state)).all()

@@ -5,6 +5,7 @@ import pytest
 import scipy.optimize
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
+from scenes import PLAIN, held
 from scipy.spatial.transform import Rotation
 
 from modalshell import (
@@ -24,9 +25,7 @@ from modalshell import (
 )
 from modalshell.errors import LoadError
 from modalshell.models import Damping, MotionState
-from modalshell.modes import available_backends
-
-LEAF = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
+from modalshell.modes import BACKENDS
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +45,7 @@ def strip():
 
 @pytest.fixture(scope="module")
 def free_basis():
-    return solve_modes(Shell(leaf(cells=(8, 6)), LEAF), 14)
+    return solve_modes(held(leaf(cells=(8, 6))), 14)
 
 
 def random_state(model, turn, seed=0):
@@ -87,7 +86,7 @@ def fitted(basis, q):
 @pytest.mark.parametrize("turn", [1e-3, 0.5, 3.0, 8.0])
 def test_positions_are_those_of_the_definition(turn):
     mesh = cylinder_panel(cells=(7, 5))
-    basis = solve_modes(Shell(mesh, LEAF, np.flatnonzero(mesh.vertices[:, 0] < mesh.vertices[:, 0].min() + 0.2)), 6)
+    basis = solve_modes(held(mesh, mesh.vertices[:, 0].min() + 0.2), 6)
     model = RotationStrain(basis)
     q = random_state(model, turn)
     x = model.positions(MotionState(q, np.zeros(6)))
@@ -95,7 +94,7 @@ def test_positions_are_those_of_the_definition(turn):
     np.testing.assert_array_equal(x, basis.shell.rest_positions + model.displacement(q))
 
 
-@pytest.mark.parametrize("backend", available_backends())
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_every_back_end_gives_the_same_positions(v_basis, v_model, backend):
     model = RotationStrain(v_basis, backend=backend)
     q = random_state(v_model, 1.0)
@@ -266,7 +265,7 @@ def test_v_beam_follows_discrete_shells(v_shell, v_basis, v_ridge_tip):
 
 def test_flat_strip_with_a_soft_membrane_follows_discrete_shells():
     mesh = flat_beam(length=1.0, width=0.2, cells=(40, 8), family="alternating")
-    shell = Shell(mesh, LEAF, mesh.vertices[:, 0] < 0.0376)
+    shell = held(mesh, 0.0376)
     basis = solve_modes(shell, 8)
     unit = unit_gravity(shell)
     start = None
@@ -348,16 +347,16 @@ def two_leaves(clamped=None):
     one = leaf(cells=(8, 6))
     count = len(one.vertices)
     vertices = np.vstack([one.vertices, one.vertices + np.array([0.1, 0.2, 1.0])])
-    return Shell(TriangleMesh(vertices, np.vstack([one.faces, one.faces + count])), LEAF, clamped)
+    return Shell(TriangleMesh(vertices, np.vstack([one.faces, one.faces + count])), PLAIN, clamped)
 
 
 def shells_with_rigid_modes():
     one = leaf(cells=(8, 6))
     return {
-        "free": Shell(one, LEAF),
+        "free": held(one),
         "two parts": two_leaves(),
         "one part held": two_leaves(np.flatnonzero(one.vertices[:, 0] < 0.2)),
-        "hinged": Shell(one, LEAF, one.edges[0]),
+        "hinged": Shell(one, PLAIN, one.edges[0]),
     }
 
 

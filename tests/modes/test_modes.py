@@ -1,28 +1,22 @@
 """Modes: eigenpairs against dense ones, rigid motions, repeatability, saved bases, the factorisation behind them."""
 
 import json
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy.linalg
+from scenes import PLAIN, SHELLS, cantilever
 
-from modalshell import Basis, Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, solve_modes, v_beam
-from modalshell.errors import FileFormatError, ModalShellError, ModalShellWarning, OptionError, SolverError
-from modalshell.modes import available_backends, eigenpairs
+from modalshell import Material, Shell, TriangleMesh, flat_beam, leaf, sheet, solve_modes, v_beam
+from modalshell.errors import ModalShellWarning, OptionError, SolverError
+from modalshell.modes import BACKENDS, eigenpairs
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.rigid import rigid_motions
 
 DATA = json.loads(
     (Path(__file__).resolve().parents[1] / "data" / "plate_and_beam_frequencies.json").read_text(encoding="utf-8")
 )
-PLAIN = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-
-
-def cantilever(cells=(10, 4), **options):
-    mesh = v_beam(cells=cells, **options)
-    return Shell(mesh, PLAIN, mesh.vertices[:, 0] < 1.5 / cells[0])
 
 
 def dense_pairs(shell):
@@ -40,14 +34,6 @@ def subspace_angle(shell, first, second):
     """Largest principal angle in the norm of the mass matrix [rad]."""
     root = np.sqrt(np.repeat(shell.mass, 3))[:, None]
     return scipy.linalg.subspace_angles(root * first, root * second).max()
-
-
-SHELLS = {
-    "clamped v_beam": cantilever(),
-    "free leaf": Shell(leaf(cells=(8, 6)), PLAIN),
-    "free cylinder": Shell(cylinder_panel(cells=(6, 5), angle=100.0), PLAIN),
-    "hinged leaf": Shell(leaf(cells=(8, 6)), PLAIN, [0]),
-}
 
 
 @pytest.mark.parametrize("name", SHELLS)
@@ -93,7 +79,7 @@ def test_what_a_basis_holds(name):
     np.testing.assert_allclose(basis.frequencies, np.sqrt(basis.eigenvalues) / (2 * np.pi), rtol=1e-15)
     np.testing.assert_allclose(basis.rotations, rotation_matrix(shell.mesh) @ basis.modes, rtol=1e-13, atol=1e-13)
     assert basis.shell is shell
-    assert basis.backend in (*available_backends(), "dense")
+    assert basis.backend in (*BACKENDS, "dense")
 
 
 def two_sheets():
@@ -167,7 +153,7 @@ def test_dense_and_lanczos_agree(name, monkeypatch):
     np.testing.assert_allclose(results["lanczos"].modes, results["dense"].modes, rtol=0, atol=1e-6 * scale)
 
 
-@pytest.mark.parametrize("backend", available_backends())
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_every_backend_gives_the_same_modes(backend, monkeypatch):
     monkeypatch.setattr(eigenpairs, "_DENSE_BELOW", 0)
     for shell in SHELLS.values():
@@ -325,122 +311,6 @@ def test_thin_shells_keep_their_digits(thickness):
     )
     assert thin.rigid_modes == 6
     np.testing.assert_allclose(thin.eigenvalues[6:], thickness**2 * reference.eigenvalues[6:], rtol=1e-6)
-
-
-# ---- files
-
-
-@pytest.mark.parametrize("name", SHELLS)
-def test_a_saved_basis_comes_back(name, tmp_path):
-    basis = solve_modes(SHELLS[name], 9)
-    basis.save(tmp_path / "basis.npz")
-    loaded = Basis.load(tmp_path / "basis.npz")
-    for field in ("eigenvalues", "modes", "rotations"):
-        np.testing.assert_array_equal(getattr(loaded, field), getattr(basis, field))
-    for field in ("rigid_modes", "residual", "backend", "count"):
-        assert getattr(loaded, field) == getattr(basis, field)
-    np.testing.assert_array_equal(loaded.shell.clamped, basis.shell.clamped)
-    np.testing.assert_array_equal(loaded.shell.mesh.faces, basis.shell.mesh.faces)
-    x = basis.shell.rest_positions + 0.01 * np.random.default_rng(0).standard_normal(basis.shell.rest_positions.shape)
-    assert loaded.shell.energy(x) == basis.shell.energy(x)
-    np.testing.assert_array_equal(loaded.shell.mass, basis.shell.mass)
-
-
-def test_a_saved_basis_keeps_arrays_of_stiffness(tmp_path):
-    mesh = flat_beam(cells=(10, 2), family="equilateral")
-    material = Material.from_physical(young=1e6, poisson=0.3, thickness=1e-3, density=1e3, mesh=mesh)
-    basis = solve_modes(Shell(mesh, material, mesh.vertices[:, 0] < 0.15), 4)
-    basis.save(str(tmp_path / "basis.npz"))
-    loaded = Basis.load(str(tmp_path / "basis.npz"))
-    assert loaded.shell.material.correct_clamp
-    for name in ("stretch", "shear", "flexure", "density"):
-        np.testing.assert_array_equal(getattr(loaded.shell.material, name), getattr(material, name))
-    for ours, theirs in zip(loaded.shell.elements, basis.shell.elements, strict=True):
-        np.testing.assert_array_equal(ours.weight, theirs.weight)
-
-
-def rewritten(path, **changes):
-    """The saved basis with some arrays changed, or left out where the value is None."""
-    with np.load(path) as stored:
-        data = {name: stored[name] for name in stored.files} | changes
-    np.savez(path, **{name: value for name, value in data.items() if value is not None})
-
-
-@pytest.fixture
-def saved(tmp_path):
-    path = tmp_path / "basis.npz"
-    solve_modes(SHELLS["clamped v_beam"], 3).save(path)
-    return path
-
-
-def refused(path):
-    with pytest.raises(FileFormatError) as caught:
-        Basis.load(path)
-    assert isinstance(caught.value, ModalShellError)
-    assert Path(path).name in str(caught.value)
-
-
-def test_missing_file_is_named(tmp_path):
-    refused(tmp_path / "nowhere.npz")
-
-
-def test_other_files_are_refused(tmp_path):
-    for name, content in (("text.npz", b"hello"), ("empty.npz", b""), ("zip.npz", b"PK\x03\x04 not really")):
-        (tmp_path / name).write_bytes(content)
-        refused(tmp_path / name)
-    np.save(tmp_path / "array.npy", np.arange(3.0))
-    refused(tmp_path / "array.npy")
-    np.savez(tmp_path / "other.npz", a=np.arange(3.0))
-    refused(tmp_path / "other.npz")
-    refused(tmp_path)
-
-
-@pytest.mark.parametrize("share", [0.05, 0.5, 0.9, 0.999])
-def test_truncated_files_are_refused(saved, share):
-    content = saved.read_bytes()
-    saved.write_bytes(content[: int(share * len(content))])
-    refused(saved)
-
-
-def test_flipped_bytes_are_refused(saved):
-    content = bytearray(saved.read_bytes())
-    with zipfile.ZipFile(saved) as archive:
-        info = archive.getinfo("modes.npy")
-    middle = info.header_offset + 60 + info.compress_size // 2
-    content[middle] ^= 0xFF
-    saved.write_bytes(bytes(content))
-    refused(saved)
-
-
-def test_other_formats_are_refused(saved):
-    rewritten(saved, modalshell_basis=np.array(999))
-    refused(saved)
-    rewritten(saved, modalshell_basis=np.array([1, 2]))
-    refused(saved)
-
-
-@pytest.mark.parametrize("name", ["vertices", "clamped", "stretch", "correct_clamp", "eigenvalues", "modes", "backend"])
-def test_files_that_lack_an_array_are_refused(saved, name):
-    rewritten(saved, **{name: None})
-    refused(saved)
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("modes", np.zeros((7, 3))),
-        ("rotations", np.zeros((7, 3))),
-        ("eigenvalues", np.zeros(5)),
-        ("faces", np.array([[0, 1, 99999]])),
-        ("clamped", np.zeros(3, dtype=bool)),
-        ("density", np.array(-1.0)),
-        ("rigid_modes", np.array([1, 2])),
-        ("modes", np.array(["a"])),
-    ],
-)
-def test_files_with_arrays_that_do_not_fit_are_refused(saved, name, value):
-    rewritten(saved, **{name: value})
-    refused(saved)
 
 
 def needle_strip(aspect):

@@ -5,13 +5,13 @@ import warnings
 import numpy as np
 import pytest
 import scipy.linalg
+from scenes import PLAIN
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, sheet, solve_modes
 from modalshell.errors import ModalShellWarning
-from modalshell.modes import available_backends, eigenpairs
+from modalshell.modes import BACKENDS, eigenpairs
 
-PLAIN = Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
-BACKENDS = pytest.mark.parametrize("backend", available_backends())
+every_backend = pytest.mark.parametrize("backend", BACKENDS)
 
 
 @pytest.fixture(autouse=True)
@@ -69,14 +69,14 @@ def check_copies(copies, held, elastic, backend, cells=(6, 3)):
         assert outside(shell, basis.modes[:, first : first + copies], space) < 1e-6
 
 
-@BACKENDS
+@every_backend
 @pytest.mark.parametrize("held", [True, False], ids=["clamped", "free"])
 @pytest.mark.parametrize("elastic", [1, 6, 7, 18])
 def test_six_identical_strips(elastic, held, backend):
     check_copies(6, held, elastic, backend)
 
 
-@BACKENDS
+@every_backend
 @pytest.mark.parametrize(("copies", "elastic"), [(12, 12), (12, 13), (40, 80)])
 def test_many_identical_strips(copies, elastic, backend):
     """Twelve kept Lanczos from converging; of forty it missed some at a count of eighty."""

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from modalshell.errors import ModalShellWarning, OptionError
-from modalshell.render import ShadedSurface, View, choose_backend, draw_views, write_film
+from modalshell.render import ShadedSurface, View, choose_backend, draw_views, look_at, write_film
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE, drawing_hint
 from modalshell.render.camera import frame_points
 
@@ -50,7 +50,7 @@ def use(name: str, detected, monkeypatch) -> None:
     monkeypatch.setenv(RENDERER_VARIABLE, name)
 
 
-@pytest.fixture(params=["pyvista", "matplotlib"])
+@pytest.fixture(params=["pyvista", "built-in"])
 def drawn_by(request, detected, monkeypatch):
     use(request.param, detected, monkeypatch)
     return request.param
@@ -83,7 +83,7 @@ def rim(ink: np.ndarray, width: int) -> np.ndarray:
 def test_without_pyvista_the_rasteriser_draws_and_no_probe_runs(monkeypatch):
     find_spec = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pyvista" else find_spec(name))
-    assert choose_backend(probe_command=CRASH) == "matplotlib"  # and warns of nothing
+    assert choose_backend(probe_command=CRASH) == "built-in"  # and warns of nothing
     assert "modalshell[vtk]" in drawing_hint()
 
 
@@ -100,11 +100,11 @@ def test_without_pyvista_the_rasteriser_draws_and_no_probe_runs(monkeypatch):
 @pytest.mark.usefixtures("unprobed")
 def test_nothing_renders(probe):
     with pytest.warns(ModalShellWarning, match="apt-get install libegl1 libgl1-mesa-dri"):
-        assert choose_backend(probe_command=probe) == "matplotlib"
-    assert os.environ[RENDERER_VARIABLE] == "matplotlib"
+        assert choose_backend(probe_command=probe) == "built-in"
+    assert os.environ[RENDERER_VARIABLE] == ""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert choose_backend(probe_command=probe) == "matplotlib"
+        assert choose_backend(probe_command=probe) == "built-in"
 
 
 @pytest.mark.usefixtures("unprobed")
@@ -135,10 +135,12 @@ def test_users_window_is_tried_first_and_probed_once(monkeypatch, tmp_path):
     assert os.environ[WINDOW_VARIABLE] == "mine"
 
 
-@pytest.mark.parametrize("name", ["pyvista", "matplotlib"])
-def test_named_renderer_skips_probe(name, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "chosen"), [("pyvista", "pyvista"), ("built-in", "built-in"), ("matplotlib", "built-in")]
+)
+def test_named_renderer_skips_probe(name, chosen, monkeypatch):
     monkeypatch.setenv(RENDERER_VARIABLE, name)
-    assert choose_backend(probe_command=CRASH) == name
+    assert choose_backend(probe_command=CRASH) == chosen
 
 
 def test_unknown_renderer(monkeypatch):
@@ -212,7 +214,7 @@ def test_both_back_ends_draw_the_same_picture(detected, monkeypatch, tmp_path):
 
 
 def test_text_stays_outside_the_cells(detected, monkeypatch, tmp_path):
-    use("matplotlib", detected, monkeypatch)
+    use("built-in", detected, monkeypatch)
     vertices, faces = grid()
     long = "a title of many words that cannot stand in one line above so narrow a cell"
     values = np.linspace(0.0, 1.0, len(vertices))
@@ -229,7 +231,7 @@ def test_text_stays_outside_the_cells(detected, monkeypatch, tmp_path):
 
 
 def test_unlinked_cameras_show_each_shape_large(detected, monkeypatch, tmp_path):
-    use("matplotlib", detected, monkeypatch)
+    use("built-in", detected, monkeypatch)
     vertices, faces = grid()
     views = [View([ShadedSurface(vertices, faces)]), View([ShadedSurface(0.1 * vertices, faces)])]
     shares = []
@@ -250,7 +252,7 @@ def test_frame_is_tight(parallel):
 
 
 def test_fallback_is_quick_at_25k_triangles(detected, monkeypatch, tmp_path):
-    use("matplotlib", detected, monkeypatch)
+    use("built-in", detected, monkeypatch)
     vertices, faces = grid(cells=(157, 80))
     begun = time.monotonic()
     draw_views([View([ShadedSurface(vertices, faces, opacity=0.6)])], tmp_path / "q.png")
@@ -266,9 +268,10 @@ def test_film(drawn_by, tmp_path):
 
     faces = grid()[1]
     frames = np.stack([grid(bend=bend)[0] for bend in np.linspace(0.1, 2.5, 7)])
+    surfaces = [ShadedSurface(frames[0], faces), ShadedSurface(frames[0], faces, "0.55", opacity=0.6, style="outline")]
     seen = []
     path = write_film(
-        tmp_path / "f.mp4", frames, faces, fps=25, size=(258, 194), rest=frames[0], title="Bending",
+        tmp_path / "f.mp4", surfaces, [frames, None], fps=25, size=(258, 194), title="Bending",
         on_frame=lambda done, total: seen.append((done, total)),
     )  # fmt: skip
     assert seen == [(k, 7) for k in range(1, 8)]
@@ -286,8 +289,20 @@ def test_film(drawn_by, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["f.mp4"]
 
 
+def test_frames_that_come_one_by_one_make_the_same_film(detected, monkeypatch, tmp_path):
+    use("built-in", detected, monkeypatch)
+    faces = grid()[1]
+    frames = np.stack([grid(bend=bend)[0] for bend in (0.1, 1.0, 2.0)])
+    camera = look_at((1.0, -2.0, 1.0), (0.5, 0.0, 0.0), 0.6, 128 / 96)
+    surface = ShadedSurface(frames[0], faces, scalars=frames[0][:, 0])
+    options = {"camera": camera, "size": (128, 96)}
+    whole = write_film(tmp_path / "whole.mp4", [surface], [frames], **options)
+    streamed = write_film(tmp_path / "streamed.mp4", [surface], [(shape for shape in frames)], total=3, **options)
+    assert streamed.read_bytes() == whole.read_bytes()
+
+
 def test_interrupted_film_leaves_no_file(detected, monkeypatch, tmp_path):
-    use("matplotlib", detected, monkeypatch)
+    use("built-in", detected, monkeypatch)
     vertices, faces = grid()
 
     def stop(done: int, _total: int) -> None:
@@ -295,7 +310,13 @@ def test_interrupted_film_leaves_no_file(detected, monkeypatch, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_film(tmp_path / "f.mp4", np.stack([vertices] * 4), faces, size=(128, 96), on_frame=stop)
+        write_film(
+            tmp_path / "f.mp4",
+            [ShadedSurface(vertices, faces)],
+            [np.stack([vertices] * 4)],
+            size=(128, 96),
+            on_frame=stop,
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -307,7 +328,7 @@ def test_positions_that_are_not_finite(tmp_path):
     frames = np.stack([vertices] * 4)
     frames[2, 7, 1] = np.nan
     with pytest.raises(OptionError, match="frame 2, vertex 7"):
-        write_film(tmp_path / "f.mp4", frames, faces)
+        write_film(tmp_path / "f.mp4", [ShadedSurface(vertices, faces)], [frames])
     with pytest.raises(OptionError, match="vertex 7"):
         ShadedSurface(frames[2], faces)
     assert list(tmp_path.iterdir()) == []
@@ -355,20 +376,22 @@ def test_pictures_refused(change, message, tmp_path):
         ({"path": "f.avi"}, r"\.mp4"),
         ({"size": (101, 100)}, "even"),
         ({"fps": 0}, "fps"),
-        ({"rest": np.zeros((2, 3))}, "rest"),
         ({"camera": (0, 0, 0)}, "camera"),
-        ({"frames_positions": np.zeros((0, 4, 3))}, r"\(F, n, 3\)"),
+        ({"motions": [np.zeros((0, 4, 3))]}, r"\(F, n, 3\)"),
+        ({"total": 1}, "place a camera"),
+        ({"motions": []}, "one entry a surface"),
     ],
 )
 def test_films_refused(change, message, tmp_path):
     vertices, faces = grid()
-    options = {"path": tmp_path / "f.mp4", "frames_positions": vertices[None], "faces": faces, **change}
+    surfaces = [ShadedSurface(vertices, faces)]
+    options = {"path": tmp_path / "f.mp4", "surfaces": surfaces, "motions": [vertices[None]], **change}
     with pytest.raises(OptionError, match=message):
-        write_film(options.pop("path"), options.pop("frames_positions"), options.pop("faces"), **options)
+        write_film(**options)
 
 
 def test_colours_refused(detected, monkeypatch, tmp_path):
-    use("matplotlib", detected, monkeypatch)
+    use("built-in", detected, monkeypatch)
     vertices, faces = grid()
     with pytest.raises(OptionError, match="colour"):
         draw_views([View([ShadedSurface(vertices, faces, "no colour")])], tmp_path / "p.png")

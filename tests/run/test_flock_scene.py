@@ -77,7 +77,7 @@ def test_threads_fly_the_same(tmp_path):
 
 
 def test_film_and_picture(tmp_path, monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     scene = small(flap=ms.load_scene(FILE).flock.flap)
     motion = msgspec.structs.replace(scene.motion, duration=0.1)
     output = msgspec.structs.replace(scene.output, formats=["mp4", "png"])

@@ -1,6 +1,8 @@
 """Following runs from another process: whole frames only, the newest one, and neither side minds the other's death."""
 
+import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,8 +12,11 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.atomic_io import read_record, write_record
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
+from modalshell.run.frame_file import MAGIC, FrameFile
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="only Linux tells who holds a file")
 
@@ -28,7 +33,9 @@ ms.run_scene(scene, out=out, on_step=on_step)
 FOLLOWERS = """
 import os, sys, time
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
+from modalshell.run.frame_file import MAGIC, FrameFile
 frames, count = sys.argv[1], int(sys.argv[2])
 for _ in range(count):
     child = os.fork()
@@ -197,7 +204,7 @@ def test_a_killed_run_is_stopped_and_followed_when_it_goes_on(write, follower, t
     process.kill()
     process.communicate()
     one.poll()
-    assert one.state == "stopped"
+    assert (one.state, one.outcome) == ("stopped", Outcome.STOPPED)
     assert_shows(one, expected)
     last = one.index
     assert 100 <= last <= 200
@@ -320,6 +327,18 @@ def test_results_of_earlier_times_are_shown(finished, follower, tmp_path):
     assert_shows(one, answer)
 
 
+def test_records_of_earlier_versions_are_shown(finished, follower, tmp_path):
+    shutil.copytree(finished[0].parent / "out", tmp_path / "out")
+    path = tmp_path / "out" / "beam.json"
+    record = read_record(path)
+    del record["message"]
+    write_record(path, record | {"status": "completed, but wound up at 0.1 s"})
+    one = follower(tmp_path / "out")
+    one.wait(0.0)
+    assert (one.state, one.outcome) == ("finished", Outcome.WOUND_UP)
+    assert one.status().endswith("finished: wound up: completed, but wound up at 0.1 s")
+
+
 def test_deleted_frames_leave_a_stopped_run(finished, follower, tmp_path):
     scene, expected = finished
     stopped_run(scene, tmp_path, 20)
@@ -327,7 +346,7 @@ def test_deleted_frames_leave_a_stopped_run(finished, follower, tmp_path):
     one.poll()
     (tmp_path / "beam.frames").unlink()
     assert not one.poll()
-    assert one.state == "stopped"
+    assert (one.state, one.outcome) == ("stopped", Outcome.STOPPED)
     assert_shows(one, expected)
 
 
@@ -377,3 +396,16 @@ def test_options_that_are_refused(tmp_path, monkeypatch, capsys, options, text):
     message = capsys.readouterr().err
     assert message.count("\n") == 1
     assert text in message
+
+
+def test_a_header_is_not_evaluated(tmp_path):
+    """Frames with sound checksums and the contents of another: refused, or waited for, and never run as code."""
+    file = FrameFile(tmp_path / "forged.frames")
+    with file:
+        file.begin({"scene": "x"}, [("time", "<f8"), ("positions", "<f8", (3, 3))], constants={"faces": np.eye(3)})
+        file.append({"time": 0.0, "positions": np.eye(3)})
+        with pytest.raises(ms.FileFormatError, match="no frames of a shell's run"):
+            RunFollower(file.path).poll()
+    data = file.path.read_bytes()
+    assert b"eval" not in data
+    assert json.loads(json.loads(data[len(MAGIC) : data.index(b"\n", len(MAGIC))])["record"])[0] == ["time", "<f8"]

@@ -14,28 +14,21 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
+from scenes import beam_text
 
 import modalshell as ms
 from modalshell.cli import main
+from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 
 _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"
-SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/test_flock_scene.py
+SCENES = sorted(path for path in _FOLDER.glob("*.toml") if path.stem != "flock")  # tests/run/test_flock_scene.py
 LARGE = ("creature", "v_beam_stiff")
 
-BEAM = """
-name = "beam"
-[mesh]
-shape = "v_beam"
-cells = [{cells}, 4]
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.13"
-{path}
+BEAM = (
+    'name = "beam"\n'
+    + beam_text("{cells}", "x < 0.13")
+    + """{path}
 [loads]
 gravity = [0.0, 0.0, -4.0]
 [model]
@@ -48,6 +41,7 @@ damping = [0.1, 0.0]
 [output]
 {output}
 """
+)
 MOVING = """times = [0.0, 0.1, 0.3]
 translations = [[0, 0, 0], [0, 0.1, 0.1], [0, 0, 0]]
 rotations = [[0, 0, 0], [0.5, 0, 0.2], [0, 0.1, 0]]"""
@@ -73,7 +67,7 @@ def assert_same(found, expected):
         one, other = getattr(found, name), getattr(expected, name)
         assert one.dtype == other.dtype
         np.testing.assert_array_equal(one, other, err_msg=name)
-    assert (found.status, found.unconverged_steps) == (expected.status, expected.unconverged_steps)
+    assert (found.message, found.unconverged_steps) == (expected.message, expected.unconverged_steps)
 
 
 class Stopped(Exception):
@@ -91,7 +85,7 @@ def stop_after(steps):
 def started(scene, folder, *options):
     """A process of its own that runs the scene."""
     command = [sys.executable, "-m", "modalshell", "run", str(scene), "--out", str(folder), *options]
-    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MODALSHELL_RENDERER": "matplotlib"}
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MODALSHELL_RENDERER": "built-in"}
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
@@ -199,10 +193,10 @@ def test_what_was_seen_before_a_stop_is_in_the_status(tmp_path):
     more = '[[loads.forces]]\nwhere = "x > 0.9"\ntotal = [0, 0, -40]\n'
     scene = write(tmp_path, more=more)
     expected = ms.run_scene(scene, out=tmp_path / "whole").trajectory
-    assert expected.status.startswith("completed, but wound up at ")
+    assert expected.message.startswith("a part of the shell turned by more than 2 pi at ")
     with pytest.raises(Stopped):
         ms.run_scene(scene, out=tmp_path / "stopped", on_step=stop_after(29))
-    assert ms.run_scene(scene, out=tmp_path / "stopped").trajectory.status == expected.status
+    assert ms.run_scene(scene, out=tmp_path / "stopped").trajectory.message == expected.message
 
 
 @pytest.fixture(scope="module")
@@ -369,19 +363,45 @@ def test_whole_results_are_not_computed_again(tmp_path):
         ms.run_scene(scene, out=tmp_path / "out", on_step=refuse, restart=True)
 
 
+def test_a_damaged_format_is_written_again(tmp_path):
+    scene = write(tmp_path, duration=0.05, output='formats = ["pvd", "vtkhdf"]')
+    first = ms.run_scene(scene, out=tmp_path / "out")
+    whole = {path: path.read_bytes() for path in (tmp_path / "out").rglob("*.v*")}
+    assert len(whole) > 2
+    for path in (first.files[2], next((tmp_path / "out" / "beam_frames").iterdir())):
+        path.write_bytes(whole[path][: len(whole[path]) // 2])
+        again = ms.run_scene(scene, out=tmp_path / "out")
+        assert again.resumed == len(first.trajectory.times)
+        assert path.stat().st_size == len(whole[path])
+    mine = tmp_path / "out" / "beam_frames" / "mine.txt"
+    mine.write_bytes(b"mine")
+    with pytest.raises(ms.FileFormatError, match=r"beam_frames holds 'mine.txt'"):
+        ms.run_scene(scene, out=tmp_path / "out", restart=True)
+    assert mine.read_bytes() == b"mine"
+
+
 def test_leftovers_of_killed_writers_are_removed(tmp_path):
     out = tmp_path / "out"
     (out / ".beam.1.part_frames").mkdir(parents=True)
     (out / ".beam.1.part.npz").write_bytes(b"half")
     (out / ".other.1.part.npz").write_bytes(b"half")
+    (out / ".beam.notes.partners").mkdir()
+    (out / ".beam.notes.partners" / "mine.txt").write_bytes(b"mine")
     ms.run_scene(write(tmp_path), out=out)
-    assert sorted(path.name for path in out.iterdir()) == [".other.1.part.npz", "beam.json", "beam.npz"]
+    left = [".beam.notes.partners", ".other.1.part.npz", "beam.json", "beam.npz"]
+    assert sorted(path.name for path in out.iterdir()) == left
+    assert (out / ".beam.notes.partners" / "mine.txt").read_bytes() == b"mine"
 
 
 def test_a_run_that_diverges_says_so(tmp_path):
     scene = write(tmp_path, model='ds"\nintegrator = "explicit"\nallow_unstable_step = true\nstep_tolerance = 1e-6#')
-    run = ms.run_scene(scene, out=tmp_path).trajectory
-    assert run.status.startswith("diverged at ")
+    result = ms.run_scene(scene, out=tmp_path)
+    run = result.trajectory
+    assert result.outcome is run.outcome is Outcome.DIVERGED
+    assert run.message.startswith("positions left the finite numbers at ")
+    with pytest.raises(SystemExit) as exit_:
+        main(["run", str(scene), "--out", str(tmp_path)])
+    assert exit_.value.code == 1  # also where its results are there already
     assert np.isfinite(run.positions).all()
 
 
@@ -402,7 +422,7 @@ def test_scenes_of_the_repository_run(tmp_path, file):
 
 
 def test_the_command_prints_what_it_wrote(tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     scene = write(tmp_path, duration=0.05, output='formats = ["png", "vtkhdf"]')
     with pytest.raises(SystemExit) as stop:
         main(["run", str(scene), "--out", str(tmp_path / "out")])

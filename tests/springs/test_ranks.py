@@ -17,7 +17,8 @@ import pytest
 from modalshell.errors import MeshError, OptionError
 from modalshell.springs import ImplicitSprings, Springs
 from modalshell.springs.partition import rank_block
-from modalshell.springs.ranks import hanging_sheet, petsc
+from modalshell.springs.ranks import petsc
+from studies.benchmarks.ranks import hanging_sheet
 
 PYTHON = os.environ.get("MODALSHELL_MPI_PYTHON", sys.executable)
 ROOT = Path(__file__).resolve().parents[2]
@@ -81,7 +82,7 @@ def answer(folder, ranks, options=""):
     if probe.returncode != 0:
         pytest.skip(f"{PYTHON} has no petsc4py; name one that has in MODALSHELL_MPI_PYTHON")
     out = folder / f"ranks_{ranks}.npz"
-    command = ["mpiexec", "-n", str(ranks), PYTHON, "-m", "modalshell.springs.ranks", "--out", str(out)]
+    command = ["mpiexec", "-n", str(ranks), PYTHON, "-m", "studies.benchmarks.ranks", "--out", str(out)]
     command += ["--rows", str(SHAPE[0]), "--columns", str(SHAPE[1]), "--steps", str(STEPS), "--step", repr(STEP)]
     run = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr

@@ -4,7 +4,7 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from spring_scenes import grid_model, grid_of, shaken
+from scenes import grid_model, grid_of, shaken
 
 import modalshell as ms
 from modalshell.errors import OptionError, SolverError

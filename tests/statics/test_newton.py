@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import cantilever
 
 from modalshell import DiscreteShell, Material, Shell, TriangleMesh, flat_beam, v_beam
 from modalshell.modes import Factoriser
@@ -10,11 +11,6 @@ from modalshell.statics.newton import Potential, descend, is_minimum, mixed_newt
 from modalshell.timings import Timings
 
 STEPS = np.logspace(-1.5, -3.0, 6)
-
-
-def v_shell():
-    mesh = v_beam(length=1.0, width=0.2, fold=150.0, cells=(12, 4))
-    return Shell(mesh, Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2), mesh.vertices[:, 0] < 0.09)
 
 
 def stiff_strip(thickness=1e-3):
@@ -51,7 +47,7 @@ def lowest(shell, x, problem=None):
 
 @pytest.mark.parametrize("dynamic", [False, True])
 def test_potential_passes_the_taylor_test(dynamic):
-    shell = v_shell()
+    shell = cantilever()
     load = np.random.default_rng(3).standard_normal(shell.rest_positions.shape)
     origin = shell.rest_positions + noise(shell, 0.05, 5)
     problem = potential_of(shell, load, inertia(shell, 0.05) if dynamic else None, origin)
@@ -69,14 +65,14 @@ def test_potential_passes_the_taylor_test(dynamic):
 
 
 def test_potential_scale_is_the_load_on_free_vertices():
-    shell = v_shell()
+    shell = cantilever()
     load = np.ones_like(shell.rest_positions)
     assert potential_of(shell, load).scale == pytest.approx(np.sqrt(3 * shell.free.size))
 
 
 @pytest.mark.parametrize("turn", [0.05, 0.4, 0.8, 10.0])
 def test_warped_steps_keep_their_bounds(turn):
-    shell = v_shell()
+    shell = cantilever()
     x = shell.rest_positions + noise(shell, 0.05)
     axis = np.array([0.3, 1.0, -0.4])
     direction = np.cross(axis, x).ravel()[shell.free_unknowns]
@@ -114,7 +110,7 @@ def test_a_warped_rotation_does_not_stretch():
 
 @pytest.mark.parametrize("method", [descend, solve, mixed_newton])
 def test_every_method_finds_the_same_minimum(method):
-    shell = v_shell()
+    shell = cantilever()
     load = shell.gravity_force((0.0, 0.0, -2.0))
     problem = potential_of(shell, load)
     result = method(problem, shell.rest_positions.copy(), problem.scale)
@@ -140,7 +136,7 @@ def test_mixed_steps_do_not_feel_the_membrane(thickness, gamma, drop):
 
 def test_descent_goes_downhill_only(monkeypatch):
     """From a crumpled start, where the Hessian is indefinite, the potential falls in every step."""
-    shell = v_shell()
+    shell = cantilever()
     problem = potential_of(shell, shell.gravity_force((0.0, 0.0, -2.0)))
     start = shell.rest_positions + noise(shell, 0.4, 7)
     assert lowest(shell, start) < 0
@@ -160,7 +156,7 @@ def test_descent_goes_downhill_only(monkeypatch):
 
 
 def test_a_dragged_potential_adds_the_drag_and_a_constant():
-    shell = v_shell()
+    shell = cantilever()
     load = np.random.default_rng(3).standard_normal(shell.rest_positions.shape)
     problem = potential_of(shell, load, inertia(shell, 0.05), shell.rest_positions + noise(shell, 0.05, 5))
     x = shell.rest_positions + noise(shell, 0.1)
@@ -176,7 +172,7 @@ def test_a_dragged_potential_adds_the_drag_and_a_constant():
 
 
 def test_solvers_leave_their_arguments_alone():
-    shell = v_shell()
+    shell = cantilever()
     problem = potential_of(shell, shell.gravity_force((0.0, 0.0, -2.0)))
     start = shell.rest_positions + noise(shell, 0.05)
     before = start.copy()

@@ -59,7 +59,7 @@ def test_limit_of_a_small_loop_is_its_area_times_the_curl(basis):
     phase = np.linspace(0.0, 2.0 * np.pi, 2001)
     path = np.zeros((phase.size, basis.count))
     path[:, a], path[:, b] = radius * (1.0 - np.cos(phase)), -radius * np.sin(phase)
-    left = study.carry(ms.ModalWarping(basis, warp="sum"), path, 1)[0]
+    left = study.carry(study.SummedWarp(basis), path, 1)[0]
     modes, turns = (matrix.reshape(-1, 3, basis.count) for matrix in (basis.modes, basis.rotations))
     curl = np.cross(turns[:, :, a], modes[:, :, b]) - np.cross(turns[:, :, b], modes[:, :, a])
     area = np.pi * radius**2
@@ -71,7 +71,7 @@ def test_sum_up_and_down_a_line_leaves_what_telescoping_says(basis):
     end = np.zeros(basis.count)
     end[:2] = 0.05, 0.02
     rise = np.linspace(0.0, 1.0, 17)[:, None] * end
-    left = study.carry(ms.ModalWarping(basis, warp="sum"), np.vstack([rise, rise[-2::-1]]), 1)[0]
+    left = study.carry(study.SummedWarp(basis), np.vstack([rise, rise[-2::-1]]), 1)[0]
     model = ms.ModalWarping(basis)
     step = (basis.modes @ end).reshape(-1, 3) / 16
     turned = np.empty_like(step)

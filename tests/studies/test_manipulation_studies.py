@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.errors import OptionError
-from modalshell.render import ShadedSurface, View, draw_views, write_scene_film
+from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.glyphs import arrow, axes, joined, rod, sphere
 from modalshell.study import StudyResult
 from studies import dancing_character as study
@@ -146,7 +146,7 @@ def test_axes_point_where_the_frame_does():
 
 
 def test_surfaces_without_lines(tmp_path, monkeypatch):
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     darkest = []
     for lined in (True, False):
         view = View([ShadedSurface(*STRIP, "#dddddd", lined=lined)])
@@ -158,15 +158,15 @@ def test_surfaces_without_lines(tmp_path, monkeypatch):
 def test_film_of_several_surfaces(tmp_path, monkeypatch):
     import imageio_ffmpeg
 
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     vertices, faces = STRIP
     surfaces = [ShadedSurface(vertices, faces, "red"), ShadedSurface(vertices - [0, 0, 0.3], faces, "blue")]
     motion = np.stack([vertices + np.array([0.0, 0.0, 0.1 * frame]) for frame in range(4)])
-    path = write_scene_film(tmp_path / "f.mp4", surfaces, [motion, None], size=(160, 120))
+    path = write_film(tmp_path / "f.mp4", surfaces, [motion, None], size=(160, 120))
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] == 4
     refused = [([motion], "one entry a surface"), ([motion, motion[:2]], "same number"), ([None, None], "frames"),
                ([motion, motion[:, :3]], "4 vertices")]  # fmt: skip
     for motions, message in refused:
         with pytest.raises(OptionError, match=message):
-            write_scene_film(tmp_path / "g.mp4", surfaces, motions)
+            write_film(tmp_path / "g.mp4", surfaces, motions)
     assert [file.name for file in tmp_path.iterdir()] == ["f.mp4"]

@@ -1,33 +1,26 @@
 """Sweeps: the grid, the case files, what a restart does, and what becomes of cases that go wrong."""
 
 import csv
+import hashlib
 import json
 import os
 import re
 
 import numpy as np
 import pytest
+from scenes import beam_text
 
 import modalshell as ms
 from modalshell.cli import main
-from modalshell.lock import hold
+from modalshell.lock import acquire_lock
 from modalshell.sweep import load_sweep
 from modalshell.sweep.case import run_case
 from modalshell.sweep.plan import Plan
 from modalshell.sweep.store import CaseFolder
 
-SCENE = """
-[mesh]
-shape = "v_beam"
-cells = [8, 4]
-[material]
-stretch = 20.0
-shear = 20.0
-flexure = 0.05
-density = 0.2
-[supports]
-clamped = "x < 0.13"
-[loads]
+SCENE = (
+    beam_text(8, "x < 0.13")
+    + """[loads]
 gravity = [0.0, 0.0, -4.0]
 [[loads.forces]]
 where = "x > 0.9"
@@ -36,6 +29,7 @@ total = [0.0, 0.0, -0.01]
 name = "mwts"
 modes = 4
 """
+)
 GRAVITY = '"loads.gravity" = [[0, 0, -1], [0, 0, -2]]\n'
 AXES = GRAVITY + '"model.name" = ["lma", "mwts", "ds"]\n'
 
@@ -221,7 +215,7 @@ def copied(swept, tmp_path):
 
 def test_rows_are_what_the_scenes_give(swept, tmp_path):
     _, folder, result = swept
-    assert result.counts() == {"done": 12}
+    assert result.counts() == {"converged": 12}
     assert (result.computed, result.stored) == (12, 0)  # the truths are on the grid
     rows = rows_of(folder / "beams_sweep.csv")
     assert [row["model.name"] for row in rows] == ["lma", "lma", "mwts", "mwts", "ds", "ds"] * 2
@@ -278,6 +272,24 @@ def test_a_restart_does_what_is_missing_alone(swept, tmp_path):
 
 
 @pytest.mark.usefixtures("here")
+def test_case_files_of_earlier_versions_are_read(swept, tmp_path):
+    file, folder = copied(swept, tmp_path)
+    endings = [("failed", "IndexError: a slip"), ("timed out", "took longer than 1 s"), ("refused", "no modes")]
+    for number, path in enumerate(case_files(folder)):
+        result = json.loads(path.read_bytes())["result"]
+        assert (result["outcome"], result.pop("message")) == ("converged", "")
+        result |= {"outcome": "done", "status": "converged", "made": result.pop("info")}
+        if number < len(endings):
+            result["outcome"], result["status"] = endings[number]
+            result |= {"measures": None, "positions": ""}
+        text = json.dumps(result).encode()
+        path.write_text(json.dumps({"checksum": hashlib.sha256(text).hexdigest(), "result": result}))
+    result = ms.run_sweep(file, out=folder)
+    assert (result.computed, result.counts()) == (0, {"converged": 9, "failed": 1, "stopped": 1, "refused": 1})
+    assert ms.run_sweep(file, out=folder, retry=True).counts() == {"converged": 11, "refused": 1}
+
+
+@pytest.mark.usefixtures("here")
 def test_a_changed_sweep_keeps_what_is_the_same(swept, tmp_path):
     file, folder = copied(swept, tmp_path)
     (tmp_path / "base.toml").write_text(SCENE)
@@ -292,12 +304,12 @@ def test_a_changed_sweep_keeps_what_is_the_same(swept, tmp_path):
 def test_scenes_that_cannot_be_solved_are_results(write, tmp_path):
     file = write('"model.modes" = [4, 9999]', 'truth = { name = "md-rom", modes = 9999 }')
     result = ms.run_sweep(file, out=tmp_path / "out")
-    assert result.counts() == {"done": 1, "refused": 1}
+    assert result.counts() == {"converged": 1, "refused": 1}
     refused = result.rows[1]
-    assert "9999" in refused["status"]
+    assert "9999" in refused["message"]
     assert refused["displacement"] is None
     assert [row["error"] for row in result.rows] == [None, None]
-    assert "9999" in result.rows[0]["truth_status"]
+    assert "9999" in result.rows[0]["truth_message"]
     assert result.note == "no picture: no case has a value of 'error'"
     again = ms.run_sweep(file, out=tmp_path / "out", retry=True)
     assert (again.computed, again.rows) == (0, result.rows)
@@ -347,21 +359,21 @@ def sabotage(tmp_path, monkeypatch):
 def test_a_case_that_kills_its_process_does_not_end_the_sweep(write, tmp_path, sabotage, monkeypatch):
     file = write('"model.modes" = [2, 3, 4, 5]')
     result = ms.run_sweep(file, out=tmp_path / "out", workers=2)
-    assert [row["outcome"] for row in result.rows] == ["done", "crashed", "done", "failed"]
+    assert [row["outcome"] for row in result.rows] == ["converged", "failed", "converged", "failed"]
     assert sorted(sabotage.read_text().split()) == list("233345")
     crashed, _, failed = result.rows[1:]
-    assert crashed["status"] == "3 processes died at it (exit status -11: Fatal Python error: Segmentation fault)"
-    assert failed["status"] == "IndexError: a slip"
+    assert crashed["message"] == "3 processes died at it (exit status -11: Fatal Python error: Segmentation fault)"
+    assert failed["message"] == "IndexError: a slip"
     monkeypatch.setattr("modalshell.sweep.driver.run_locally", in_this_process)
     assert ms.run_sweep(file, out=tmp_path / "out").computed == 0
     again = ms.run_sweep(file, out=tmp_path / "out", retry=True)
-    assert (again.computed, again.counts()) == (2, {"done": 4})
+    assert (again.computed, again.counts()) == (2, {"converged": 4})
 
 
 @pytest.mark.usefixtures("sabotage")
 def test_a_case_that_takes_too_long_is_given_up(write, tmp_path):
     result = ms.run_sweep(write('"model.modes" = [6]'), out=tmp_path / "out", workers=1, time_limit=0.5)
-    assert (result.rows[0]["outcome"], result.rows[0]["status"]) == ("timed out", "took longer than 0.5 s")
+    assert (result.rows[0]["outcome"], result.rows[0]["message"]) == ("stopped", "took longer than 0.5 s")
 
 
 def test_workers_that_do_not_start_are_an_error(write, tmp_path, monkeypatch):
@@ -374,7 +386,7 @@ def test_workers_that_do_not_start_are_an_error(write, tmp_path, monkeypatch):
 def test_two_drivers_may_not_share_a_folder(write, tmp_path):
     with CaseFolder(tmp_path / "out" / "beams_cases"), pytest.raises(ms.OptionError, match="in use by another process"):
         ms.run_sweep(write(), out=tmp_path / "out")
-    os.close(hold(tmp_path / "out" / "beams_cases" / "lock"))  # and a lock that is let go is free
+    os.close(acquire_lock(tmp_path / "out" / "beams_cases" / "lock"))  # and a lock that is let go is free
 
 
 @pytest.mark.usefixtures("here")
@@ -403,7 +415,7 @@ def test_the_command(swept, tmp_path, capsys):
         main(["sweep", str(file), "--out", str(folder)])
     assert exit_.value.code == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[0] == "beams: 12 cases, 12 done; 0 computed now, 12 from before"
+    assert lines[0] == "beams: 12 cases, 12 converged; 0 computed now, 12 from before"
     assert lines[1:] == [str(folder / name) for name in ("beams_sweep.csv", "beams_sweep.png", "beams_sweep_runs.csv")]
 
 

@@ -5,7 +5,7 @@ import signal
 import time
 
 import pytest
-from sweep_scenes import BEAM
+from scenes import SWEPT_BEAM
 
 import modalshell as ms
 from modalshell.sweep.case import run_case
@@ -14,7 +14,7 @@ distributed = pytest.importorskip("distributed", reason="needs dask.distributed 
 dask = pytest.importorskip("dask")
 
 SWEEP = (
-    BEAM.format(duration=3.0)
+    SWEPT_BEAM.format(duration=3.0)
     + """
 [axes]
 "model.name" = ["lma", "mwts"]
@@ -54,7 +54,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing(cluster, sweep, tmp_path, mo
 
     result = ms.run_sweep(sweep, out=tmp_path / "out", cluster=cluster.scheduler_address, on_step=kill)
     assert steps == [(done, 16) for done in range(1, 17)]
-    assert result.counts() == {"done": 16}
+    assert result.counts() == {"completed": 16}
     for name in ("beams_sweep.csv", "beams_sweep.png"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()
     again = ms.run_sweep(sweep, out=tmp_path / "out", cluster=cluster.scheduler_address)
@@ -72,8 +72,8 @@ def test_a_case_that_kills_the_clusters_workers_is_recorded(cluster, sweep, tmp_
     with distributed.Client(cluster.scheduler_address, set_as_default=False) as client:
         client.run_on_scheduler(lambda dask_scheduler: setattr(dask_scheduler, "allowed_failures", 0))
     result = ms.run_sweep(sweep, out=tmp_path / "out", cluster=cluster.scheduler_address)
-    assert result.rows[2]["outcome"] == "crashed"
-    assert result.rows[2]["status"] == "the cluster's workers died at it"
+    assert result.rows[2]["outcome"] == "failed"
+    assert result.rows[2]["message"] == "the cluster's workers died at it"
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "127.0.0.1", "nowhere://a"])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sweep_scenes import BEAM
+from scenes import SWEPT_BEAM
 
 import modalshell as ms
 from modalshell.sweep.case import run_case
@@ -29,7 +29,7 @@ name = "rsw"
 def write(folder, modes, gravities, duration):
     file = folder / "beams.toml"
     values = ", ".join(f"[0, 0, {-0.5 * (k + 1)}]" for k in range(gravities))
-    file.write_text(BEAM.format(duration=duration) + AXES.format(modes=list(modes), gravities=values))
+    file.write_text(SWEPT_BEAM.format(duration=duration) + AXES.format(modes=list(modes), gravities=values))
     return file
 
 

@@ -1,4 +1,4 @@
-"""Drawing without OpenGL: projected triangles, shaded and rasterised by NumPy, with matplotlib for the text."""
+"""The built-in rasteriser: projected triangles, shaded and drawn by NumPy, for machines without OpenGL."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
+from modalshell.render.content import ShadedSurface
 from modalshell.render.painter import (
     LIGHTS,
     LINE_WIDTH,
@@ -20,7 +21,6 @@ from modalshell.render.painter import (
     shrink,
 )
 from modalshell.render.raster import Layer, Triangles, blend
-from modalshell.render.scene import ShadedSurface
 from modalshell.render.surfaces import (
     EdgeTable,
     ScalarColors,
@@ -31,9 +31,9 @@ from modalshell.render.surfaces import (
 )
 
 
-class MatplotlibPainter:
+class RasteriserPainter:
     """
-    The painter of machines without OpenGL.
+    The built-in rasteriser as a painter.
 
     Of a transparent surface only the sheet nearest to the camera is drawn; several surfaces blend in their true order
     at every pixel.

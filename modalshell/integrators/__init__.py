@@ -1,0 +1,1 @@
+"""Rules that step a motion: one file a rule, found by its key."""

@@ -1,0 +1,42 @@
+"""What all rules share: the key by which users and scenes find them."""
+
+from __future__ import annotations
+
+from abc import ABC
+from typing import Any, ClassVar, Self
+
+from modalshell.checks import checked_choice
+from modalshell.errors import OptionError
+
+
+class Integrator(ABC):
+    """A rule that steps a motion; one with a key, ``class Rule(ModalIntegrator, key="rule")``, is known by it.
+
+    Attributes
+    ----------
+    key : str
+        As written in ``integrator=`` and in scenes.
+    name : str
+        For tables and messages.
+    known : dict
+        Every rule of the same kind by its key.
+    """
+
+    key: ClassVar[str]
+    name: ClassVar[str]
+    known: ClassVar[dict[str, type[Any]]]
+
+    def __init_subclass__(cls, *, key: str = "") -> None:
+        if key:
+            other = cls.known.setdefault(key, cls)
+            if (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
+                raise OptionError(f"integrator {key!r} exists already, as {other.__module__}.{other.__qualname__}")
+            cls.key, cls.known[key] = key, cls
+
+    @classmethod
+    def chosen(cls, choice: str | Self) -> Self:
+        """The rule of a key, or ``choice`` itself if it is a rule of this kind; else OptionError."""
+        if isinstance(choice, cls):
+            return choice
+        rule: Self = cls.known[checked_choice("integrator", choice, tuple(cls.known))]()
+        return rule

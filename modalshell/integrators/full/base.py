@@ -1,0 +1,107 @@
+"""What the rules of full models share: the forces of a shell in motion, and the potential of an implicit step."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from modalshell.integrators.base import Integrator
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.modes import Factoriser
+from modalshell.shell import Shell
+from modalshell.statics.newton import Potential
+from modalshell.timings import Timings
+from modalshell.typing import Array
+
+
+class Body(Protocol):
+    """What a rule needs of the model that it steps.
+
+    Attributes
+    ----------
+    shell : Shell
+        Energies, masses and held vertices.
+    step_tolerance : float
+        Out-of-balance force at which an implicit step is solved, as a share of its load and inertia.
+    factoriser : Factoriser
+        Factors the equations of implicit steps.
+    costs : Timings
+        Where their seconds are added.
+    """
+
+    shell: Shell
+    step_tolerance: float
+    factoriser: Factoriser
+    costs: Timings
+
+
+class FullIntegrator(Integrator):
+    """A rule for ``M x'' + C x' = f(x) + load``, every vertex an unknown.
+
+    Attributes
+    ----------
+    explicit : bool
+        Whether it has a longest stable step; :meth:`stable_step` then says which.
+    """
+
+    known: ClassVar[dict[str, type[FullIntegrator]]] = {}
+    explicit: ClassVar[bool] = False
+
+    def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002 (for rules that keep something)
+        """State at rest at ``positions`` (n, 3) [m]."""
+        return MotionState(positions, np.zeros_like(positions))
+
+    @abstractmethod
+    def step(
+        self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
+    ) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under ``load`` (n, 3) [N]; also returns whether the step's equations were solved.
+
+        ``held`` (h, 3) [m] is where the held vertices are at the step's end; where they rest without it.
+        """
+
+    def stable_step(self, stiffness: float, drag: float, viscosity: float) -> float:  # noqa: ARG002
+        """Longest stable step [s] for a mode of ``stiffness`` lambda [1/s^2].
+
+        ``drag`` [1/s] is its damping by the mass, ``viscosity`` [1/s] that by strain rates.
+        """
+        return np.inf
+
+
+def symplectic_limit(stiffness: float, damp: float) -> float:
+    """Step [s] below which ``v+ = v - h (lambda x + c v)``, ``x+ = x + h v+`` is stable: ``h^2 lambda + 2 h c < 4``."""
+    return float((np.sqrt(damp**2 + 4.0 * stiffness) - damp) / stiffness)
+
+
+def hold(shell: Shell, positions: Array, held: Array | None = None) -> Array:
+    """Copy of ``positions`` with the held vertices where they belong: at ``held`` (h, 3), or at rest."""
+    placed = positions.copy()
+    placed[shell.clamped] = shell.rest_positions[shell.clamped] if held is None else held
+    return placed
+
+
+def led_rates(shell: Shell, x: Array, dt: float, held: Array | None) -> Array | float:
+    """Velocity [m/s] that leads the held vertices to ``held`` within a step."""
+    return 0.0 if held is None else (held - x[shell.clamped]) / dt
+
+
+def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping) -> Array:
+    """Elastic force and the damping that follows strain rates (n, 3) [N]."""
+    force: Array = -shell.energy_gradient(x)[1]
+    if damping.stiffness_factor or shell.has_dashpots:
+        force += shell.damping_force(x, rates, damping.stiffness_factor)
+    return force
+
+
+def step_potential(body: Body, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[Potential, float]:
+    """``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning; and its scale."""
+    shell, x = body.shell, state.coordinates
+    quadratic = np.zeros(shell.pattern.size)
+    if damping.stiffness_factor or shell.has_dashpots:
+        quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
+    quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
+    push = load + shell.mass[:, None] * state.rates / dt
+    problem = Potential(shell, push, x, body.factoriser, body.costs, quadratic)
+    return problem, problem.scale or float(np.linalg.norm(problem.residual(x))) or 1.0

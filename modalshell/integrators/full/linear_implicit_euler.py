@@ -1,0 +1,35 @@
+"""Linearised implicit Euler of full models."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.typing import Array
+
+
+@final
+class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
+    """One Newton step of implicit Euler from where the shell is, its Hessian projected [baraff1998, eq. 6].
+
+    Order one. As stable as implicit Euler while one linearisation serves a step.
+    """
+
+    name = "linearised implicit Euler"
+
+    def step(
+        self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
+    ) -> tuple[MotionState, bool]:
+        """Solve one system of linear equations; a shell whose equations cannot be factored stays where it is."""
+        x, shell = state.coordinates, body.shell
+        problem, _ = step_potential(body, state, dt, load, damping)
+        moved = hold(shell, x, held) - x
+        gradient, hessian = problem.linearise_led(x, moved)
+        factor = problem.definite_factor(hessian)
+        if factor is None:
+            return MotionState(x.copy(), np.zeros_like(x)), False
+        moved.reshape(-1)[shell.free_unknowns] = problem.step(factor, gradient)
+        return MotionState(x + moved, moved / dt), True

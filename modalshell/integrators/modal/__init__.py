@@ -1,0 +1,7 @@
+"""Rules that step modal coordinates."""
+
+from modalshell.integrators.modal.base import ModalIntegrator
+from modalshell.integrators.modal.implicit_euler import ImplicitEuler
+from modalshell.integrators.modal.implicit_midpoint import ImplicitMidpoint
+
+__all__ = ["ImplicitEuler", "ImplicitMidpoint", "ModalIntegrator"]

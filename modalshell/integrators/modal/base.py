@@ -1,0 +1,78 @@
+"""What the rules of modal models share: the step, and the theory of linear motion, which follows from it."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.integrators.base import Integrator
+from modalshell.typing import Array
+
+Force = Callable[[Array], Array]
+"""Modal force at coordinates of any shape (..., m), in the same shape."""
+Step = float | Array
+
+
+class ModalIntegrator(Integrator):
+    """A rule for ``q'' + c q' + lambda q = p(q)``, every mode by itself but for the modal force p.
+
+    A subclass says how to step. The step is linear in q, v and p, so that what linear theory has to say is found by
+    stepping unit vectors: a new rule needs no more than :meth:`step`.
+    """
+
+    known: ClassVar[dict[str, type[ModalIntegrator]]] = {}
+
+    @abstractmethod
+    def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
+        """Coordinates and rates after a step.
+
+        Parameters
+        ----------
+        q, v : ndarray, shape (..., m)
+            Coordinates and their rates, of one motion or of many.
+        force : callable
+            Modal force p at given coordinates.
+        stiffness : ndarray, shape (m,)
+            Squared angular frequencies lambda [1/s^2].
+        damp : ndarray, shape (m,)
+            Modal damping c = xi + zeta lambda [1/s].
+        h : float or ndarray, shape (m,)
+            Step [s].
+        """
+
+    def compliance(self, stiffness: Array, damp: Array, h: float) -> Array:
+        """Change (m,) of each coordinate within a step per unit of modal force [s^2]."""
+        rest = np.zeros_like(stiffness)
+        return self.step(rest, rest, np.ones_like, stiffness, damp, h)[0]
+
+    def matrix(self, stiffness: Array, damp: Array, h: float, slope: Array) -> Array:
+        """Matrix (2m, 2m) that takes small deviations of q and v over a step, under modal forces ``slope q`` (m, m)."""
+        q, v = np.split(np.eye(2 * stiffness.size), 2, axis=1)
+        return np.hstack(self.step(q, v, lambda q: q @ slope.T, stiffness, damp, h)).T
+
+    def multipliers(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> NDArray[np.complex128]:
+        """Eigenvalues (k, 2) of the step of free motion: what its two parts are multiplied by.
+
+        The three may each be one number or k of them.
+        """
+        each: list[Array] = np.atleast_1d(*np.broadcast_arrays(stiffness, damp, h))
+        q, v = np.eye(2)[:, :, None] * np.ones(each[0].size)
+        matrices = np.stack(self.step(q, v, np.zeros_like, *each)).transpose(2, 0, 1)
+        return np.linalg.eigvals(matrices).astype(np.complex128)
+
+    def amplification(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Array:
+        """Factor (k,) by which the slower part of free motion shrinks in a step."""
+        return np.asarray(np.abs(self.multipliers(stiffness, damp, h)).max(axis=1))
+
+    def frequency(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Array:
+        """Angular frequency (k,) [rad/s] with which steps of ``h`` oscillate; zero for motion that creeps."""
+        return np.asarray(np.abs(np.angle(self.multipliers(stiffness, damp, h))).max(axis=1) / h)
+
+    def decay_rate(self, stiffness: Array, damp: Array, h: float) -> float:
+        """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
+        factor = max(float(self.amplification(stiffness, damp, h).max()), np.finfo(float).tiny)
+        return max(0.0, -2.0 * float(np.log(factor)) / h)

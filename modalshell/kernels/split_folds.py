@@ -1,0 +1,289 @@
+"""Kernels of the split-fold energy: fold angles and their derivatives from the generated hinge kernel, and products.
+
+Both parts of the energy are quadratic forms with constant matrices, of fold angles and of half squared edge lengths.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from modalshell.kernels.generated.flexure import PRODUCTS, UNKNOWNS, convex_rows, first_derivatives, second_derivatives
+
+_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+
+
+@njit(**_options)
+def _relative(x: Any, hinge: Any) -> Any:
+    e, f, a, b = x[hinge[0]], x[hinge[1]], x[hinge[2]], x[hinge[3]]
+    return (
+        f[0] - e[0],
+        f[1] - e[1],
+        f[2] - e[2],
+        a[0] - e[0],
+        a[1] - e[1],
+        a[2] - e[2],
+        b[0] - e[0],
+        b[1] - e[1],
+        b[2] - e[2],
+    )
+
+
+@njit(**_options)
+def fold_angles(x: Any, hinges: Any, rest: Any, change: Any, slopes: Any) -> None:
+    """Write theta - theta0 in (-pi, pi] into ``change`` (H,) and d theta / d x_1, x_2, x_3 into ``slopes`` (H, 9)."""
+    for hinge in range(hinges.shape[0]):
+        value = first_derivatives(*_relative(x, hinges[hinge]), slopes[hinge]) - rest[hinge]
+        if value > math.pi:
+            value -= 2.0 * math.pi
+        elif value <= -math.pi:
+            value += 2.0 * math.pi
+        change[hinge] = value
+
+
+@njit(**_options)
+def add_fold_forces(hinges: Any, slopes: Any, couples: Any, gradient: Any) -> None:
+    """Add ``sum couple grad theta`` to ``gradient``."""
+    for hinge in range(hinges.shape[0]):
+        couple = couples[hinge]
+        for axis in range(3):
+            g1 = couple * slopes[hinge, axis]
+            g2 = couple * slopes[hinge, 3 + axis]
+            g3 = couple * slopes[hinge, 6 + axis]
+            gradient[hinges[hinge, 0], axis] -= g1 + g2 + g3
+            gradient[hinges[hinge, 1], axis] += g1
+            gradient[hinges[hinge, 2], axis] += g2
+            gradient[hinges[hinge, 3], axis] += g3
+
+
+@njit(**_options)
+def fold_rates(step: Any, hinges: Any, slopes: Any, rates: Any) -> None:
+    """Write ``grad theta . step`` into ``rates`` (H,)."""
+    for hinge in range(hinges.shape[0]):
+        total = 0.0
+        for vertex in range(3):
+            for axis in range(3):
+                moved = step[hinges[hinge, 1 + vertex], axis] - step[hinges[hinge, 0], axis]
+                total += slopes[hinge, 3 * vertex + axis] * moved
+        rates[hinge] = total
+
+
+@njit(**_options)
+def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add ``sum couple Hess theta`` to the CSR values ``data``, or its positive semi-definite part if ``projected``."""
+    local = np.empty(UNKNOWNS)
+    packed = np.empty(UNKNOWNS * (UNKNOWNS + 1) // 2)
+    block = np.empty((12, 12))
+    factors, squares = np.empty(0), np.empty((0, UNKNOWNS))
+    firsts, seconds, rows = (
+        np.empty((PRODUCTS, UNKNOWNS)),
+        np.empty((PRODUCTS, UNKNOWNS)),
+        np.empty((PRODUCTS, UNKNOWNS)),
+    )
+    for hinge in range(hinges.shape[0]):
+        couple = couples[hinge]
+        if couple == 0.0:
+            continue
+        unknowns = _relative(x, hinges[hinge])
+        if projected:
+            sign = 1.0 if couple > 0.0 else -1.0
+            convex_rows(*unknowns, sign, factors, squares, firsts, seconds, rows)
+            packed[:] = 0.0
+            for form in range(PRODUCTS):
+                entry = 0
+                for row in range(UNKNOWNS):
+                    for column in range(row + 1):
+                        packed[entry] += rows[form, row] * rows[form, column]
+                        entry += 1
+            couple = abs(couple)
+        else:
+            second_derivatives(*unknowns, local, packed)
+        entry = 0
+        for row in range(UNKNOWNS):
+            for column in range(row + 1):
+                value = couple * packed[entry]
+                block[3 + row, 3 + column] = value
+                block[3 + column, 3 + row] = value
+                entry += 1
+        # Translation invariance gives the rows and columns of x0.
+        for row in range(3, 12):
+            for axis in range(3):
+                value = -block[row, 3 + axis] - block[row, 6 + axis] - block[row, 9 + axis]
+                block[row, axis] = value
+                block[axis, row] = value
+        for row in range(3):
+            for axis in range(3):
+                block[row, axis] = -block[row, 3 + axis] - block[row, 6 + axis] - block[row, 9 + axis]
+        for first in range(4):
+            for second in range(4):
+                slot = slots[hinge, first, second]
+                if slot < 0:
+                    continue
+                stride = strides[hinges[hinge, first]]
+                for row in range(3):
+                    for axis in range(3):
+                        data[slot + row * stride + axis] += block[3 * first + row, 3 * second + axis]
+
+
+@njit(**_options)
+def add_bending(
+    slopes: Any,
+    triangles: Any,
+    folds: Any,
+    places: Any,
+    weights: Any,
+    shares: Any,
+    moments: Any,
+    slots: Any,
+    share_slots: Any,
+    strides: Any,
+    data: Any,
+) -> None:
+    """Add ``sum_T J^T K_T J`` and its coupling to the fold shares to ``data``.
+
+    ``triangles`` (T, 6) holds the corners and the vertices across each edge, ``folds`` (T, 3) the hinge at each edge
+    (or -1), ``places`` (T, 3, 4) where its vertices stand among the six, ``weights`` and ``shares`` (T, 3) the factors
+    of its fold angle and fold share, ``moments`` (T, 3, 3) is K_T.
+    """
+    rows = np.empty((3, 6, 3))
+    stressed = np.empty((3, 6, 3))
+    for triangle in range(triangles.shape[0]):
+        rows[:] = 0.0
+        for k in range(3):
+            hinge = folds[triangle, k]
+            if hinge < 0:
+                continue
+            weight = weights[triangle, k]
+            for axis in range(3):
+                g1, g2, g3 = (
+                    weight * slopes[hinge, axis],
+                    weight * slopes[hinge, 3 + axis],
+                    weight * slopes[hinge, 6 + axis],
+                )
+                rows[k, places[triangle, k, 0], axis] = -(g1 + g2 + g3)
+                rows[k, places[triangle, k, 1], axis] = g1
+                rows[k, places[triangle, k, 2], axis] = g2
+                rows[k, places[triangle, k, 3], axis] = g3
+        for k in range(3):
+            m0, m1, m2 = moments[triangle, k, 0], moments[triangle, k, 1], moments[triangle, k, 2]
+            for vertex in range(6):
+                for axis in range(3):
+                    stressed[k, vertex, axis] = (
+                        m0 * rows[0, vertex, axis] + m1 * rows[1, vertex, axis] + m2 * rows[2, vertex, axis]
+                    )
+        for first in range(6):
+            for second in range(6):
+                slot = slots[triangle, first, second]
+                if slot < 0:
+                    continue
+                stride = strides[triangles[triangle, first]]
+                for row in range(3):
+                    if first < 3:
+                        a, b, c = rows[0, first, row], rows[1, first, row], rows[2, first, row]
+                        for axis in range(3):
+                            data[slot + row * stride + axis] += (
+                                a * stressed[0, second, axis]
+                                + b * stressed[1, second, axis]
+                                + c * stressed[2, second, axis]
+                            )
+                    else:  # a vertex across an edge moves that edge's fold alone
+                        a = rows[first - 3, first, row]
+                        for axis in range(3):
+                            data[slot + row * stride + axis] += a * stressed[first - 3, second, axis]
+        for k in range(3):
+            share = shares[triangle, k]
+            if share == 0.0:
+                continue
+            for vertex in range(6):
+                slot = share_slots[triangle, k, vertex]
+                if slot >= 0:
+                    for axis in range(3):
+                        data[slot + axis] += share * stressed[k, vertex, axis]
+
+
+@njit(**_options)
+def half_squares(x: Any, edges: Any, rest: Any, out: Any) -> None:
+    """Write ``l^2 / 2 - rest`` of every edge into ``out`` (E,)."""
+    for edge in range(edges.shape[0]):
+        total = 0.0
+        for axis in range(3):
+            d = x[edges[edge, 1], axis] - x[edges[edge, 0], axis]
+            total += d * d
+        out[edge] = 0.5 * total - rest[edge]
+
+
+@njit(**_options)
+def half_square_rates(x: Any, step: Any, edges: Any, rates: Any) -> None:
+    """Write the derivative of ``l^2 / 2`` along ``step`` into ``rates`` (E,)."""
+    for edge in range(edges.shape[0]):
+        a, b = edges[edge, 0], edges[edge, 1]
+        total = 0.0
+        for axis in range(3):
+            total += (x[b, axis] - x[a, axis]) * (step[b, axis] - step[a, axis])
+        rates[edge] = total
+
+
+@njit(**_options)
+def add_edge_forces(x: Any, edges: Any, tensions: Any, gradient: Any) -> None:
+    """Add ``sum tension grad (l^2 / 2)`` to ``gradient``."""
+    for edge in range(edges.shape[0]):
+        a, b = edges[edge, 0], edges[edge, 1]
+        for axis in range(3):
+            force = tensions[edge] * (x[b, axis] - x[a, axis])
+            gradient[a, axis] -= force
+            gradient[b, axis] += force
+
+
+@njit(**_options)
+def add_edge_curvatures(edges: Any, tensions: Any, positive: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add ``sum tension Hess (l^2 / 2)`` to ``data``; of edges in tension alone if ``positive``."""
+    for edge in range(edges.shape[0]):
+        tension = tensions[edge]
+        if positive and tension < 0.0:
+            continue
+        for first in range(2):
+            stride = strides[edges[edge, first]] + 1
+            for second in range(2):
+                value = tension if first == second else -tension
+                for axis in range(3):
+                    data[slots[edge, first, second] + axis * stride] += value
+
+
+@njit(**_options)
+def add_membrane(x: Any, stencils: Any, pairs: Any, matrices: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add ``sum J^T Q J`` to ``data``, J the derivatives of half squared lengths of the stencil's edges ``pairs``."""
+    count, size = pairs.shape[0], stencils.shape[1]
+    edge = np.empty((count, 3))
+    stressed = np.empty((count, size, 3))
+    block = np.empty((size, 3, size, 3))
+    for element in range(stencils.shape[0]):
+        for p in range(count):
+            a, b = stencils[element, pairs[p, 0]], stencils[element, pairs[p, 1]]
+            for axis in range(3):
+                edge[p, axis] = x[b, axis] - x[a, axis]
+        stressed[:] = 0.0
+        for p in range(count):
+            for q in range(count):
+                factor = matrices[element, p, q]
+                for axis in range(3):
+                    entry = factor * edge[q, axis]
+                    stressed[p, pairs[q, 0], axis] -= entry
+                    stressed[p, pairs[q, 1], axis] += entry
+        block[:] = 0.0
+        for p in range(count):
+            for row in range(3):
+                for vertex in range(size):
+                    for axis in range(3):
+                        entry = edge[p, row] * stressed[p, vertex, axis]
+                        block[pairs[p, 0], row, vertex, axis] -= entry
+                        block[pairs[p, 1], row, vertex, axis] += entry
+        for first in range(size):
+            stride = strides[stencils[element, first]]
+            for second in range(size):
+                slot = slots[element, first, second]
+                for row in range(3):
+                    for axis in range(3):
+                        data[slot + row * stride + axis] += block[first, row, second, axis]

@@ -1,0 +1,176 @@
+"""Sparse Cholesky factorisation of blocks: one analysis of a pattern, many factors.
+
+Minimum degree orders the blocks, not the unknowns: a shell's vertices. A geometric nested dissection was tried and gave
+the same times to within a tenth up to 50,000 vertices, and 17 % less at 100,000.
+"""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+
+from modalshell.errors import SolverError
+from modalshell.linalg import analysis, multifrontal
+from modalshell.linalg.blas import ADDRESSES, LETTERS, SCALARS
+from modalshell.typing import Array, Index
+
+
+@final
+class NotPositiveDefiniteError(SolverError):
+    """The matrix is not positive definite, as far as its rounded pivots tell.
+
+    Attributes
+    ----------
+    unknown : int
+        Unknown whose pivot is not positive.
+    """
+
+    def __init__(self, unknown: int, size: int) -> None:
+        super().__init__(f"the matrix ({size} unknowns) is not positive definite: pivot {unknown} is not positive")
+        self.unknown = unknown
+
+
+@final
+class CholeskyAnalysis:
+    """Elimination order, supernodes and storage of a symmetric pattern.
+
+    Parameters
+    ----------
+    matrix : csc_array, shape (N, N)
+        A matrix with the pattern, both triangles stored.
+
+    Attributes
+    ----------
+    block : int
+        3 where the pattern consists of 3 x 3 blocks, else 1.
+    entries : int
+        Stored numbers of a factor.
+    """
+
+    def __init__(self, matrix: sps.csc_array) -> None:
+        self.size = matrix.shape[0]
+        self.block, graph = block_graph(matrix)
+        order = minimum_degree(graph)
+        graph = _permuted(graph, order)
+        after = analysis.postorder(analysis.elimination_tree(*_rows(graph)))
+        order, graph = order[after], _permuted(graph, after)
+        rows = _rows(graph)
+        parent = analysis.elimination_tree(*rows)
+        first = analysis.supernodes(parent, analysis.column_counts(*rows, parent))
+        self._first = first
+        self._row_starts, self._rows, self._parent = analysis.supernode_rows(*rows, first, parent)
+        self._relative = analysis.relative_rows(first, self._row_starts, self._rows, self._parent)
+        widths, heights = np.diff(first) * self.block, np.diff(self._row_starts) * self.block
+        self._panels = np.concatenate([[0], np.cumsum(widths * heights)])
+        self._height = int(heights.max(initial=0))
+        self.entries = int(self._panels[-1])
+        self._stack = multifrontal.stack_size(first, self._row_starts, self._parent, self.block)
+        self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
+        pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
+        self._places = analysis.entry_places(
+            *pattern, order, self.block, first, self._row_starts, self._rows, self._panels
+        )
+
+    def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
+        """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""
+        values = np.empty(self.entries)
+        wrong = multifrontal.factorise(
+            np.asarray(matrix.data, dtype=np.float64),
+            self._places,
+            self.block,
+            self._first,
+            self._row_starts,
+            self._relative,
+            self._parent,
+            self._panels,
+            values,
+            np.empty(self._stack),
+            np.empty(6, dtype=np.int32),
+            ADDRESSES,
+            LETTERS,
+            SCALARS,
+        )
+        if wrong >= 0:
+            raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
+        return BlockCholesky(self, values)
+
+    def solve(self, values: Array, right_sides: Array) -> Array:
+        """Solution (N,) or (N, r) with the factor ``values``."""
+        columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
+        permuted = np.ascontiguousarray(columns[self.order].T, dtype=np.float64)
+        work = np.empty((len(permuted), self._height))
+        multifrontal.solve(
+            values,
+            self.block,
+            self._first,
+            self._row_starts,
+            self._rows,
+            self._panels,
+            permuted,
+            work,
+            np.empty(6, dtype=np.int32),
+            ADDRESSES,
+            LETTERS,
+            SCALARS,
+        )
+        solution = np.empty(columns.shape)
+        solution[self.order] = permuted.T
+        return solution.reshape(right_sides.shape)
+
+
+@final
+class BlockCholesky:
+    """A factor ``A = P^T L L^T P``.
+
+    Attributes
+    ----------
+    analysis : CholeskyAnalysis
+        Analysis of the pattern.
+    """
+
+    def __init__(self, analysis: CholeskyAnalysis, values: Array) -> None:
+        self.analysis = analysis
+        self._values = values
+
+    def solve(self, right_side: Array) -> Array:
+        """Solution of ``A x = right_side`` for (N,) or (N, r) right sides."""
+        return self.analysis.solve(self._values, np.asarray(right_side))
+
+
+def block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
+    """Block size, 3 or 1, and the graph of the blocks."""
+    size = matrix.shape[0]
+    if size % 3 == 0 and matrix.nnz % 9 == 0:
+        blocks = sps.coo_array(matrix)
+        graph = sps.csr_array(
+            (np.ones(matrix.nnz, dtype=np.int32), (blocks.row // 3, blocks.col // 3)), shape=(size // 3, size // 3)
+        )
+        graph.sum_duplicates()
+        if 9 * graph.nnz == matrix.nnz:
+            return 3, graph
+    graph = sps.csr_array((np.ones(matrix.nnz, dtype=np.int32), matrix.indices, matrix.indptr), shape=matrix.shape)
+    graph.sort_indices()
+    return 1, graph
+
+
+def minimum_degree(graph: sps.csr_array) -> Index:
+    """Minimum-degree order (n,) of a graph, by SuperLU."""
+    degrees = np.diff(graph.indptr).astype(np.float64)
+    ones = sps.csc_matrix((np.ones(graph.nnz), graph.indices, graph.indptr), shape=graph.shape)
+    definite = sps.csc_matrix(sps.diags(2.0 * degrees + 1.0, format="csc") - ones)
+    options = {"SymmetricMode": True}
+    factor = spla.splu(definite, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return np.argsort(factor.perm_c).astype(np.int64)
+
+
+def _permuted(graph: sps.csr_array, order: Index) -> sps.csr_array:
+    permuted = sps.csr_array(graph[order][:, order])
+    permuted.sort_indices()
+    return permuted
+
+
+def _rows(graph: sps.csr_array) -> tuple[Index, Index]:
+    return graph.indptr.astype(np.int64), graph.indices.astype(np.int64)

@@ -1,0 +1,330 @@
+"""Readers of OBJ, OFF and PLY: vertices and polygons in the file's own order, faults named by line or number.
+
+trimesh reads these formats, too, but resolves relative indices of an OBJ wrongly, takes no binary PLY of unequal
+polygons, and passes over what is missing or does not say where a fault is.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, final
+
+import numpy as np
+
+from modalshell.checks import shown
+from modalshell.errors import MeshError
+from modalshell.mesh.topology import FloatArray, IntArray
+
+_PLY_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+"""NumPy's names of PLY's types of numbers."""
+
+
+@final
+@dataclass(frozen=True)
+class Polygons:
+    """What a file holds.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (n, 3)
+        Positions.
+    corners : ndarray of int64
+        Corners of all polygons, one polygon after the other, counted from 0; all of them vertices of the file.
+    sizes : ndarray of int64
+        Number of corners of each polygon, three or more.
+    """
+
+    vertices: FloatArray
+    corners: IntArray
+    sizes: IntArray
+
+    @classmethod
+    def of_lists(cls, vertices: list[list[float]], polygons: list[list[int]]) -> Polygons:
+        """The same from lists of points and of polygons."""
+        flat, sizes = list(chain.from_iterable(polygons)), [len(polygon) for polygon in polygons]
+        return cls(np.array(vertices), np.array(flat, dtype=np.int64), np.array(sizes, dtype=np.int64))
+
+    def triangles(self) -> IntArray:
+        """Triangles (T, 3), in the order of the polygons; each larger polygon as a fan about its first corner."""
+        fans = self.sizes - 2
+        first = np.repeat(np.cumsum(self.sizes) - self.sizes, fans)
+        step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
+        return self.corners[np.stack([first, first + step + 1, first + step + 2], axis=1)]
+
+
+def read_obj(data: bytes) -> Polygons:
+    """Vertices and faces of an OBJ; texture coordinates, normals, groups and materials are passed over."""
+    vertices: list[list[float]] = []
+    faces: list[tuple[int, list[int]]] = []
+    head = ""
+    for number, end in enumerate(_lines(data), start=1):
+        line = head + end
+        if end.endswith("\\"):
+            head = line[:-1] + " "
+            continue
+        head = ""
+        if line.startswith(("v ", "v\t", " ", "\t", "f ", "f\t")):
+            words = line.split("#", 1)[0].split()
+            if words and words[0] == "v":
+                index = len(vertices)
+                where = f"line {number}: vertex {index} (counted from 0; vertex {index + 1} as an OBJ file counts)"
+                vertices.append(_three_numbers(words[1:], where))
+            elif words and words[0] == "f":
+                faces.append((number, _corners(words[1:], number, len(faces), len(vertices))))
+    for at, (number, corners) in enumerate(faces):
+        for corner in corners:
+            if not 1 <= corner <= len(vertices):
+                raise MeshError(
+                    f"line {number}: face {at} (counted from 0) names vertex {corner} (counted from 1), out of "
+                    f"range: the file has {len(vertices)} vertices; mend the face or remove it"
+                )
+    if not vertices:
+        raise MeshError("the file has no vertices (no lines that start with 'v'); is it an OBJ file?")
+    if not faces:
+        raise MeshError(
+            f"the file has {len(vertices)} vertices and no faces (no lines that start with 'f'); a shell needs "
+            "triangles: export the surface, not the points"
+        )
+    return Polygons.of_lists(vertices, [[corner - 1 for corner in corners] for _, corners in faces])
+
+
+def read_off(data: bytes) -> Polygons:
+    """Vertices and faces of an OFF or COFF; colours are passed over."""
+    rows = [line.split("#", 1)[0].split() for line in _lines(data)]
+    numbered = [(number, words) for number, words in enumerate(rows, start=1) if words]
+    if not numbered or numbered[0][1][0] not in ("OFF", "COFF"):
+        raise MeshError("the file does not start with 'OFF' or 'COFF'; is it an OFF file?")
+    head = numbered[0][1][1:]
+    body = numbered[1:]
+    if not head and body:
+        head, body = body[0][1], body[1:]
+    try:
+        vertex_count, face_count = int(head[0]), int(head[1])
+    except (IndexError, ValueError) as error:
+        raise MeshError(
+            f"the OFF header has counts {shown(' '.join(head))}; expected 'vertices faces edges'"
+        ) from error
+    if face_count < 1:
+        raise MeshError(f"the OFF announces {vertex_count} vertices and {face_count} faces; a shell needs triangles")
+    if vertex_count < 1 or len(body) < vertex_count + face_count:
+        raise MeshError(
+            f"the OFF is cut short (truncated): its header announces {vertex_count} vertices and {face_count} faces, "
+            f"{len(body)} rows follow; write or download it again"
+        )
+    vertices = [
+        _three_numbers(words, f"line {number}: vertex {index} (counted from 0)")
+        for index, (number, words) in enumerate(body[:vertex_count])
+    ]
+    faces = [
+        _off_face(words, f"line {number}: face {index}", vertex_count)
+        for index, (number, words) in enumerate(body[vertex_count : vertex_count + face_count])
+    ]
+    return Polygons.of_lists(vertices, faces)
+
+
+def read_ply(data: bytes) -> Polygons:
+    """Vertices and faces of a PLY, ASCII or binary; further properties and elements are passed over."""
+    end = data.find(b"end_header")
+    if not data.startswith(b"ply") or end < 0:
+        raise MeshError("the file has no complete PLY header ('ply' to 'end_header'); it is cut short or not a PLY")
+    order, elements = _ply_header(data[:end].decode("latin-1"))
+    counts = {name: count for name, count, _ in elements}
+    announced = f"{counts.get('vertex', 0)} vertices and {counts.get('face', 0)} faces"
+    if not counts.get("face"):
+        raise MeshError(f"the PLY announces {announced.replace('0 faces', 'no faces')}; a shell needs triangles")
+    body = data[data.find(b"\n", end) + 1 or len(data) :]
+    try:
+        found = dict(_ply_ascii(body, elements) if order is None else _ply_binary(body, elements, order))
+    except (IndexError, BufferError, MemoryError) as error:
+        raise MeshError(
+            f"the PLY is cut short (truncated): its header announces {announced}, the file ends before; write or "
+            "download it again"
+        ) from error
+    except (ValueError, OverflowError) as error:
+        raise MeshError(
+            f"the file is damaged or not PLY ({error}); write or download it again, or convert it to OBJ"
+        ) from error
+    polygons: Any = found["face"].get("vertex_indices", found["face"].get("vertex_index"))
+    whole = isinstance(polygons, tuple) and polygons[0].dtype.kind in "iu"
+    if not whole or not {"x", "y", "z"} <= found.get("vertex", {}).keys():
+        raise MeshError(
+            "the PLY has no x, y and z of vertices, or no list vertex_indices of integers of faces; convert it to OBJ"
+        )
+    vertices = np.column_stack([found["vertex"][axis] for axis in "xyz"]).astype(np.float64)
+    corners, sizes = (part.astype(np.int64) for part in polygons)
+    if (sizes < 3).any():
+        index = int(np.argmax(sizes < 3))
+        raise MeshError(f"face {index} (counted from 0) has {sizes[index]} corners; expected three or more")
+    outside = (corners < 0) | (corners >= len(vertices))
+    if outside.any():
+        first = int(np.argmax(outside))
+        raise MeshError(
+            f"face {np.searchsorted(np.cumsum(sizes), first, side='right')} names vertex {corners[first]}, out of "
+            f"range (both counted from 0): the file has {len(vertices)} vertices; mend the face or remove it"
+        )
+    return Polygons(vertices, corners, sizes)
+
+
+Element = tuple[str, int, list[tuple[str, str, str]]]
+"""An element of a PLY: name, count, and of each property its name, type, and type of a list's length or ""."""
+
+Column = Any
+"""Values of a property: an array, or of lists all their entries and their lengths as a tuple of two arrays."""
+
+
+def _ply_header(text: str) -> tuple[str | None, list[Element]]:
+    """Byte order of a PLY, None for ASCII, and its elements."""
+    order: str | None = "<"
+    elements: list[Element] = []
+    for line in text.splitlines():
+        words = line.split()
+        try:
+            if words[:1] == ["format"]:
+                order = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}[words[1]]
+            elif words[:1] == ["element"]:
+                elements.append((words[1], int(words[2]), []))
+            elif words[:2] == ["property", "list"]:
+                elements[-1][2].append((words[4], _PLY_TYPES[words[3]], _PLY_TYPES[words[2]]))
+            elif words[:1] == ["property"]:
+                elements[-1][2].append((words[2], _PLY_TYPES[words[1]], ""))
+        except (IndexError, KeyError, ValueError) as error:
+            raise MeshError(
+                f"the PLY header has a line it should not have: {shown(line)}; write the file again"
+            ) from error
+    if any(count < 0 for _, count, _ in elements):
+        raise MeshError("the PLY header announces a negative count; write the file again")
+    return order, elements
+
+
+def _ply_ascii(body: bytes, elements: list[Element]) -> Iterator[tuple[str, dict[str, Column]]]:
+    """Name and columns of each element; IndexError where the file ends before."""
+    words = body.decode("latin-1").split()
+    at = 0
+    for name, count, properties in elements:
+        entries: dict[str, list[str]] = {key: [] for key, _, _ in properties}
+        lengths: dict[str, list[int]] = {key: [] for key, _, _ in properties}
+        for _ in range(count):
+            for key, _, length in properties:
+                size = 1
+                if length:
+                    size = int(words[at])
+                    lengths[key].append(size)
+                    at += 1
+                if size < 0 or at + size > len(words):
+                    raise IndexError(size)
+                entries[key] += words[at : at + size]
+                at += size
+        values = {key: np.array(entries[key] or [], dtype=kind) for key, kind, _ in properties}
+        yield name, {key: (values[key], np.array(lengths[key])) if lengths[key] else values[key] for key in values}
+
+
+def _ply_binary(body: bytes, elements: list[Element], order: str) -> Iterator[tuple[str, dict[str, Column]]]:
+    """Name and columns of each element; BufferError where the file ends before."""
+    at = 0
+    for name, count, properties in elements:
+        if count == 0:
+            continue
+        lists = [key for key, _, length in properties if length]
+        # Rows as long as the first, which is so of triangles alone.
+        row = _ply_row(body, at, properties, order)
+        whole = at + count * row.itemsize <= len(body)
+        rows = np.frombuffer(body, row, count, at) if whole else np.empty(0, row)
+        if whole and all((rows[f"{key} length"] == rows[f"{key} length"][0]).all() for key in lists):
+            lengths = {key: rows[f"{key} length"] for key in lists}
+            values = {key: rows[key].ravel() for key, _, _ in properties}
+            at += count * row.itemsize
+        elif not lists:
+            raise BufferError(name)
+        else:
+            parts = []
+            for _ in range(count):
+                row = _ply_row(body, at, properties, order)
+                parts.append(np.frombuffer(body, row, 1, at)[0])
+                at += row.itemsize
+            lengths = {key: np.array([part[f"{key} length"] for part in parts]) for key in lists}
+            values = {key: np.hstack([part[key] for part in parts]) for key, _, _ in properties}
+        yield name, {key: (values[key], lengths[key]) if key in lengths else values[key] for key in values}
+
+
+def _ply_row(body: bytes, at: int, properties: list[tuple[str, str, str]], order: str) -> np.dtype[Any]:
+    """Type of the row from byte ``at``, its lists as long as they are there; BufferError where the file ends before."""
+    fields: list[Any] = []
+    for key, kind, length in properties:
+        if not length:
+            fields.append((key, order + kind))
+            continue
+        size = np.dtype(fields).itemsize
+        counter = np.dtype(order + length)
+        if at + size + counter.itemsize > len(body):
+            raise BufferError(key)
+        entries = int(np.frombuffer(body, counter, 1, at + size)[0])
+        if not 0 <= entries <= len(body):
+            raise BufferError(key)
+        fields += [(f"{key} length", counter), (key, order + kind, (entries,))]
+    row = np.dtype(fields)
+    if at + row.itemsize > len(body):
+        raise BufferError(at)
+    return row
+
+
+def _lines(data: bytes) -> list[str]:
+    return [line.removesuffix("\n") for line in io.StringIO(data.decode("utf-8", errors="replace"), newline=None)]
+
+
+def _three_numbers(words: list[str], where: str) -> list[float]:
+    try:
+        values = [float(word) for word in words[:3]]
+    except ValueError as error:
+        raise MeshError(f"{where} has coordinates {shown(' '.join(words[:3]))}; expected three numbers") from error
+    if len(values) < 3:
+        raise MeshError(f"{where} has {len(values)} coordinates; expected three numbers")
+    if not all(map(math.isfinite, values)):
+        raise MeshError(f"{where} is not finite: {shown(' '.join(words[:3]))} (NaN or infinity); mend or remove it")
+    return values
+
+
+def _corners(words: list[str], number: int, index: int, vertex_count: int) -> list[int]:
+    where = f"line {number}: face {index} (counted from 0)"
+    try:
+        corners = [int(word.split("/", 1)[0]) for word in words]
+    except ValueError as error:
+        raise MeshError(
+            f"{where} reads {shown(' '.join(words))}; expected whole vertex numbers such as 'f 1 2 3'"
+        ) from error
+    if len(corners) < 3:
+        raise MeshError(f"{where} has {len(corners)} corners; expected three or more")
+    if 0 in corners:
+        raise MeshError(
+            f"{where} names vertex 0, out of range: an OBJ file counts from 1; write it with indices from 1"
+        )
+    return [c if c > 0 else vertex_count + 1 + c for c in corners]
+
+
+def _off_face(words: list[str], where: str, vertex_count: int) -> list[int]:
+    try:
+        count = int(words[0])
+        corners = [int(word) for word in words[1 : count + 1]]
+    except ValueError as error:
+        raise MeshError(f"{where} reads {shown(' '.join(words))}; expected whole numbers such as '3 0 1 2'") from error
+    if count < 3 or len(corners) < count:
+        raise MeshError(f"{where} reads {shown(' '.join(words))}; expected a count of 3 or more and that many vertices")
+    for corner in corners:
+        if not 0 <= corner < vertex_count:
+            raise MeshError(
+                f"{where} names vertex {corner}, out of range (both counted from 0): the file has {vertex_count} "
+                "vertices; mend the face or remove it"
+            )
+    return corners

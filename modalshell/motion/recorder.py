@@ -1,0 +1,213 @@
+"""The step loop: takes a motion to its end, watches it at the stored frames and names its outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import OptionError
+from modalshell.models.modal import CONSTRAINT_MET
+from modalshell.motion.stepping import Motion
+from modalshell.motion.trajectory import Trajectory
+from modalshell.outcome import Outcome, gravest
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array, Progress
+
+_MOST_STEPS = 1_000_000_000
+"""Longest run: one of more steps would never end."""
+_QUARTER_DECAY = 0.1
+"""Share of its energy that free motion may keep over a quarter of the run, for the run to be judged."""
+_STILL_MOVING = 0.5
+"""Share of the third quarter's kinetic energy in the last one, from which the motion may be a cycle."""
+_REBOUND = 100.0
+"""How far motion that decays may lie above its largest kinetic energy times the decay: about 20 at critical damping."""
+_RUN_AWAY = 100.0
+"""Energy over that which the load has put in, from which motion that still gathers it runs away."""
+_STILL_FALLING = 0.99
+"""Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
+_AT_REST = 1e-9
+"""Share of the largest energy below which kinetic energy counts as none."""
+_FAULTS = {Outcome.WOUND_UP: "a part of the shell turned by more than 2 pi"}
+
+
+def step_count(duration: float, dt: float) -> int:
+    """Whole steps of ``dt`` that cover ``duration``; OptionError if no run would ever end."""
+    steps = np.ceil(duration / dt - 1e-9)
+    if steps > _MOST_STEPS:
+        raise OptionError(f"duration must be at most {_MOST_STEPS:,} steps of {dt:g} s (got {duration:g} s)")
+    return int(steps)
+
+
+def take_steps(motion: Motion, total: int, patience: int | None = None) -> Iterator[None]:
+    """Step up to ``total`` steps in all, pausing after each.
+
+    A motion that is no longer finite ends the loop without a pause; one with ``patience`` steps that did not converge
+    ends it, too.
+    """
+    while motion.count < total and (patience is None or motion.unconverged < patience):
+        motion.advance()
+        if not motion.finite:
+            return
+        yield
+
+
+@final
+class Recorder:
+    """Takes a motion to its end, watches it at its stored frames and names its outcome.
+
+    Parameters
+    ----------
+    motion : Motion
+        The motion, at its start or restored.
+    total : int
+        Steps to take in all.
+    store_every : int
+        Frames are stored every so many steps, and at the last one.
+    patience : int, optional
+        Steps that may fail to converge before the motion is given up.
+
+    Attributes
+    ----------
+    times : list of float
+        Times of the stored frames [s].
+    energies : list of ndarray, shape (3,)
+        Kinetic and elastic energy and potential of the load in each [J].
+    residuals : list of ndarray, shape (k,)
+        What was left to each constraint's target.
+    fault : Outcome or None
+        The first fault of a stored state that the model named, such as "wound up".
+    fault_time : float
+        When that was [s].
+    """
+
+    def __init__(self, motion: Motion, total: int, *, store_every: int = 1, patience: int | None = None) -> None:
+        self.motion, self.total, self.store_every, self.patience = motion, total, store_every, patience
+        self.times: list[float] = []
+        self.energies: list[Array] = []
+        self.residuals: list[Array] = []
+        self.fault: Outcome | None = None
+        self.fault_time = 0.0
+        self._watch, self._seconds_before = Stopwatch(), 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of the motion [s], that before it was stopped and resumed included."""
+        return self._seconds_before + self._watch()
+
+    def resume(
+        self, times: Array, energies: Array, residuals: Array, fault: Outcome | None, fault_time: float, seconds: float
+    ) -> None:
+        """Go on after frames that were stored earlier: (F,), (F, 3), (F, k), their first fault, and their wall time."""
+        self.times, self.energies, self.residuals = times.tolist(), list(energies), list(residuals)
+        self.fault, self.fault_time = fault, fault_time
+        self._watch, self._seconds_before = Stopwatch(), seconds
+
+    def frames(self, on_step: Progress | None = None) -> Iterator[None]:
+        """Take the steps, pausing at each frame to be stored: the start (unless resumed) and every ``store_every``.
+
+        ``on_step`` is called after each step with the steps done and their total.
+        """
+        motion = self.motion
+        if not self.times:
+            self._look()
+            yield
+        for _ in take_steps(motion, self.total, self.patience):
+            if motion.count % self.store_every == 0 or motion.count == self.total:
+                self._look()
+                yield
+            if on_step is not None:
+                on_step(motion.count, self.total)
+
+    def _look(self) -> None:
+        """Take note of the present state."""
+        motion = self.motion
+        self.times.append(motion.time)
+        self.energies.append(motion.energies())
+        self.residuals.append(motion.constraint_residuals)
+        if self.fault is None and (fault := motion.model.fault(motion.state)) is not None:
+            self.fault, self.fault_time = fault, motion.time
+
+    def trajectory(self, positions: NDArray[np.floating]) -> Trajectory:
+        """The recorded motion, with the ``positions`` (F, n, 3) [m] of its stored frames."""
+        outcome, message = self.verdict()
+        shell = self.motion.model.shell
+        return Trajectory(
+            times=np.array(self.times),
+            positions=positions,
+            outcome=outcome,
+            message=message,
+            unconverged_steps=self.motion.unconverged,
+            seconds=self.seconds,
+            energies=np.array(self.energies),
+            constraint_residuals=np.array(self.residuals),
+            faces=np.asarray(shell.mesh.faces),
+            rest_positions=shell.rest_positions,
+        )
+
+    def verdict(self) -> tuple[Outcome, str]:
+        """The outcome, the gravest of those that hold, and a sentence that names them all, "" if nothing is wrong."""
+        motion = self.motion
+        if not motion.finite:
+            return Outcome.DIVERGED, f"positions left the finite numbers at {motion.time:.6g} s"
+        found: dict[Outcome, str] = {}
+        if self.fault is not None:
+            found[self.fault] = f"{_FAULTS[self.fault]} at {self.fault_time:.6g} s"
+        if self._runs_away():
+            found[Outcome.RUNS_AWAY] = "its energy grows on and on, far beyond the work of the load"
+        elif self._cycles():
+            found[Outcome.CYCLING] = "the motion does not settle although it is damped"
+        size = float(np.ptp(motion.model.shell.rest_positions, axis=0).max())
+        missed = float(np.max(self.residuals, initial=0.0))
+        if missed > CONSTRAINT_MET * max(size, 1.0):
+            found[Outcome.CONSTRAINTS_MISSED] = f"constraints were missed by up to {missed:.2e}"
+        if motion.unconverged:
+            words = f"{motion.unconverged} of {motion.count} steps did not converge"
+            found[Outcome.STEPS_NOT_CONVERGED] = words
+        if self._rests() and motion.model.is_saddle(motion.state):
+            found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
+        return gravest(Outcome.COMPLETED, *found), "; ".join(found.values())
+
+    @property
+    def _steady(self) -> bool:
+        """Whether the load alone does work."""
+        return self.motion.supports is None and not self.motion.constraints
+
+    def _rests(self) -> bool:
+        """Whether motion has died away under a load that does not change."""
+        if not self._steady or len(self.times) < 2:
+            return False
+        energies = np.array(self.energies)
+        return bool(energies[:, 0].max() > 0.0 and energies[-1, 0] <= _AT_REST * np.abs(energies).max())
+
+    def _runs_away(self) -> bool:
+        """Whether there is far more energy than the load has put in, most of it new in the last quarter."""
+        if not self._steady or len(self.times) < 8:
+            return False
+        energies = np.array(self.energies)
+        stored = energies[:, 0] + energies[:, 1]
+        put_in = float(stored[0] + np.ptp(energies[:, 2]))
+        before, late = stored[: 3 * len(stored) // 4].max(), stored[3 * len(stored) // 4 :].max()
+        return bool(late > max(_RUN_AWAY * put_in, 2.0 * before))
+
+    def _cycles(self) -> bool:
+        """Whether kinetic energy has stopped falling although damping, under a constant load, must have eaten it."""
+        motion = self.motion
+        damped = motion.damping.mass_factor > 0.0 or motion.damping.stiffness_factor > 0.0
+        if not self._steady or not damped or len(self.times) < 40:
+            return False
+        rate = motion.model.decay_rate(motion.dt, motion.damping)
+        if np.exp(-rate * self.times[-1] / 4.0) > _QUARTER_DECAY:
+            return False
+        energies = np.array(self.energies)
+        peaks = np.array([part.max() for part in np.array_split(energies[len(energies) // 2 :, 0], 8)])
+        third, last = peaks[:4].max(), peaks[4:].max()
+        if last <= 1e-9 * np.abs(energies[:, 1:]).max() or last <= _STILL_MOVING * third:
+            return False
+        # Near critical damping motion turns once, very slowly, and then seems to gather speed.
+        if last <= _REBOUND * energies[:, 0].max() * np.exp(-0.75 * rate * self.times[-1]):
+            return False
+        # Chaotic motion has peaks of every size; only a slow decay lets them fall one after the other.
+        return bool((peaks[1:] > _STILL_FALLING * peaks[:-1]).any())

@@ -1,0 +1,72 @@
+"""What a shell asks of its elastic energy, whichever it is."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from modalshell.shell.extended import Extended
+from modalshell.shell.pattern import SparsePattern
+from modalshell.typing import Array, Index
+
+GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
+"""How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""
+
+
+class ElasticEnergy(ABC):
+    """Elastic energy of the vertices' positions, with its derivatives; no input checks."""
+
+    @abstractmethod
+    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+        """Pattern of the Hessian with the vertices ``free`` to move, and the slots of the elements in it."""
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether elements are damped by dashpots of their own."""
+        return False
+
+    def held_slopes(self) -> Index:
+        """Vertices about which the surface cannot turn, as the energy clamps an edge there."""
+        return np.empty(0, dtype=np.int64)
+
+    @abstractmethod
+    def energy(self, x: Array) -> float:
+        """Energy [J] at positions ``x`` (n, 3); not finite at collapsed elements."""
+
+    @abstractmethod
+    def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (n, 3) [N] in one pass."""
+
+    @abstractmethod
+    def energy_gradient_hessian(
+        self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
+    ) -> tuple[float, Array, Array]:
+        """Energy, gradient (n, 3) and Hessian values on a ``pattern`` in one pass.
+
+        ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``) and PROJECTED.
+        """
+
+    @abstractmethod
+    def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] at ``rest + displacement``, both (n, 3) [m], in extended precision."""
+
+    def shifted(self, origin: Array) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
+        """The same energy of positions from which ``origin`` (3,) [m] has been taken."""
+        return self
+
+    @abstractmethod
+    def linear_stresses(self, x: Array, step: Array) -> list[Array]:
+        """Stresses after ``step`` (n, 3) by the measures linearised at ``x``."""
+
+    @abstractmethod
+    def linear_energy(self, x: Array, step: Array) -> float:
+        """Energy [J] of the measures' rates along ``step`` (n, 3) at ``x``: half the Hessian's first part."""
+
+    @abstractmethod
+    def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
+        """Minus ``factor`` [s] times the first part of the Hessian, and dashpots, times ``velocity`` (n, 3) [N]."""
+
+    @abstractmethod
+    def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
+        """Values of the matrix of :meth:`damping_force` on a ``pattern`` [N s/m]."""

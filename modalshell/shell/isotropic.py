@@ -1,0 +1,98 @@
+"""Isotropic sheet: Young's modulus, Poisson's ratio, thickness and density, as shell theory takes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from modalshell.checks import LARGEST, as_array, shown
+from modalshell.errors import MaterialError
+from modalshell.mesh import TriangleMesh
+from modalshell.typing import Array
+
+Field = float | Array | Callable[[Array], Array]
+"""One number, one a triangle (T,), or a function of the triangles' centroids (T, 3) [m]."""
+
+_UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
+
+
+@final
+@dataclass(frozen=True)
+class Isotropic:
+    """Isotropic elastic sheet of the split-fold energy, a Kirchhoff shell; no calibration to the mesh.
+
+    Each may be one number, one value a triangle, or a function of the triangles' centroids (T, 3) [m].
+
+    Parameters
+    ----------
+    young : float, array_like of shape (T,), or callable
+        Young's modulus [Pa].
+    poisson : float, array_like of shape (T,), or callable
+        Poisson's ratio, above -1 and at most 0.5.
+    thickness : float, array_like of shape (T,), or callable
+        Sheet thickness [m].
+    density : float, array_like of shape (T,), or callable
+        Mass per volume [kg/m^3].
+
+    Raises
+    ------
+    MaterialError
+        For values that are not finite or out of range; functions are checked where a shell is built.
+    """
+
+    young: Field
+    poisson: Field
+    thickness: Field
+    density: Field
+
+    def __post_init__(self) -> None:
+        for name in _UNITS:
+            raw = getattr(self, name)
+            if callable(raw):
+                continue
+            value = _checked(name, raw)
+            value.flags.writeable = False
+            object.__setattr__(self, name, float(value) if value.ndim == 0 else value)
+
+    def on(self, mesh: TriangleMesh) -> Isotropic:
+        """The same material, functions evaluated on the triangles of ``mesh``; MaterialError where fields misfit."""
+        centroids = mesh.vertices[mesh.faces].mean(axis=1)
+        fields = []
+        for name in _UNITS:
+            raw = getattr(self, name)
+            value = _checked(name, raw(centroids)) if callable(raw) else np.asarray(raw)
+            if value.ndim == 1 and value.size != len(mesh.faces):
+                raise MaterialError(f"{name} has {value.size} values, but the mesh has {len(mesh.faces)} triangles")
+            fields.append(value)
+        return Isotropic(*fields)
+
+    def area_density(self, mesh: TriangleMesh) -> Array:
+        """Mass per area of every triangle (T,) [kg/m^2]."""
+        _, _, thickness, density = self._arrays(mesh)
+        return np.asarray(density * thickness)
+
+    def _arrays(self, mesh: TriangleMesh) -> list[Array]:
+        sheet = self.on(mesh)
+        shape = (len(mesh.faces),)
+        return [np.broadcast_to(np.asarray(getattr(sheet, name)), shape) for name in _UNITS]
+
+    def elasticity(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
+        """Membrane stiffness ``E h / (1 - nu^2)`` [N/m], bending stiffness D [N m] and nu of every triangle (T,)."""
+        young, poisson, thickness, _ = self._arrays(mesh)
+        membrane = young * thickness / (1.0 - poisson**2)
+        return membrane, membrane * thickness**2 / 12.0, poisson
+
+
+def _checked(name: str, raw: object) -> Array:
+    unit = f" [{_UNITS[name]}]" if _UNITS[name] else ""
+    value = as_array(name, raw, f"one number or one per triangle{unit}", MaterialError).astype(np.float64)
+    if value.ndim > 1 or not (np.abs(value) <= LARGEST).all():
+        raise MaterialError(f"{name} must be finite, one number or one per triangle{unit} (got {shown(raw)})")
+    if name == "poisson" and not ((value > -1.0) & (value <= 0.5)).all():
+        raise MaterialError(f"poisson must be above -1 and at most 0.5 (got {value.min():g} to {value.max():g})")
+    if name != "poisson" and (value < 1.0 / LARGEST).any():
+        raise MaterialError(f"{name} must be positive (got {value.min():g}{unit})")
+    return value

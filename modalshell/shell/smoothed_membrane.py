@@ -1,0 +1,139 @@
+r"""Membrane of the split-fold energy: Green strain, St. Venant-Kirchhoff, plane stress, smoothed per edge.
+
+In a triangle the Green strain E follows linearly from the changes :math:`s_e = (l_e^2 - l_{0,e}^2) / 2` of its three
+edges. Across a smooth edge the strains of both triangles are averaged by area,
+
+.. math:: W_e = \frac{A_T + A_{T'}}{6} \bar E : C : \bar E, \qquad
+          \bar E = \frac{A_T E_T + A_{T'} E_{T'}}{A_T + A_{T'}},
+
+each in the edge's own axes in its own plane, so that nothing depends on the fold. At free, clamped and sharply folded
+edges each triangle keeps its own strain, :math:`W_e = A_T E_T : C : E_T / 6`. The energy is :math:`s^T Q s / 2` with
+one constant matrix Q.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+import scipy.sparse as sps
+from numpy.typing import NDArray
+
+from modalshell.mesh import TriangleMesh
+from modalshell.typing import Array, Index
+
+SHARP = np.radians(20.0)
+"""Rest fold [rad] above which strains are not smoothed across an edge."""
+
+PAIR = np.array([[0, 1], [0, 2], [1, 2], [0, 3], [1, 3]])
+"""Edges of two triangles in the order of a hinge's vertices; the first three are the left one's."""
+
+
+@final
+@dataclass(frozen=True)
+class MembraneElements:
+    """Elements of one kind, each with a constant matrix over the half squared lengths of its edges.
+
+    Attributes
+    ----------
+    stencils : ndarray of int64, shape (elements, vertices)
+        Vertices of each element.
+    pairs : ndarray of int64, shape (edges, 2)
+        Its edges, as places in the stencil.
+    edges : ndarray of int64, shape (elements, edges)
+        The same edges, numbered as in the mesh.
+    matrices : ndarray, shape (elements, edges, edges)
+        Q of each element [N/m^3].
+    """
+
+    stencils: Index
+    pairs: Index
+    edges: Index
+    matrices: Array
+
+
+def membrane_elements(
+    mesh: TriangleMesh, stiffness: Array, poisson: Array, clamped: NDArray[np.bool_], angles: Array
+) -> list[MembraneElements]:
+    """Elements of pairs of triangles over smooth edges, and of single triangles for their other edges.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Rest shape.
+    stiffness, poisson : ndarray, shape (T,)
+        ``E h / (1 - nu^2)`` [N/m] and Poisson's ratio of every triangle; means by area count across smooth edges.
+    clamped : ndarray of bool, shape (n,)
+        Held vertices.
+    angles : ndarray, shape (H,)
+        Rest fold angles of the mesh's hinges [rad].
+    """
+    elastic = np.zeros((len(mesh.faces), 3, 3))
+    elastic[:, 0, 0] = elastic[:, 1, 1] = stiffness
+    elastic[:, 0, 1] = elastic[:, 1, 0] = poisson * stiffness
+    elastic[:, 2, 2] = 0.5 * (1.0 - poisson) * stiffness
+    smooth = (np.abs(angles) <= SHARP) & ~clamped[mesh.edges[mesh.hinge_edges]].all(axis=1)
+    hinges = mesh.hinges[smooth]
+    left, right = mesh.edge_faces[mesh.hinge_edges[smooth]].T
+    areas = mesh.face_areas[left], mesh.face_areas[right]
+    total = areas[0] + areas[1]
+    strain = np.zeros((len(hinges), 3, 5))
+    # Seen from the edge, the left apex lies at +h, the right one at -h.
+    strain[:, :, [0, 1, 2]] = (areas[0] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 2]], 1.0)
+    strain[:, :, [0, 3, 4]] += (areas[1] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
+    mean = (areas[0][:, None, None] * elastic[left] + areas[1][:, None, None] * elastic[right]) / 3.0
+    pairs = MembraneElements(np.ascontiguousarray(hinges), PAIR, _numbers(mesh, hinges, PAIR), _products(strain, mean))
+
+    smoothed = np.zeros(len(mesh.faces))
+    np.add.at(smoothed, np.concatenate([left, right]), 1.0)
+    own = np.flatnonzero(smoothed < 3.0)
+    weight = ((3.0 - smoothed[own]) / 3.0 * mesh.face_areas[own])[:, None, None]
+    faces = np.ascontiguousarray(mesh.faces[own])
+    matrices = _products(_strain_of_lengths(mesh, faces, 1.0), weight * elastic[own])
+    single = MembraneElements(faces, PAIR[:3], _numbers(mesh, faces, PAIR[:3]), matrices)
+    return [pairs, single]
+
+
+def membrane_matrix(elements: list[MembraneElements], edge_count: int) -> sps.csr_array:
+    """Q (E, E) of all elements together."""
+    total = sps.csr_array((edge_count, edge_count))
+    for e in elements:
+        rows = np.broadcast_to(e.edges[:, :, None], e.matrices.shape).ravel()
+        columns = np.broadcast_to(e.edges[:, None, :], e.matrices.shape).ravel()
+        total = total + sps.csr_array(sps.coo_array((e.matrices.ravel(), (rows, columns)), shape=total.shape))
+    return sps.csr_array(total)
+
+
+def strain_of_lengths(mesh: TriangleMesh) -> Array:
+    """Matrices (T, 3, 3) from half squared lengths of a face's edges to (E11, E22, 2 E12), axis 1 along v0 -> v1.
+
+    The edges are (v0, v1), (v0, v2), (v1, v2).
+    """
+    return _strain_of_lengths(mesh, mesh.faces, 1.0)
+
+
+def _strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float) -> Array:
+    x0, x1, x2 = (mesh.vertices[triangles[:, k]] for k in range(3))
+    edge, arm = x1 - x0, x2 - x0
+    length = np.linalg.norm(edge, axis=1)
+    along = np.sum(arm * edge, axis=1) / length
+    across = side * np.linalg.norm(np.cross(edge, arm), axis=1) / length
+    zero = np.zeros_like(length)
+    vectors = [(length, zero), (along, across), (along - length, across)]
+    # d . E d = (l^2 - l0^2) / 2 for each edge d of the triangle laid flat
+    rows = np.stack([np.stack([t * t, n * n, t * n], axis=1) for t, n in vectors], axis=1)
+    return np.asarray(np.linalg.inv(rows))
+
+
+def _products(strain: Array, elastic: Array) -> Array:
+    matrices = np.einsum("eip,eij,ejq->epq", strain, elastic, strain)
+    return np.ascontiguousarray(0.5 * (matrices + matrices.transpose(0, 2, 1)))
+
+
+def _numbers(mesh: TriangleMesh, stencils: Index, pairs: Index) -> Index:
+    """Mesh edges (elements, edges) between the stencils' vertices at ``pairs``."""
+    count = len(mesh.vertices)
+    ends = np.sort(stencils[:, pairs], axis=2)
+    keys = mesh.edges[:, 0] * count + mesh.edges[:, 1]
+    return np.ascontiguousarray(np.searchsorted(keys, ends[:, :, 0] * count + ends[:, :, 1]))

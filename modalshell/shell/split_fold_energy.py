@@ -1,0 +1,256 @@
+"""The split-fold energy: shell theory on fold angles, with a membrane smoothed over edges."""
+
+from __future__ import annotations
+
+import copy
+import functools
+from dataclasses import replace
+from typing import Any, NamedTuple, final
+
+import numpy as np
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+from numpy.typing import NDArray
+
+from modalshell.kernels import split_folds as kernels
+from modalshell.kernels.generated import flexure
+from modalshell.mesh import TriangleMesh
+from modalshell.sharing import PerThread
+from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy
+from modalshell.shell.elements import ElementSet, ElementSum
+from modalshell.shell.extended import Extended, add_forces, measure_changes
+from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
+from modalshell.shell.smoothed_membrane import membrane_elements, membrane_matrix
+from modalshell.shell.split_folds import SplitFolds, split_folds
+from modalshell.typing import Array, Index
+from modalshell.work import count_elements
+
+
+@final
+class _State(NamedTuple):
+    """Measures at some positions: changes of the fold angles, their slopes, and of half the squared edge lengths."""
+
+    points: Array
+    folds: Array
+    slopes: Array
+    stretches: Array
+
+
+def _factorised(stiffness: sps.csc_matrix) -> Any:
+    return spla.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+
+
+@final
+class _Shares:
+    """Constant matrices of the bending energy, and the fold shares' own one factorised."""
+
+    def __init__(self, folds: SplitFolds) -> None:
+        self.by_fold, self.coupling, self.stiffness = folds.matrices()
+        self.coupling_transposed = sps.csr_array(self.coupling.T)
+        self._factor = PerThread(functools.partial(_factorised, sps.csc_matrix(self.stiffness)))
+
+    def solve(self, right_side: Array) -> Array:
+        return np.asarray(self._factor().solve(right_side)) if right_side.size else right_side
+
+    def couples(self, folds: Array) -> Array:
+        """Derivatives (H,) of the bending energy by the fold angles, shares at their minimum [N m]."""
+        shares = self.solve(self.coupling @ folds)
+        return np.asarray(self.by_fold @ folds - self.coupling_transposed @ shares)
+
+
+@final
+class SplitFoldEnergy(ElasticEnergy):
+    """Bending by split folds and smoothed membrane of an isotropic sheet.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Rest shape.
+    material : Isotropic
+        The sheet.
+    clamped : ndarray of bool, shape (n,)
+        Held vertices: their edges are clamped.
+    further : list of ElementSet
+        Further energies, which are added.
+    """
+
+    def __init__(
+        self, mesh: TriangleMesh, material: Isotropic, clamped: NDArray[np.bool_], further: list[ElementSet]
+    ) -> None:
+        self._further = ElementSum(further, len(mesh.vertices))
+        stiffness, rigidity, poisson = material.elasticity(mesh)
+        self._vertex_count = len(mesh.vertices)
+        folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, float(stiffness.mean()))
+        self._shares = _Shares(folds)
+        self._edges = np.ascontiguousarray(mesh.edges)
+        self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
+        angles = np.zeros(len(mesh.hinges))
+        rest = np.asarray(mesh.vertices)
+        kernels.fold_angles(rest, np.asarray(mesh.hinges), np.zeros_like(angles), angles, np.empty((angles.size, 9)))
+        self._membrane = membrane_elements(mesh, stiffness, poisson, clamped, angles)
+        self._tension = membrane_matrix(self._membrane, len(self._edges))
+        state = self._measured(rest)
+        self._rest_angles, self._rest_squares = state.folds, state.stretches
+
+    def _points(self, x: Array) -> Array:
+        return np.vstack([x, self._folds.ghosts]) if len(self._folds.ghosts) else np.ascontiguousarray(x)
+
+    def _measured(self, x: Array) -> _State:
+        points, hinges = self._points(x), self._folds.hinges
+        count_elements(len(hinges) + len(self._edges))
+        angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
+        kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
+        kernels.half_squares(points, self._edges, self._rest_squares, stretches)
+        return _State(points, angles, slopes, stretches)
+
+    def _gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+        gradient = np.zeros_like(state.points)
+        kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
+        kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
+        return gradient[: self._vertex_count]
+
+    def _rates(self, state: _State, step: Array) -> tuple[Array, Array]:
+        """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""
+        moved = np.vstack([step, np.zeros_like(self._folds.ghosts)])
+        folds, stretches = np.empty_like(state.folds), np.empty_like(state.stretches)
+        kernels.fold_rates(moved, self._folds.hinges, state.slopes, folds)
+        kernels.half_square_rates(state.points, moved, self._edges, stretches)
+        return folds, stretches
+
+    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+        """Pattern of the Hessian, and the slots of the elements in it."""
+        folds = self._folds
+        stencils = [folds.triangles, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
+        stencils += [e.stencils for e in self._further.elements]
+        internal, share_slots = self._internal()
+        pattern, slots = build_pattern(self._vertex_count, stencils, free, internal)
+        share_slots = np.where(share_slots >= 0, pattern.indices.size + 3 * share_slots, -1)
+        return pattern, [*slots, np.ascontiguousarray(share_slots)]
+
+    @property
+    def has_dashpots(self) -> bool:
+        """Whether further energies are damped by dashpots of their own."""
+        return self._further.has_dashpots
+
+    def held_slopes(self) -> Index:
+        """Vertices of the edges that ghosts clamp."""
+        hinges = self._folds.hinges
+        return np.unique(hinges[hinges[:, 3] >= self._vertex_count][:, :2])
+
+    def _internal(self) -> tuple[InternalUnknowns, Index]:
+        """The fold shares, and the place (B, 3, 6) of each triangle's vertices in their coupling (or -1)."""
+        folds, count = self._folds, self._vertex_count
+        shape = (*folds.share_index.shape, 6)
+        shares = np.broadcast_to(folds.share_index[:, :, None], shape)
+        vertices = np.broadcast_to(folds.triangles[:, None, :], shape)
+        present = (shares >= 0) & (vertices >= 0) & (vertices < count)
+        keys, inverse = np.unique((shares * count + vertices)[present], return_inverse=True)
+        places = np.full(shape, -1)
+        places[present] = inverse
+        rows, columns = np.divmod(keys, count)
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=folds.share_count))])
+        return InternalUnknowns(indptr, columns, self._shares.stiffness, self._shares.solve), places
+
+    def energy(self, x: Array) -> float:
+        """Energy [J]."""
+        state = self._measured(x)
+        value = self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        return value + self._further.energy(x)
+
+    @staticmethod
+    def _value(state: _State, couples: Array, tensions: Array) -> float:
+        return 0.5 * float(state.folds @ couples + state.stretches @ tensions)
+
+    def energy_gradient(self, x: Array) -> tuple[float, Array]:
+        """Energy [J] and gradient (n, 3) [N]."""
+        state = self._measured(x)
+        couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
+        further, gradient = self._further.energy_gradient(x)
+        return self._value(state, couples, tensions) + further, self._gradient(state, couples, tensions) + gradient
+
+    def energy_gradient_hessian(
+        self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
+    ) -> tuple[float, Array, Array]:
+        """Energy, gradient and Hessian values."""
+        state = self._measured(x)
+        couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
+        total, gradient = self._value(state, couples, tensions), self._gradient(state, couples, tensions)
+        data = self._material_part(slots, pattern, state)
+        others = self._further.elements
+        if others:
+            more = None if stresses is None else stresses[2:]
+            added = self._further.energy_gradient_hessian(slots[5:-1], pattern, x, geometric, more)
+            total, gradient = total + added[0], gradient + added[1]
+            data += added[2]
+        if geometric == MIXED and stresses is not None:
+            couples, tensions = stresses[:2]
+        if geometric != GAUSS_NEWTON:
+            projected = geometric == PROJECTED
+            strides = pattern.strides
+            hinges = self._folds.hinges
+            kernels.add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
+            kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
+        return total, gradient, data
+
+    def _material_part(self, slots: list[Index], pattern: SparsePattern, state: _State) -> Array:
+        """Entries of the first, positive semi-definite part of the Hessian."""
+        folds, strides = self._folds, pattern.strides
+        data = np.zeros(pattern.size)
+        factors = (folds.weights, folds.shares, folds.moments)
+        tables = (folds.triangles, folds.folds, folds.places)
+        kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
+        for e, place in zip(self._membrane, slots[3:5], strict=True):
+            kernels.add_membrane(state.points, e.stencils, e.pairs, e.matrices, place, strides, data)
+        data[data.size - self._shares.stiffness.nnz :] = self._shares.stiffness.data
+        return data
+
+    def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
+        """Gradient (n, 3) [N] in extended precision: of the measures, as the constant matrices do not cancel."""
+        still = self._measured(rest)
+        ghosts = np.zeros((len(self._folds.ghosts), 3), dtype=np.longdouble)
+        moved: Extended = np.concatenate([displacement, ghosts])
+        hinges = self._folds.hinges
+        change, slope = measure_changes(flexure, hinges, still.points, moved)
+        total = np.zeros(moved.shape, dtype=np.longdouble)
+        add_forces(hinges, self._shares.couples(still.folds + change.astype(np.float64)), slope, total)
+        first, second = self._edges.T
+        edges, steps = still.points[second] - still.points[first].astype(np.longdouble), moved[second] - moved[first]
+        stretches = np.sum((edges + 0.5 * steps) * steps, axis=1)
+        forces = (self._tension @ (still.stretches + stretches.astype(np.float64)))[:, None] * (edges + steps)
+        np.add.at(total, second, forces)
+        np.add.at(total, first, -forces)
+        return total[: len(rest)] + self._further.extended_gradient(rest, displacement)
+
+    def shifted(self, origin: Array) -> ElasticEnergy:
+        """The same energy with its ghosts moved as the positions are."""
+        other = copy.copy(self)
+        other._folds = replace(self._folds, ghosts=self._folds.ghosts - origin)
+        return other
+
+    def linear_stresses(self, x: Array, step: Array) -> list[Array]:
+        """Stresses after ``step`` by the linearised measures."""
+        state = self._measured(x)
+        folds, stretches = self._rates(state, step)
+        own = [self._shares.couples(state.folds + folds), self._tension @ (state.stretches + stretches)]
+        return own + self._further.linear_stresses(x, step)
+
+    def linear_energy(self, x: Array, step: Array) -> float:
+        """Energy [J] of the measures' rates along ``step``."""
+        folds, stretches = self._rates(self._measured(x), step)
+        own = 0.5 * float(folds @ self._shares.couples(folds) + stretches @ (self._tension @ stretches))
+        return own + self._further.linear_energy(x, step)
+
+    def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
+        """Force (n, 3) [N] of stiffness-proportional damping."""
+        state = self._measured(x)
+        folds, stretches = self._rates(state, velocity)
+        own = self._gradient(state, self._shares.couples(folds), self._tension @ stretches)
+        return self._further.damping_force(x, velocity, factor) - factor * own
+
+    def damping_matrix(self, slots: list[Index], pattern: SparsePattern, x: Array, factor: float) -> Array:
+        """Values of its matrix [N s/m] on the pattern."""
+        # Added to a Hessian at x this shares its internal unknowns exactly; elsewhere Newton's matrix is approximate,
+        # to the second order in the step.
+        own = factor * self._material_part(slots, pattern, self._measured(x))
+        return own + self._further.damping_matrix(slots[5:-1], pattern, x, factor)

@@ -1,0 +1,24 @@
+"""Errors of the advised models at loads that were not measured for the advice (reads the study ``held_out_advice``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.study import StudyResult
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    rows = StudyResult.load(results, "held_out_advice").findings["rows"]
+    advised = sorted((row for row in rows if row["chosen"] is not None), key=lambda row: float(row["error"]))
+    scenes = range(1, len(advised) + 1)
+    colors = {"error": "0.4", "measured_error": "#8fb3e8", "held_out_error": "#2b5fc8"}
+    labels = ("asked", "of the advised model, at measured loads", "at held-out loads")
+    curves = [
+        Curve(scenes, [100.0 * row[key] for row in advised], label, color, dashed=key == "error")
+        for (key, color), label in zip(colors.items(), labels, strict=True)
+    ]
+    title = "Is the advice right?"
+    panel = Panel(curves, title, "random scenes, by the asked error", "largest displacement error [%]")
+    return draw_curves([panel], folder / "held_out_advice.png")

@@ -1,0 +1,108 @@
+"""Rules of full models: what they keep from step to step, and what they refuse."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.errors import OptionError
+from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, Verlet
+from modalshell.integrators.full.conjugate_gradients import VelocityChange
+from modalshell.integrators.full.verlet import InnerForce
+from modalshell.integrators.state import MotionState
+from modalshell.models import Damping
+
+TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def shell():
+    mesh = ms.flat_beam(cells=(6, 2))
+    return ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.2)
+
+
+class Quarter:
+    """A quarter turn about z of the whole scene."""
+
+    rotation = TURN
+
+    def to_world(self, positions):
+        return positions @ TURN.T
+
+
+@pytest.mark.parametrize(
+    ("make", "kept"),
+    [
+        (lambda shell: ms.DiscreteShell(shell, integrator="verlet"), InnerForce),
+        (lambda shell: ms.SpringSheet(shell, integrator="linear_implicit", solver="cg"), VelocityChange),
+    ],
+)
+def test_what_a_rule_keeps_goes_along_with_a_turn_of_the_scene(shell, make, kept):
+    """A turned state steps to the turned answer, memory and all; and is as good as new from its arrays."""
+    model = make(shell)
+    x = shell.rest_positions + 0.01 * np.sin(7.0 * shell.rest_positions[:, ::-1])
+    load, damping, dt = shell.gravity_force((0.0, 1.0, -2.0)), Damping(0.5, 1e-4), 1e-4
+    state, _ = model.step(model.start_motion(x), dt, load, damping)
+    assert isinstance(state.memory, kept)
+    held = shell.rest_positions[shell.clamped] @ TURN.T
+    turned, _ = model.step(model.placed(state, Quarter()), dt, load @ TURN.T, damping, held)
+    plain, _ = model.step(state, dt, load, damping)
+    expected = model.placed(plain, Quarter())
+    for name, array in expected.arrays().items():
+        np.testing.assert_allclose(turned.arrays()[name], array, rtol=0, atol=1e-9 * np.abs(array).max())
+    copied = model.start_motion().with_arrays({name: array.copy() for name, array in state.arrays().items()})
+    again, _ = model.step(copied, dt, load, damping)
+    for name, array in plain.arrays().items():
+        np.testing.assert_array_equal(again.arrays()[name], array)
+
+
+def test_verlet_starts_from_any_state(shell):
+    model = ms.DiscreteShell(shell, integrator="verlet")
+    x = shell.rest_positions + 0.01 * np.sin(7.0 * shell.rest_positions[:, ::-1])
+    x[shell.clamped] = shell.rest_positions[shell.clamped]
+    load = np.zeros_like(x)
+    known, _ = model.step(model.start_motion(x), 1e-4, load, Damping())
+    bare, _ = model.step(MotionState(x, np.zeros_like(x)), 1e-4, load, Damping())
+    np.testing.assert_array_equal(known.coordinates, bare.coordinates)
+
+
+def test_full_models_take_a_key_or_a_rule(shell):
+    assert {"implicit", "linear_implicit", "explicit", "verlet"} <= set(FullIntegrator.known)
+    for kind in (ms.DiscreteShell, ms.SpringSheet):
+        assert isinstance(kind(shell, integrator=Verlet()).integrator, Verlet)
+        with pytest.raises(OptionError, match="integrator must be one of"):
+            kind(shell, integrator="implicit_midpoint")
+
+
+def test_conjugate_gradients_of_one_sheet_serve_no_other_model(shell):
+    rule = ms.SpringSheet(shell, integrator="linear_implicit", solver="cg").integrator
+    assert isinstance(rule, ConjugateGradientEuler)
+    for other in (ms.DiscreteShell(shell, integrator=rule), ms.SpringSheet(shell, integrator=rule)):
+        with pytest.raises(OptionError, match="belongs to another sheet"):
+            other.start_motion()
+
+
+def explicit_step(h, stiffness, xi, zeta, q, v, _):
+    v = v - h * (stiffness * q + (xi + zeta * stiffness) * v)
+    return q + h * v, v, 0.0
+
+
+def verlet_step(h, stiffness, xi, zeta, q, v, force):
+    middle = v * (1.0 - 0.5 * h * xi) + 0.5 * h * force
+    q = q + h * middle
+    force = -stiffness * (q + zeta * middle)
+    return q, (middle + 0.5 * h * force) / (1.0 + 0.5 * h * xi), force
+
+
+@pytest.mark.parametrize(("name", "step"), [("explicit", explicit_step), ("verlet", verlet_step)])
+@pytest.mark.parametrize(("xi", "zeta"), [(0.0, 0.0), (40.0, 0.0), (0.0, 1e-3), (40.0, 1e-3)])
+def test_stable_step_is_where_one_mode_ceases_to_be_stable(name, step, xi, zeta):
+    """By the matrix of the step of one mode: position, velocity and the inner force that is kept."""
+    stiffness = 5e4
+    longest = FullIntegrator.chosen(name).stable_step(stiffness, xi, zeta * stiffness)
+
+    def radius(h):
+        matrix = np.column_stack([step(h, stiffness, xi, zeta, *start) for start in np.eye(3)])
+        return np.abs(np.linalg.eigvals(matrix)).max()
+
+    assert radius(0.999 * longest) <= 1.0 + 1e-9
+    assert radius(1.001 * longest) > 1.0

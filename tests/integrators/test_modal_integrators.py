@@ -1,0 +1,96 @@
+"""Rules of modal models: theory that is read off the step against closed forms, orders, and names."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.errors import OptionError
+from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint, ModalIntegrator
+
+STIFFNESS = np.array([1e-3, 0.5, 30.0, 4e4, 1e9])
+DAMP = 0.2 + 1e-3 * np.sqrt(STIFFNESS)
+STEP = 1.0 / 30.0
+
+
+def zero(q):
+    return np.zeros_like(q)
+
+
+def test_implicit_euler_shrinks_oscillations_by_the_root_of_its_denominator():
+    expected = (1.0 + STEP * DAMP + STEP**2 * STIFFNESS) ** -0.5
+    np.testing.assert_allclose(ImplicitEuler().amplification(STIFFNESS, DAMP, STEP)[1:], expected[1:], rtol=1e-9)
+
+
+def test_midpoint_rule_keeps_the_amplitude_and_turns_the_phase_by_twice_an_arctangent():
+    rule, root = ImplicitMidpoint(), np.sqrt(STIFFNESS)
+    np.testing.assert_allclose(rule.amplification(STIFFNESS, 0.0, STEP), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(rule.frequency(STIFFNESS, 0.0, STEP), 2.0 * np.arctan(0.5 * STEP * root) / STEP)
+    steps = np.geomspace(1e-4, 10.0, 20)
+    np.testing.assert_allclose(rule.frequency(4.0, 0.0, steps), 2.0 * np.arctan(steps) / steps)
+
+
+def test_compliance_is_the_answer_to_a_unit_force():
+    euler = STEP**2 / (1.0 + STEP * DAMP + STEP**2 * STIFFNESS)
+    midpoint = 0.5 * STEP**2 / (1.0 + 0.5 * STEP * DAMP + 0.25 * STEP**2 * STIFFNESS)
+    np.testing.assert_allclose(ImplicitEuler().compliance(STIFFNESS, DAMP, STEP), euler, rtol=1e-14)
+    np.testing.assert_allclose(ImplicitMidpoint().compliance(STIFFNESS, DAMP, STEP), midpoint, rtol=1e-14)
+
+
+def test_free_motion_of_a_rigid_mode_does_not_decay():
+    for rule in (ImplicitEuler(), ImplicitMidpoint()):
+        assert rule.decay_rate(np.array([0.0, 5.0]), np.array([3.0, 3.0]), STEP) == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize(("rule", "order"), [(ImplicitEuler(), 1.0), (ImplicitMidpoint(), 2.0)])
+def test_order_under_a_force_that_couples_the_modes(rule, order):
+    stiffness, damp = np.array([4.0, 9.0]), np.array([0.3, 0.5])
+    ends = []
+    for count in (200, 400, 800):
+        q, v = np.array([1.0, -0.5]), np.array([0.0, 2.0])
+        for _ in range(count):
+            q, v = rule.step(q, v, lambda q: np.sin(q[::-1]), stiffness, damp, 1.0 / count)
+        ends.append(q)
+    slopes = np.log2(np.abs(ends[1] - ends[0]) / np.abs(ends[2] - ends[1]))
+    np.testing.assert_allclose(slopes, order, atol=0.1)
+
+
+@pytest.mark.parametrize("rule", [ImplicitEuler(), ImplicitMidpoint()])
+def test_matrix_takes_any_state_over_a_step(rule):
+    random = np.random.default_rng(0)
+    stiffness, damp, slope = np.array([4.0, 9.0, 50.0]), np.array([0.3, 0.5, 0.0]), random.standard_normal((3, 3))
+    q, v = random.standard_normal((2, 3))
+    after = np.concatenate(rule.step(q, v, lambda q: slope @ q, stiffness, damp, 0.1))
+    np.testing.assert_allclose(rule.matrix(stiffness, damp, 0.1, slope) @ np.concatenate([q, v]), after, rtol=1e-12)
+    uncoupled = np.linalg.eigvals(rule.matrix(stiffness, damp, 0.1, np.zeros((3, 3))))
+    np.testing.assert_allclose(
+        np.sort(np.abs(uncoupled)), np.sort(np.abs(rule.multipliers(stiffness, damp, 0.1)), None)
+    )
+
+
+@pytest.mark.parametrize("rule", [ImplicitEuler(), ImplicitMidpoint()])
+def test_many_motions_step_as_one_by_one(rule):
+    q, v = np.random.default_rng(1).standard_normal((2, 4, 5))
+    together = rule.step(q, v, zero, STIFFNESS, DAMP, STEP)
+    for row in range(4):
+        alone = rule.step(q[row], v[row], zero, STIFFNESS, DAMP, STEP)
+        for a, b in zip(together, alone, strict=True):
+            np.testing.assert_array_equal(a[row], b)
+
+
+def test_models_take_a_key_or_a_rule():
+    mesh = ms.flat_beam(cells=(6, 2))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.2)
+    basis = ms.solve_modes(shell, 3)
+    assert tuple(ModalIntegrator.known)[:2] == ("implicit_euler", "implicit_midpoint")
+    for choice in ("implicit_midpoint", ImplicitMidpoint()):
+        assert isinstance(ms.LinearModal(basis, integrator=choice).integrator, ImplicitMidpoint)
+    for wrong in ("verlet", None, 3, ImplicitMidpoint):
+        with pytest.raises(OptionError, match="integrator must be one of 'implicit_euler'"):
+            ms.LinearModal(basis, integrator=wrong)
+
+
+def test_a_key_is_given_once():
+    with pytest.raises(OptionError, match="'implicit_euler' exists already, as modalshell"):
+
+        class Other(ModalIntegrator, key="implicit_euler"):
+            pass

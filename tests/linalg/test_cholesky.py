@@ -1,0 +1,155 @@
+"""The multifrontal Cholesky factorisation against dense algebra and SciPy's SuperLU."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import modalshell as ms
+from modalshell.linalg import CholeskyAnalysis, NotPositiveDefiniteError
+
+
+def random_definite(size, density, seed, block=1):
+    """A random symmetric, diagonally dominant matrix of dense blocks."""
+    rng = np.random.default_rng(seed)
+    graph = sps.random_array((size, size), density=density, rng=rng)
+    pattern = sps.csc_array(((graph + graph.T) != 0).astype(float) + sps.eye_array(size))
+    whole = sps.csc_array(sps.kron(pattern, np.ones((block, block))))
+    values = sps.csc_array((rng.uniform(-1.0, 1.0, whole.nnz), whole.indices, whole.indptr), whole.shape)
+    values = sps.csc_array(0.5 * (values + values.T))
+    dominant = np.asarray(abs(values).sum(axis=1)).ravel() + 0.1
+    return sps.csc_array(values + sps.diags_array(dominant)), rng
+
+
+def shell_stiffness(mesh, moved=0.0, seed=0):
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.06)
+    noise = moved * np.random.default_rng(seed).standard_normal(mesh.vertices.shape)
+    noise[shell.clamped] = 0.0
+    free = shell.free_unknowns
+    matrix = sps.csc_array(sps.csc_array(shell.stiffness(mesh.vertices + noise))[free][:, free])
+    matrix.sort_indices()
+    return matrix
+
+
+def residual(matrix, solution, right_side):
+    return np.linalg.norm(matrix @ solution - right_side) / np.linalg.norm(right_side)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 40), st.floats(0.0, 0.5), st.integers(0, 2**32 - 1), st.sampled_from([1, 3]))
+def test_random_matrices_are_solved(size, density, seed, block):
+    matrix, rng = random_definite(size, density, seed, block)
+    factor = CholeskyAnalysis(matrix).factorise(matrix)
+    right_sides = rng.standard_normal((size * block, 4))
+    exact = np.linalg.solve(matrix.toarray(), right_sides)
+    np.testing.assert_allclose(factor.solve(right_sides), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    np.testing.assert_allclose(factor.solve(right_sides[:, 0]), exact[:, 0], rtol=0, atol=1e-12 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        sps.eye_array(7),
+        np.ones((30, 30)),
+        sps.block_diag([np.ones((4, 4)), np.ones((1, 1)), np.ones((5, 5))]),
+        sps.diags_array([np.ones(59), np.ones(60), np.ones(59)], offsets=[-1, 0, 1]),
+    ],
+    ids=["diagonal", "dense", "loose parts", "chain"],
+)
+def test_special_patterns_are_solved(pattern):
+    matrix = sps.csc_array(sps.csc_array(pattern) * 0.5 + sps.diags_array(np.full(pattern.shape[0], 40.0)))
+    right_side = np.arange(1.0, pattern.shape[0] + 1.0)
+    assert residual(matrix, CholeskyAnalysis(matrix).factorise(matrix).solve(right_side), right_side) < 1e-14
+
+
+@pytest.mark.parametrize("reverse", [False, True])
+def test_arrow_matrices_do_not_fill(reverse):
+    """Minimum degree eliminates the dense row last, wherever it stands."""
+    n = 300
+    matrix = sps.lil_array((n, n))
+    matrix.setdiag(float(n))
+    row = n - 1 if reverse else 0
+    matrix[row, :] = matrix[:, row] = 1.0
+    matrix[row, row] = float(n)
+    matrix = sps.csc_array(matrix)
+    analysis = CholeskyAnalysis(matrix)
+    assert analysis.entries < 10 * n
+    right_side = np.ones(n)
+    assert residual(matrix, analysis.factorise(matrix).solve(right_side), right_side) < 1e-14
+
+
+@pytest.mark.parametrize(
+    "mesh", [ms.sheet(cells=(24, 24)), ms.v_beam(cells=(40, 8)), ms.leaf()], ids=["sheet", "V", "leaf"]
+)
+def test_shells_are_solved_as_by_superlu(mesh):
+    matrix = shell_stiffness(mesh)
+    analysis = CholeskyAnalysis(matrix)
+    assert analysis.block == 3
+    right_side = np.random.default_rng(1).standard_normal(matrix.shape[0])
+    reference = spla.splu(sps.csc_matrix(matrix))
+    ours = residual(matrix, analysis.factorise(matrix).solve(right_side), right_side)
+    assert ours < 10.0 * residual(matrix, reference.solve(right_side), right_side)
+
+
+def test_one_analysis_serves_every_matrix_of_its_pattern_to_the_same_bits():
+    first, second = (shell_stiffness(ms.sheet(cells=(12, 12)), 1e-3, seed) for seed in (0, 1))
+    first.data += 0.0
+    shift = sps.diags_array(np.full(first.shape[0], 1e3), format="csc")
+    first, second = sps.csc_array(first + shift), sps.csc_array(second + shift)
+    kept = CholeskyAnalysis(first)
+    right_side = np.random.default_rng(2).standard_normal(first.shape[0])
+    held = kept.factorise(first)
+    again = kept.factorise(second).solve(right_side)
+    np.testing.assert_array_equal(again, CholeskyAnalysis(second).factorise(second).solve(right_side))
+    assert residual(second, again, right_side) < 1e-12
+    # A factor does not change when the next one is made.
+    assert residual(first, held.solve(right_side), right_side) < 1e-12
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(2, 30), st.integers(0, 2**32 - 1))
+def test_indefinite_matrices_are_refused_with_the_place(size, seed):
+    matrix, rng = random_definite(size, 0.2, seed)
+    wrong = int(rng.integers(size))
+    dense = matrix.toarray()
+    dense[wrong, wrong] = -dense[wrong, wrong]
+    matrix = sps.csc_array(dense)
+    with pytest.raises(NotPositiveDefiniteError, match=r"pivot \d+ is not positive") as caught:
+        CholeskyAnalysis(matrix).factorise(matrix)
+    assert 0 <= caught.value.unknown < size
+
+
+def test_singular_matrices_are_refused_or_solved_to_their_condition():
+    """A free chain is singular; held by a weak spring it is definite, with a condition number of 1e10."""
+    n = 50
+    chain = sps.diags_array([np.full(n - 1, -1.0), np.full(n, 2.0), np.full(n - 1, -1.0)], offsets=[-1, 0, 1]).tolil()
+    chain[0, 0] = chain[n - 1, n - 1] = 1.0
+    held = chain.copy()
+    held[0, 0] += 1e-7
+    matrix = sps.csc_array(held)
+    exact = np.random.default_rng(0).standard_normal(n)
+    solution = CholeskyAnalysis(matrix).factorise(matrix).solve(matrix @ exact)
+    assert np.linalg.norm(solution - exact) < 1e-4 * np.linalg.norm(exact)
+    singular = sps.csc_array(chain)
+    singular.data *= 1.0
+    below = sps.csc_array(singular - 1e-9 * sps.eye_array(n))
+    with pytest.raises(NotPositiveDefiniteError):
+        CholeskyAnalysis(below).factorise(below)
+
+
+def test_a_factor_survives_pickling():
+    matrix = shell_stiffness(ms.sheet(cells=(24, 24)))
+    factor = CholeskyAnalysis(matrix).factorise(matrix)
+    right_side = np.arange(matrix.shape[0], dtype=float)
+    for twin in (pickle.loads(pickle.dumps(factor)), copy.deepcopy(factor)):
+        np.testing.assert_array_equal(twin.solve(right_side), factor.solve(right_side))
+
+
+def test_nothing_at_all_is_solved():
+    empty = sps.csc_array((0, 0))
+    assert CholeskyAnalysis(empty).factorise(empty).solve(np.empty(0)).shape == (0,)

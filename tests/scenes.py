@@ -1,0 +1,133 @@
+"""Small scenes that many tests share: shells of one material, grids of springs, and the text of scene files."""
+
+import numpy as np
+
+import modalshell as ms
+from modalshell.kernels.generated import flexure
+from modalshell.springs import SheetGrid
+
+PLAIN = ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
+
+# ---- shells
+
+
+def held(mesh, below=None, material=PLAIN):
+    """The mesh's shell, clamped where x is less than ``below`` [m]; free without it."""
+    return ms.Shell(mesh, material, None if below is None else mesh.vertices[:, 0] < below)
+
+
+def cantilever(cells=(12, 4), **shape):
+    """A V-beam of 1 m, clamped by its first two rows of vertices."""
+    return held(ms.v_beam(cells=cells, **shape), 1.5 / cells[0])
+
+
+def strip(cells=(6, 2), below=None):
+    """A flat strip of 1 m x 0.2 m, free or clamped where x is less than ``below`` [m]."""
+    return held(ms.flat_beam(cells=cells), below)
+
+
+def leaf(cells=(8, 6), clamped=None):
+    """A leaf, free unless some vertices are ``clamped``."""
+    return ms.Shell(ms.leaf(cells=cells), PLAIN, clamped)
+
+
+SHELLS = {
+    "clamped v_beam": cantilever((10, 4)),
+    "free leaf": leaf(),
+    "free cylinder": held(ms.cylinder_panel(cells=(6, 5), angle=100.0)),
+    "hinged leaf": leaf(clamped=[0]),
+}
+"""Shells with none, six and three rigid modes."""
+
+# ---- hinges
+
+
+def hinge_mesh(angle, apex=(0.3, 1.1), other=(0.7, -0.8)):
+    """Two triangles over the edge (0,0,0)-(1,0,0); the second turned about x by ``angle``."""
+    vertices = [
+        (0.0, 0.0, 0.0),
+        (1.0, 0.0, 0.0),
+        (*apex, 0.0),
+        (other[0], other[1] * np.cos(angle), other[1] * np.sin(angle)),
+    ]
+    return np.array(vertices), np.array([[0, 1, 2], [1, 0, 3]])
+
+
+def noisy(mesh, x, noise, seed=0):
+    return x + noise * mesh.edge_lengths.min() * np.random.default_rng(seed).standard_normal(x.shape)
+
+
+def folds(mesh, x):
+    out = np.empty(len(mesh.hinges))
+    flexure.measures(np.ascontiguousarray(x), mesh.hinges, out)
+    return out
+
+
+# ---- springs
+
+
+def grid_of(shape=(6, 8), pins=(), **changes):
+    pinned = np.zeros(shape, bool)
+    for pin in pins:
+        pinned[pin] = True
+    values = {"spacing": 0.1, "particle_mass": 0.01, "structural": 50.0, "shear": 20.0, "flexion": 8.0}
+    return SheetGrid(shape=shape, pinned=pinned, **(values | changes))
+
+
+def grid_mesh(grid):
+    index = np.arange(grid.count).reshape(grid.shape)
+    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, :-1], index[1:, 1:]))
+    return ms.TriangleMesh(grid.rest_positions(), np.vstack([np.c_[a, b, c], np.c_[b, d, c]]))
+
+
+def grid_model(grid, **options):
+    """The grid's springs and masses as a SpringSheet."""
+    shell = ms.Shell(grid_mesh(grid), ms.Material(1.0, 1.0, 1.0, 1.0), clamped=grid.pinned.ravel())
+    shell.mass = np.full(grid.count, grid.particle_mass)
+    return ms.SpringSheet(shell, grid.springs(), **options)
+
+
+def shaken(grid, size, seed=0):
+    noise = size * np.random.default_rng(seed).standard_normal((grid.count, 3))
+    noise[grid.pinned.ravel()] = 0.0
+    return grid.rest_positions() + noise
+
+
+# ---- scene files
+
+
+def beam_text(cells=12, clamped="x < 0.1", prefix=""):
+    """Mesh, material and supports of a V-beam; the last table is that of the supports."""
+    return f"""
+[{prefix}mesh]
+shape = "v_beam"
+cells = [{cells}, 4]
+[{prefix}material]
+stretch = 20.0
+shear = 20.0
+flexure = 0.05
+density = 0.2
+[{prefix}supports]
+clamped = "{clamped}"
+"""
+
+
+SWEPT_BEAM = (
+    beam_text(prefix="scene.")
+    + """[scene.model]
+name = "mwts"
+[scene.motion]
+duration = {duration}
+dt = 0.01
+damping = [0.1, 0.0]
+"""
+)
+"""The scene within a sweep's file."""
+
+TINY_BEAM = """
+name = "beam"
+mesh = {shape = "v_beam", cells = [2, 2]}
+material = {stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}
+supports = {clamped = "x < 0.6"}
+"""
+"""The smallest beam, in lines that leave room for tables."""
