@@ -46,6 +46,7 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.outcome import Outcome
@@ -80,6 +81,7 @@ __all__ = [
     "ModalShellWarning",
     "ModalWarping",
     "Model",
+    "ModelSpec",
     "OptionError",
     "OrientationConstraint",
     "Outcome",
@@ -112,6 +114,7 @@ __all__ = [
     "load_scene",
     "load_trajectory",
     "measure",
+    "models",
     "paper_bird",
     "run_scene",
     "run_sweep",
