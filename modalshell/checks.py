@@ -19,6 +19,7 @@ LARGEST = 1e50
 _APART = 1e-15
 """Shortest time [s] between keyframes, whose third power splines divide by."""
 _SHOWN = 80
+"""Characters of a refused value that a message shows."""
 _PLAIN = (str, bytes, int, float, complex, list, tuple, dict, type(None), np.ndarray, np.generic)
 
 

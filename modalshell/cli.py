@@ -40,6 +40,7 @@ app = App(name="modalshell", help="Thin shells from modal warping to discrete sh
 _console = Console()
 _errors = Console(stderr=True)
 _LONGEST_MESSAGE = 1000
+"""Characters of an error that the command line prints."""
 
 
 @contextmanager

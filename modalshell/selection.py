@@ -30,6 +30,7 @@ _ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 }
 _ALLOWED = "comparisons (<, <=, >, >=) of x, y, z, numbers, + - * /, abs(...), joined by and, or, not"
 _LONGEST = 1000
+"""Characters of a selection: the parser's own limits end in no message."""
 
 
 Selection = str | Sequence[int] | NDArray[np.bool_] | NDArray[np.int64]

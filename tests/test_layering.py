@@ -73,6 +73,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "errors",
         "integrators",
         "kernels",
+        "loads",
         "models",
         "outcome",
         "shell",

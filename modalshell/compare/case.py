@@ -21,6 +21,7 @@ from modalshell.shell import Shell
 from modalshell.typing import Array
 
 _FRAME = 1.0 / 60.0
+"""Time between frames [s] where the scene declares no motion."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ _SINGULAR = 0.03
 _SHIFT = 0.1
 """Movement between neighbouring loads, in lengths, above which the load step is halved to look for a jump."""
 _BISECTIONS = 7
+"""Halvings of the load step in which a snap is located."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from modalshell.typing import Array
 from modalshell.work import Work, counted
 
 _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
+"""Frames timed at most and at least, and frames before them that are not timed."""
 _FRAME_BUDGET = 4e6
 """Counted cost [reference microseconds] after which no more frames are run: as many on every machine."""
 ANSWER_FRAMES = 600

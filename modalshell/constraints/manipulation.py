@@ -14,8 +14,11 @@ Evaluate = Callable[[Array], tuple[Array, Array]]
 _MET = 1e-8
 """Residual, lengths as shares of the shell's size and angles in radians, at which constraints count as met."""
 _SOFTEST, _HARDER, _HARDEST = 1e-3, 0.01, 1e-14
+"""First softness eps of the constraints, the factor from one to the next, and the last."""
 _PASSES = 12
+"""Gauss-Newton steps at one softness at most."""
 _STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
+"""Largest residual met in one stage, and the softness of the constraints until the last stage."""
 _MOST_STAGES = 200
 """Enough for 30 sizes of the shell; no mode reaches a target beyond them anyhow."""
 _STALLED = 0.7

@@ -22,6 +22,7 @@ LEVELS = ("rigid", "LMA", "MWTS")
 """Levels of detail, by the number that stands for each in :attr:`Crowd.levels`."""
 
 _BATCH = 256
+"""Instances whose shapes are held at once while their errors are found."""
 _RULE = ImplicitEuler()
 
 

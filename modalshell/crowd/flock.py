@@ -16,7 +16,9 @@ from modalshell.typing import Array
 MOST, MOST_THREADS = 10_000_000, 4096
 """Of boids and instances, more of which do not fit the memory of a common machine, and of threads."""
 _NOISE_PERIOD = 256
+"""Knots of the periodic noise."""
 _PARALLEL = 1e-9
+"""Sine below which two directions count as parallel."""
 
 
 class Rules(NamedTuple):

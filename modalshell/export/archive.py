@@ -19,16 +19,21 @@ from modalshell.outcome import read_outcome
 from modalshell.reading import open_regular
 
 _FORMAT = 2
+"""Version of the archive."""
 _WITHOUT_MESSAGE = 1
 """Format of earlier versions, whose status is the sentence."""
 _MARK = "modalshell_trajectory"
 _ALIGNMENT = 64
+"""Bytes to which arrays are aligned, so that they can be mapped."""
 _CHUNK = 1 << 24
+"""Bytes read at a time while checksums are compared."""
 _VERIFIED = 1 << 26
 """Size of the positions [bytes] up to which loading reads them once to verify their checksum."""
 
 _LOCAL_HEADER = 30
+"""Bytes of a ZIP member's local header before its name."""
 _ZIP64_EXTRA = 20
+"""Bytes of the extra field that ZIP64 sizes take."""
 _STAMP = (1980, 1, 1, 0, 0, 0)
 """Of every member, so that equal trajectories make equal files."""
 

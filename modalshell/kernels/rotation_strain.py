@@ -34,6 +34,7 @@ WORK = 14 * TILE
 """Length of the buffer that the kernels work in."""
 
 _TINY = 1e-30
+"""Least |w|^2 that is divided by: the numerators vanish there."""
 _LIMIT = 39.0  # (2 pi)^2 and a little less: what the polynomials serve
 
 _kernel = njit(error_model="numpy", fastmath=FASTMATH)

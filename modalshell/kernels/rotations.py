@@ -25,6 +25,7 @@ from modalshell.kernels.compiler import njit
 _kernel = njit(error_model="numpy", fastmath=False)
 
 _TERMS = 9
+"""Terms of the series about zero: as many as double precision needs for phi < 1."""
 _EVEN, _ODD = (tuple((-1.0) ** k / math.factorial(2 * k + s) for k in reversed(range(_TERMS))) for s in (2, 3))
 """c2 = sum (-1)^k phi^(2k) / (2k + 2)! and c3, with (2k + 3)!, highest power first: exact to rounding for phi < 1."""
 

@@ -15,7 +15,9 @@ from modalshell.mesh.triangulate import check_angle, check_cells, check_size, mi
 # Outline of a wing at fractions of its length from crease to tip; x over the bird's length, from tail to beak.
 _STATIONS = (0.0, 0.3, 1.0)
 _TRAILING = (0.0, 0.3, 0.38)
+"""Trailing edge at the stations, as shares of the length."""
 _LEADING = (1.0, 0.88, 0.64)
+"""Leading edge at the stations, as shares of the length."""
 
 
 def paper_bird(

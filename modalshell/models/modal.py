@@ -27,7 +27,9 @@ CONSTRAINT_MET = 1e-6
 _DIFFERENCE = 1e-5
 """Turn [rad] over which a modal force is differenced."""
 _FIXED_POINT = 1e-7
+"""Relative change of the coordinates at which a fixed-point iteration has converged."""
 _FIXED_POINT_LIMIT = 200
+"""Fixed-point iterations at most."""
 _OUT_OF_REACH_LIMIT = 20
 """Iterations after which targets that were not reached in any of them are given up."""
 

@@ -18,6 +18,7 @@ from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _CANDIDATES = 2000
+"""Triangles to choose from; of more, so many are drawn by area."""
 _FEATURES = 96
 """Principal components of the candidates' F - I that the sampled triangles must determine."""
 _RESOLVED = 1e-7

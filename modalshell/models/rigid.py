@@ -19,7 +19,9 @@ from modalshell.shell import Shell
 from modalshell.typing import Array
 
 _TOLERANCE = 1e-13
+"""Error of the angular momentum after a step, as a share of its size."""
 _NEWTON_LIMIT = 30
+"""Newton iterations of a step at most."""
 
 
 class RigidShell(Model):

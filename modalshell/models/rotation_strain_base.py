@@ -19,6 +19,7 @@ from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _PATCHES_KEPT = 16
+"""Patches of constraints whose modal data are kept between steps."""
 
 
 @dataclass(frozen=True)

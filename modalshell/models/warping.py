@@ -17,8 +17,11 @@ from modalshell.typing import Array, Index
 from modalshell.work import count_products, count_read
 
 _TOLERANCE = 1e-9
+"""Relative residual at which an equilibrium has converged."""
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
+"""Share of the load below which a load step is given up."""
 _NEWTON_LIMIT = 12
+"""Newton iterations at one load at most."""
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
 _LOAD_TURN = 0.5

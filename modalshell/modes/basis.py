@@ -24,6 +24,7 @@ from modalshell.shell.elements import ENERGIES
 from modalshell.typing import Array
 
 _FORMAT = 1
+"""Version of the saved file."""
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,12 @@ from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.typing import Array
 
 _DENSE_BELOW = 150
+"""Unknowns up to which a dense solver finds all eigenpairs."""
 _REPEATED = 1e-9
 """Relative gap below which eigenvalues count as one; further apart they are resolved and keep their own modes."""
 
 _RESIDUAL_LIMIT = 1e-8
+"""Residual over |K| |phi| above which a mode is refused."""
 _ILL_CONDITIONED = (
     "the stiffness is too ill-conditioned: remesh needles (aspects of 1e4 and more), or bring the stiffnesses nearer "
     "together"

@@ -17,6 +17,7 @@ from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Progress
 
 _MOST_STEPS = 1_000_000_000
+"""Longest run: one of more steps would never end."""
 _QUARTER_DECAY = 0.1
 """Share of its energy that free motion may keep over a quarter of the run, for the run to be judged."""
 _STILL_MOVING = 0.5

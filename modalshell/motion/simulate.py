@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.constraints import Constraint
+from modalshell.loads import Load
 from modalshell.models import Model
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.stepping import Motion, checked_step
@@ -24,6 +25,7 @@ def simulate(
     dt: float = 1.0 / 30.0,
     gravity: ArrayLike | None = None,
     force: ArrayLike | None = None,
+    loads: Sequence[Load] | None = None,
     damping: tuple[float, float] = (0.0, 0.0),
     start: ArrayLike | None = None,
     supports: SupportPath | None = None,
@@ -46,6 +48,8 @@ def simulate(
         Acceleration on every vertex [m/s^2].
     force : array_like, shape (n, 3), optional
         Further force on every vertex [N].
+    loads : sequence of Load, optional
+        Further loads, such as :class:`~modalshell.PointForce`.
     damping : (float, float)
         Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity in
         the model's own frame: relative to the supports for modal models, absolute for full ones.
@@ -90,6 +94,7 @@ def simulate(
         dt=dt,
         gravity=gravity,
         force=force,
+        loads=loads,
         damping=damping,
         start=start,
         supports=supports,

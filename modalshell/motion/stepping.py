@@ -12,6 +12,7 @@ from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import HeldPatch, checked_constraints, held_patches
 from modalshell.errors import OptionError, SupportError
+from modalshell.loads import Load
 from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget, total_load
 from modalshell.motion.supports import Pose, SupportPath
@@ -52,6 +53,7 @@ class Motion:
         dt: float,
         gravity: ArrayLike | None = None,
         force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
         damping: tuple[float, float] = (0.0, 0.0),
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
@@ -60,7 +62,7 @@ class Motion:
         self.dt = checked_step(dt)
         factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
         self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
-        self.load = total_load(model.shell, gravity, force)
+        self.load = total_load(model.shell, gravity, force, loads)
         model.check_step(self.dt, self.damping)
         shell = model.shell
         if supports is not None:

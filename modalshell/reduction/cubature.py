@@ -22,6 +22,7 @@ from modalshell.typing import Array, Index
 _GOAL = 0.005
 """Displacement error on training loads at which no more elements are taken."""
 _CANDIDATES = 4000
+"""Elements to choose from; of more, so many are drawn at random."""
 _PROBES = 30
 """Random small displacements about rest that are trained on besides: they keep every coordinate stiff."""
 _GROWTH = 0.2
@@ -31,8 +32,11 @@ _FIRST_CHECK = 0.05
 _HELD_OUT = 4
 """Every so many loads one is held out."""
 _GRAVITY_TURNS = (0.7, 2.5)
+"""Largest turns [rad] of the training loads by gravity, one after the other."""
 _MODE_TURN = 0.35
+"""Largest turn [rad] of the load of a mode by itself, for a normal random number of one."""
 _LOADS = 24
+"""Training loads."""
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,15 @@ from modalshell.statics.verdict import ACCEPTED
 from modalshell.typing import Array
 
 _GOAL = 1e-10
+"""Relative residual that is aimed at."""
 _NEWTON_LIMIT = 25
+"""Mixed Newton iterations at one load at most."""
 _LARGEST_STEP = 0.5
 """Largest change of an edge over its length that one load step may predict: about a turn [rad]."""
 _SMALLEST_TRUST = 1.0 / 300.0
+"""Trust below which the load path is given up."""
 _LOAD_STEPS = 200
+"""Load steps at most."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from modalshell.sharing import PerThread
 _ALIGNMENT = 64
 """Bytes to which the data are aligned: a cache line."""
 MOST_THREADS = 1024
+"""Parts that a frame may be cut into."""
 
 
 class WarpFrame:

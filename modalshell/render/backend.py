@@ -23,6 +23,7 @@ WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 APT_LINE = "apt-get install libegl1 libgl1-mesa-dri"
 INSTALL_LINE = "pip install 'modalshell[vtk]'"
 PROBE_SECONDS = 60.0
+"""Longest wait for a probe [s]."""
 
 _PROBE = """
 try:

@@ -21,6 +21,7 @@ LIGHTS = (((0.15, 0.77, 0.62), 0.43), ((0.0, 0.0, 1.0), 0.26), ((-0.6, -0.6, 0.5
 # Widths of outlines and of the sides of triangles [pixels].
 LINE_WIDTH = 1.1
 MESH_LINE_WIDTH = 0.6
+"""Width of the lines along edges [pixels]."""
 
 
 class Painter(Protocol):

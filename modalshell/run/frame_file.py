@@ -22,7 +22,9 @@ from modalshell.lock import acquire_lock
 
 MAGIC = b"modalshell frames 2\n"
 ALIGNMENT = 64
+"""Bytes to which records are aligned, so that frames can be mapped."""
 CHECKSUM_BYTES = 4
+"""Bytes of a record's CRC-32."""
 CONSTANTS, LINE_CHECKSUM = "constants", "line checksum"
 _CHECKSUM = "checksum"
 

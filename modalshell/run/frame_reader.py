@@ -31,6 +31,7 @@ _LINE_LIMIT = 1 << 20
 _LOOK_BACK = 10_000
 """Records, from the end on, among which a sound one is looked for: a killed process leaves one that is not."""
 _TRIES = 3
+"""Times that a record is read again while it is being written."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.typing import Progress
 
 _FILM_RATE = 60.0
+"""Frames a second of a film, at most."""
 
 
 def write_results(

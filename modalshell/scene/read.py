@@ -23,6 +23,7 @@ _WORDS = {"float": "a number", "int": "an integer", "str": "a text", "bool": "tr
 _WORDS |= {"array": "a list", "object": "a table"}
 _BOUNDS = {">": "above", ">=": "at least", "<": "below", "<=": "at most"}
 _DEEPEST = 50
+"""Levels of nested keys that a scene file may have."""
 _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 """Parameters that the package names otherwise than scenes do."""
 

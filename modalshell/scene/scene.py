@@ -50,6 +50,7 @@ _NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
 _TABLES = ("name", *_REQUIRED, "supports", "energies", "loads", "constraints", "motion", "flock", "output")
 _GRAVITY = (0.0, 0.0, -9.81)
+"""Gravity of a flock whose scene declares none [m/s^2]."""
 _FLOCK_FORMATS = ("npz", "png", "mp4")
 
 

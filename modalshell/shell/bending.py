@@ -23,7 +23,9 @@ from modalshell.shell.orientation import in_plane_angles, orient
 from modalshell.typing import Array
 
 _RINGS = 9
+"""Radius of a patch, in edges."""
 _PATCHES = 24
+"""Patches over which the constants are averaged."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,9 @@ from modalshell.mesh import TriangleMesh
 from modalshell.typing import Array
 
 _ELONGATED = 3.0
+"""Length over width from which a mesh has a long axis."""
 _FLAT = 1e-6
+"""Height over length up to which a mesh counts as flat."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,11 @@ from modalshell.typing import Array
 _STEP_TURN = 0.8
 """Turn of a vertex [rad] that one load step may predict."""
 _LOAD_STEPS = 200
+"""Load steps at most."""
 _LOOSE = 1e-3
+"""Relative residual that load steps before the last aim at."""
 _SMALLEST_TRUST = 1.0 / 300.0
+"""Trust below which the load path is given up."""
 
 
 def scale_of(problem: Potential, start: Array | None) -> float:

@@ -15,6 +15,7 @@ WOUND_UP = 2.0 * np.pi
 """Rotation of a vertex or triangle [rad] from which a state has left the branch that grows from rest."""
 
 _TOLERANCE = 1e-9
+"""Relative residual that is aimed at."""
 _FAINT = 1e-3
 """Modal force at rest, as a share of the most that the load's size allows, below which it is no measure of the load."""
 _FIRST_TURN = 0.5

@@ -24,11 +24,11 @@ from modalshell.statics.verdict import ACCEPTED
 from modalshell.timings import Timings
 from modalshell.typing import Array
 
-_GOAL = 1e-10
-_LARGEST_TURN = 1.0
+_GOAL = 1e-10  # relative residual that is aimed at
+_LARGEST_TURN = 1.0  # of a vertex in one step [rad]
 _SHIFTS = (1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
 """Shifts of a singular Hessian, as shares of its mean diagonal entry."""
-_STRETCH = 25
+_STRETCH = 25  # iterations of descent before mixed steps are tried
 _STRETCHES = 12
 _EPSILON = float(np.finfo(np.float64).eps)
 _STILL = 1e-8

@@ -8,6 +8,7 @@ from modalshell.statics.newton import NewtonResult, Potential
 from modalshell.statics.verdict import ACCEPTED
 
 _LIMIT = 10
+"""Iterations at most."""
 
 
 def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResult:

@@ -11,6 +11,7 @@ import scipy.linalg
 from modalshell.typing import Array
 
 _ITERATIONS = 500
+"""Iterations at most."""
 _ROUNDING = 1e-13
 """Share of the function's size below which its changes are rounding, and the gradient alone is followed."""
 _FLAT = 1e-9

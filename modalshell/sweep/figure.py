@@ -41,6 +41,7 @@ _RANGES = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 _NONE, _NONE_COLOR = "no value", "#cccccc"
 _CURVES, _PANELS = len(_COLORS), 12
 _TICKS = 8
+"""Values along an axis up to which each gets a tick of its own."""
 _WIDE = 30.0
 """Ratio of largest to smallest from which an axis is logarithmic."""
 

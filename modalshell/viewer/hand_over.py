@@ -9,7 +9,9 @@ from modalshell.motion import Motion
 from modalshell.typing import Array
 
 _ROUNDS = 10
+"""Gauss-Newton rounds at most."""
 _HALVINGS = 3
+"""Halvings of a step that brings the shape no nearer."""
 _WORTH_IT = 0.99
 """Share of the misfit that a round may leave for another to be worth it."""
 _DIFFERENCE = 1e-6

@@ -34,7 +34,9 @@ _WORK_LIMIT = 2.0 * FRAME_SECONDS
 _LONGEST_PAUSE = 0.25
 """Wall time [s] between frames beyond which a model was built or the machine slept: that time is not made up for."""
 _STANDARD_GRAVITY = 9.81
+"""Gravity [m/s^2] that the slider reaches twice at least."""
 _MODE_LIMIT = 64
+"""Modes that the slider reaches, where the scene has no more."""
 _STILL_SCENE_MOTION = MotionTable(duration=math.inf, damping=(0.5, 0.001))
 
 _FAR = 1e6

@@ -50,3 +50,14 @@ def test_loads_act_in_statics_as_their_forces_do():
         np.testing.assert_allclose(both.positions, by_force.positions, atol=1e-12)
         with pytest.raises(ms.OptionError, match="each of loads must be a Load"):
             model.equilibrium(loads=[force])
+
+
+def test_loads_act_in_motion_as_their_forces_do():
+    shell = ms.Shell(MESH, ms.Material(20.0, 20.0, 0.05, 0.2), MESH.vertices[:, 0] < 0.13)
+    load = ms.PointForce(END, (0.0, 0.0, -1e-4))
+    model = ms.LinearModal(ms.solve_modes(shell, 4))
+    by_loads, by_force = (
+        ms.simulate(model, duration=0.2, **options) for options in ({"loads": [load]}, {"force": load.force(MESH)})
+    )
+    assert by_loads.positions[-1, END, 2].max() < -1e-6
+    np.testing.assert_array_equal(by_loads.positions, by_force.positions)
