@@ -71,7 +71,7 @@ class SceneRun(ABC, Generic[Result]):
     def __init__(self, scene: Scene, shell: Shell, folder: Path) -> None:
         self.folder, self.name, self.shell = folder, scene.name, shell
         self.identity = run_identity(scene, shell)
-        self.formats = list(dict.fromkeys(["npz", *scene.output.formats]))
+        self.formats: list[str] = list(dict.fromkeys(["npz", *scene.output.formats]))
         self.frames = 0
         self._content = scene.content()
 

@@ -63,8 +63,9 @@ class FlightResult(RunResult):
         kept = f" ({self.resumed} of them from an earlier run)" if self.resumed else ""
         parts = ", ".join(f"{name} {100.0 * part:.0f} %" for name, part in found.shares.items())
         return (
-            f"{self.outcome}, {self.frames} frames{kept} of {found.birds} birds, stepped in {found.seconds_steps:.3g} s; "
-            f"{parts}; levels show at most {found.largest_pixels:.2g} of {found.allowed_pixels:g} pixels"
+            f"{self.outcome}, {self.frames} frames{kept} of {found.birds} birds, stepped in "
+            f"{found.seconds_steps:.3g} s; {parts}; "
+            f"levels show at most {found.largest_pixels:.2g} of {found.allowed_pixels:g} pixels"
         )
 
 
@@ -143,7 +144,7 @@ class FlockRun(SceneRun[FlightResult]):
     def _draw(self, formats: list[str], on_frame: Progress) -> FlightReport:
         """Draw the film and the picture; return the report."""
         scene, flight, records = self._scene, self._flight, self._records
-        camera_table, crowd, film = scene.flock.camera, flight.crowd, FlightFilm(scene.flock, flight)
+        table, crowd, film = scene.flock.camera, flight.crowd, FlightFilm(scene.flock, flight)
         single = np.asarray(crowd.basis.shell.mesh.faces)
         offsets = crowd.vertices * np.arange(crowd.count)[:, None, None]
         names = tuple(flight.snapshot())
@@ -151,7 +152,7 @@ class FlockRun(SceneRun[FlightResult]):
         def surface(at: int) -> ShadedSurface:
             flight.restore({name: records[at][name] for name in names})
             shape = FlightFilm(scene.flock, flight).positions().reshape(-1, 3)
-            return ShadedSurface(shape, (single + offsets).reshape(-1, 3), camera_table.color, lined=False)
+            return ShadedSurface(shape, (single + offsets).reshape(-1, 3), table.color, lined=False)
 
         def frames() -> Iterator[NDArray[Any]]:
             for record in records:
@@ -162,21 +163,21 @@ class FlockRun(SceneRun[FlightResult]):
             rate = 1.0 / (scene.motion.dt * scene.motion.store_every)
             write_film(
                 self.path("mp4"), [surface(0)], [frames()], total=len(records), camera=self._camera, fps=rate,
-                size=camera_table.size, rate_factor=camera_table.rate_factor, on_frame=on_frame,
+                size=table.size, rate_factor=table.rate_factor, on_frame=on_frame,
             )  # fmt: skip
         else:
             deque(frames(), maxlen=0)  # for the report
         report = film.report(float(records["seconds"][-1]))
         if "png" in formats:
-            at = -1 if camera_table.still is None else int(np.abs(records["time"] - camera_table.still).argmin())
-            draw_surface(self.path("png"), surface(at), self._camera, size=camera_table.size)
+            at = -1 if table.still is None else int(np.abs(records["time"] - table.still).argmin())
+            draw_surface(self.path("png"), surface(at), self._camera, size=table.size)
         return report
 
 
 def _camera(scene: FlockScene) -> Camera:
     """The camera, refused before the flight if at all."""
-    camera_table = scene.flock.camera
-    with located(scene.file, "flock.camera", camera_table):
-        checked_size(camera_table.size, even="mp4" in scene.output.formats)
-        rgb(camera_table.color)
-        return look_at(camera_table.position, camera_table.target, math.radians(camera_table.view_angle), camera_table.size[0] / camera_table.size[1])
+    table = scene.flock.camera
+    with located(scene.file, "flock.camera", table):
+        checked_size(table.size, even="mp4" in scene.output.formats)
+        rgb(table.color)
+        return look_at(table.position, table.target, math.radians(table.view_angle), table.size[0] / table.size[1])

@@ -23,6 +23,7 @@ from modalshell.shell import Shell
 from modalshell.typing import Array, Progress
 
 _FAULT_BYTES = 64
+"""Bytes of a fault's name in a stored record."""
 _SNAPSHOT = "snapshot_"
 
 

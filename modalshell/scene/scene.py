@@ -6,11 +6,12 @@ import hashlib
 import json
 import os
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
@@ -54,9 +55,9 @@ _GRAVITY = (0.0, 0.0, -9.81)
 _FLOCK_FORMATS = ("npz", "png", "mp4")
 
 
-@dataclass(frozen=True)
-class Scene:
-    """What a scene file declares; :meth:`build` makes it real.
+@dataclass(frozen=True, kw_only=True)
+class Scene(ABC):
+    """What a scene file declares of a shell: a :class:`ShellScene` about one, or a :class:`FlockScene` about many.
 
     Attributes
     ----------
@@ -64,9 +65,8 @@ class Scene:
         Name of the results' files: ``name`` in the file, or the file's own.
     file : Path
         Where it was read from.
-    mesh, material, model, supports, energies, loads, constraints, motion, flock, output
-        The tables; see :mod:`modalshell.scene.tables` and :mod:`modalshell.scene.flock`. None or empty where not
-        declared. Without ``motion`` the scene asks for an equilibrium; with ``flock`` for many such shells in flight.
+    mesh, material, model, supports, energies, loads, motion, output
+        The tables; see :mod:`modalshell.scene.tables`. None where not declared.
     """
 
     name: str
@@ -77,19 +77,19 @@ class Scene:
     supports: tables.Supports | None = None
     energies: tables.Table | None = None
     loads: tables.Loads | None = None
-    constraints: tuple[tables.Constrained, ...] = ()
-    motion: tables.Motion | None = None
-    flock: FlockTable | None = None
+    motion: tables.MotionTable | None = None
     output: tables.Output = field(default_factory=tables.Output)
+
+    @abstractmethod
+    def require_shell(self) -> ShellScene:
+        """The scene itself if it is about one shell; SceneError if it is about a flock."""
 
     def content(self) -> dict[str, Any]:
         """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
         declared = {
-            name: getattr(self, name)
-            for name in ("material", "model", "supports", "energies", "loads", "motion", "flock")
+            name: getattr(self, name) for name in ("material", "model", "supports", "energies", "loads", "motion")
         }
         content = {name: table.plain() for name, table in declared.items() if table is not None}
-        content["constraints"] = [table.plain() for table in self.constraints]
         return content | {"positions": self.output.positions}
 
     def digests(self, mesh: TriangleMesh) -> dict[str, str]:
@@ -122,6 +122,30 @@ class Scene:
         with located(self.file, "material", self.material):
             return Shell(mesh, material, held, energies=energies)
 
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ShellScene(Scene):
+    """A scene of one shell; :meth:`build` makes it real. Without ``motion`` it asks for an equilibrium.
+
+    Attributes
+    ----------
+    name, file, mesh, material, model, supports, energies, loads, motion, output
+        See :class:`Scene`.
+    constraints : tuple of Constrained
+        Where patches of vertices shall be.
+    """
+
+    constraints: tuple[tables.Constrained, ...] = ()
+
+    def require_shell(self) -> ShellScene:
+        """The scene itself."""
+        return self
+
+    def content(self) -> dict[str, Any]:
+        """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
+        return super().content() | {"constraints": [table.plain() for table in self.constraints]}
+
     def build(self, shell: Shell | None = None) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already.
 
@@ -132,8 +156,6 @@ class Scene:
         SolverError
             Where the modes cannot be found.
         """
-        if self.flock is not None:
-            raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
         shell = shell or self.build_shell()
         path, force, constraints = self.build_loading(shell)
         if constraints and not self.model.spec.constraints:
@@ -189,16 +211,36 @@ class Scene:
                 forces.append(checked_vectors("force", entry.build().force(mesh), mesh.vertices.shape))
         return sum(forces[1:], forces[0]) if forces else None
 
-    def build_flight(self, shell: Shell) -> Flight:
-        """The birds that ``flock`` declares, at their start; SceneError where it or a table beside it is refused."""
-        if self.flock is None or self.motion is None:
-            raise SceneError(f"{self.file}: {'motion' if self.flock else 'flock'}: missing; a flight needs it")
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class FlockScene(Scene):
+    """A scene of many such shells in flight, stepped by MWTS under gravity alone.
+
+    Attributes
+    ----------
+    name, file, mesh, material, model, supports, energies, loads, output
+        See :class:`Scene`.
+    motion : MotionTable
+        Duration and steps of the flight.
+    flock : FlockTable
+        The birds; see :mod:`modalshell.scene.flock`.
+
+    Raises
+    ------
+    SceneError
+        Where another table asks for what a flock cannot do.
+    """
+
+    motion: tables.MotionTable
+    flock: FlockTable
+
+    def __post_init__(self) -> None:
         model, loads = self.model, self.loads
         refused = {
             "model: a flock is stepped by mwts, with its number of modes and no other option": (
                 model.spec.key != "mwts" or model != type(model)(modes=model.options["modes"])
             ),
-            "constraints: a flock takes none": bool(self.constraints),
             "loads: a flock takes gravity alone": bool(loads and (loads.forces or any(load_entries(loads)))),
             "supports.times: a bird's supports move with its boid": bool(self.supports and self.supports.times),
             f"output.formats: those of a flock are {', '.join(_FLOCK_FORMATS)}": (
@@ -208,19 +250,31 @@ class Scene:
         for text, wrong in refused.items():
             if wrong:
                 raise SceneError(f"{self.file}: {text}")
-        gravity = loads.gravity if loads and loads.gravity else _GRAVITY
-        basis = solve_modes(shell, model.options["modes"])
+
+    def require_shell(self) -> ShellScene:
+        """SceneError: it is about many shells."""
+        raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
+
+    def content(self) -> dict[str, Any]:
+        """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
+        return super().content() | {"flock": self.flock.plain()}
+
+    def build_flight(self, shell: Shell) -> Flight:
+        """The birds at their start; SceneError where the table is refused."""
+        gravity = self.loads.gravity if self.loads and self.loads.gravity else _GRAVITY
+        basis = solve_modes(shell, self.model.options["modes"])
         with located(self.file, "flock", self.flock):
             return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)
 
 
+@final
 @dataclass(frozen=True)
 class BuiltScene:
     """A scene's parts.
 
     Attributes
     ----------
-    scene : Scene
+    scene : ShellScene
         What was declared.
     shell : Shell
         The shell.
@@ -234,7 +288,7 @@ class BuiltScene:
         On patches of vertices.
     """
 
-    scene: Scene
+    scene: ShellScene
     shell: Shell
     model: Model
     force: Array | None
@@ -286,7 +340,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     SceneError
         For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
         key's path, what was got and what is allowed. Values that depend on the mesh are checked by
-        :meth:`Scene.build`.
+        :meth:`ShellScene.build`.
     """
     return parse_scene(Path(path), read_toml(Path(path)))
 
@@ -314,7 +368,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             ("supports", tables.Supports),
             ("energies", energies_table()),
             ("loads", loads_table()),
-            ("motion", tables.Motion),
+            ("motion", tables.MotionTable),
             ("flock", FlockTable),
             ("output", tables.Output),
         )
@@ -325,18 +379,24 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         raise SceneError(
             f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
         )
-    return Scene(
-        name,
-        file,
-        _mesh_table(file, raw["mesh"]),
-        _material_table(file, raw["material"]),
-        checked_table(file, "model", raw["model"], chosen(file, "model", raw["model"], "name", model_tables())),
-        constraints=tuple(
-            checked_table(file, f"constraints[{index}]", entry, tables.Constrained)
-            for index, entry in enumerate(entries)
-        ),
-        **optional,
+    model = chosen(file, "model", raw["model"], "name", model_tables())
+    declared: dict[str, Any] = optional | {
+        "name": name,
+        "file": file,
+        "mesh": _mesh_table(file, raw["mesh"]),
+        "material": _material_table(file, raw["material"]),
+        "model": checked_table(file, "model", raw["model"], model),
+    }
+    constraints = tuple(
+        checked_table(file, f"constraints[{index}]", entry, tables.Constrained) for index, entry in enumerate(entries)
     )
+    if "flock" not in declared:
+        return ShellScene(**declared, constraints=constraints)
+    if motion is None:
+        raise SceneError(f"{file}: motion: missing; a flight needs it")
+    if constraints:
+        raise SceneError(f"{file}: constraints: a flock takes none")
+    return FlockScene(**declared)
 
 
 def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:
