@@ -53,7 +53,7 @@ from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Isotropic, Material, Shell
+from modalshell.shell import Isotropic, Material, Shell, ShellFields
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -95,6 +95,7 @@ __all__ = [
     "SceneError",
     "SceneResult",
     "Shell",
+    "ShellFields",
     "SolverError",
     "SpringSheet",
     "SupportError",

@@ -12,7 +12,6 @@ from modalshell.checks import checked_kind
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh, Damping
-from modalshell.models.base import total_load
 from modalshell.models.coarse_discrete_shell import drawn_to_supports
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
@@ -82,7 +81,7 @@ def make_case(
         return scene_case(declared.require_shell())
     checked_kind("scene", scene, Shell)
     meshes = [CoarseMesh(drawn_to_supports(scene, mesh), f"{len(mesh.faces)} triangles") for mesh in coarse]
-    return Case("shell", scene, total_load(scene, gravity, force), coarse=meshes)
+    return Case("shell", scene, scene.total_load(gravity, force), coarse=meshes)
 
 
 def scene_case(scene: ShellScene) -> Case:

@@ -14,6 +14,7 @@ from modalshell.scene.tables import MeshFile, PhysicalSheet, Stiffnesses
 from modalshell.shell import Shell
 
 _COARSENINGS = (2.0, 3.0, 4.0)
+"""Factors by which the cells of coarser meshes are larger."""
 _FEWEST = (6, 2)
 """Cells along and across below which a coarse mesh is none any more."""
 

@@ -22,7 +22,6 @@ from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
-from modalshell.models.base import total_load
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion, SupportPath
@@ -171,7 +170,7 @@ class ShellScene(Scene):
 
     def largest_load(self, shell: Shell) -> tuple[Array, str]:
         """All loads (n, 3) [N], with the largest inertial load of moving supports, and a note that says so."""
-        load = total_load(shell, self.loads.gravity if self.loads else None, self.build_force(shell.mesh))
+        load = shell.total_load(self.loads.gravity if self.loads else None, self.build_force(shell.mesh))
         path = build_path(self.supports) if self.supports else None
         if path is None:
             return load, ""
@@ -318,7 +317,7 @@ class BuiltScene:
 
     def load(self) -> Array:
         """All loads (n, 3) [N]."""
-        return total_load(self.shell, self.gravity, self.force)
+        return self.shell.total_load(self.gravity, self.force)
 
     def equilibrium(self) -> Equilibrium:
         """The static answer."""

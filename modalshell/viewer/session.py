@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import LoadError, ModalShellError, OptionError
 from modalshell.models import Model
-from modalshell.models.base import total_load
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
@@ -156,7 +155,7 @@ class ViewSession:
     def set_gravity(self, gravity: ArrayLike) -> None:
         """Change the acceleration (3,) [m/s^2] on every vertex; the motion goes on from where it is."""
         vector = checked_vectors("gravity", gravity, (3,), LoadError)
-        self._motion.load = total_load(self.shell, vector, self._built.force)
+        self._motion.load = self.shell.total_load(vector, self._built.force)
         self.gravity = vector
 
     def set_model(self, name: str, modes: int | None = None) -> None:
