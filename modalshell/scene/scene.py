@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -18,20 +16,16 @@ import numpy as np
 from modalshell.checks import checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
-from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion, SupportPath
-from modalshell.plugins import load_plugins
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
-from modalshell.scene.flock import FlockTable
-from modalshell.scene.models import ModelTable, model_tables
+from modalshell.scene.models import ModelTable
 from modalshell.scene.parts import (
-    SHAPES,
     Shape,
     build_constraint,
     build_material,
@@ -39,19 +33,12 @@ from modalshell.scene.parts import (
     build_path,
     spread_force,
 )
-from modalshell.scene.read import checked_table, chosen, located, read_toml, refuse_unknown_keys
-from modalshell.scene.signatures import energies_table, energy_entries, load_entries, loads_table
+from modalshell.scene.read import located
+from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.selection import selected
 from modalshell.shell import Shell
 from modalshell.shell.supports import held_vertices
 from modalshell.typing import Array
-
-_NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
-_REQUIRED = ("mesh", "material", "model")
-_TABLES = ("name", *_REQUIRED, "supports", "energies", "loads", "constraints", "motion", "flock", "output")
-_GRAVITY = (0.0, 0.0, -9.81)
-"""Gravity of a flock whose scene declares none [m/s^2]."""
-_FLOCK_FORMATS = ("npz", "png", "mp4")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,61 +199,6 @@ class ShellScene(Scene):
 
 
 @final
-@dataclass(frozen=True, kw_only=True)
-class FlockScene(Scene):
-    """A scene of many such shells in flight, stepped by MWTS under gravity alone.
-
-    Attributes
-    ----------
-    name, file, mesh, material, model, supports, energies, loads, output
-        See :class:`Scene`.
-    motion : MotionTable
-        Duration and steps of the flight.
-    flock : FlockTable
-        The birds; see :mod:`modalshell.scene.flock`.
-
-    Raises
-    ------
-    SceneError
-        Where another table asks for what a flock cannot do.
-    """
-
-    motion: tables.MotionTable
-    flock: FlockTable
-
-    def __post_init__(self) -> None:
-        model, loads = self.model, self.loads
-        refused = {
-            "model: a flock is stepped by mwts, with its number of modes and no other option": (
-                model.spec.key != "mwts" or model != type(model)(modes=model.options["modes"])
-            ),
-            "loads: a flock takes gravity alone": bool(loads and (loads.forces or any(load_entries(loads)))),
-            "supports.times: a bird's supports move with its boid": bool(self.supports and self.supports.times),
-            f"output.formats: those of a flock are {', '.join(_FLOCK_FORMATS)}": (
-                not set(self.output.formats) <= set(_FLOCK_FORMATS)
-            ),
-        }
-        for text, wrong in refused.items():
-            if wrong:
-                raise SceneError(f"{self.file}: {text}")
-
-    def require_shell(self) -> ShellScene:
-        """SceneError: it is about many shells."""
-        raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
-
-    def content(self) -> dict[str, Any]:
-        """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
-        return super().content() | {"flock": self.flock.plain()}
-
-    def build_flight(self, shell: Shell) -> Flight:
-        """The birds at their start; SceneError where the table is refused."""
-        gravity = self.loads.gravity if self.loads and self.loads.gravity else _GRAVITY
-        basis = solve_modes(shell, self.model.options["modes"])
-        with located(self.file, "flock", self.flock):
-            return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)
-
-
-@final
 @dataclass(frozen=True)
 class BuiltScene:
     """A scene's parts.
@@ -324,89 +256,3 @@ class BuiltScene:
         options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
         with located(self.scene.file, "model", self.scene.model):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, **options)
-
-
-def load_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene file.
-
-    Parameters
-    ----------
-    path : path
-        A TOML file with the tables of :mod:`modalshell.scene.tables`.
-
-    Raises
-    ------
-    SceneError
-        For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
-        key's path, what was got and what is allowed. Values that depend on the mesh are checked by
-        :meth:`ShellScene.build`.
-    """
-    return parse_scene(Path(path), read_toml(Path(path)))
-
-
-def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
-    """The scene of plain tables as :func:`~modalshell.scene.read.read_toml` gives them, said to be from ``file``.
-
-    SceneError as :func:`load_scene`.
-    """
-    load_plugins()
-    refuse_unknown_keys(file, "", raw, _TABLES)
-    for name in _REQUIRED:
-        if name not in raw:
-            raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
-    name = raw.get("name", file.stem)
-    if not isinstance(name, str) or not re.fullmatch(_NAME, name):
-        allowed = "1 to 100 letters, digits, _ and -, a letter or digit first: it names the results' files"
-        raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
-    entries = raw.get("constraints", [])
-    if not isinstance(entries, list):
-        raise SceneError(f"{file}: constraints: must be a list of tables, [[constraints]] (got {entries!r:.60})")
-    optional: dict[str, Any] = {
-        key: checked_table(file, key, raw[key], kind)
-        for key, kind in (
-            ("supports", tables.Supports),
-            ("energies", energies_table()),
-            ("loads", loads_table()),
-            ("motion", tables.MotionTable),
-            ("flock", FlockTable),
-            ("output", tables.Output),
-        )
-        if key in raw
-    }
-    motion = optional.get("motion")
-    if motion is not None and motion.duration < motion.dt:
-        raise SceneError(
-            f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
-        )
-    model = chosen(file, "model", raw["model"], "name", model_tables())
-    declared: dict[str, Any] = optional | {
-        "name": name,
-        "file": file,
-        "mesh": _mesh_table(file, raw["mesh"]),
-        "material": _material_table(file, raw["material"]),
-        "model": checked_table(file, "model", raw["model"], model),
-    }
-    constraints = tuple(
-        checked_table(file, f"constraints[{index}]", entry, tables.Constrained) for index, entry in enumerate(entries)
-    )
-    if "flock" not in declared:
-        return ShellScene(**declared, constraints=constraints)
-    if motion is None:
-        raise SceneError(f"{file}: motion: missing; a flight needs it")
-    if constraints:
-        raise SceneError(f"{file}: constraints: a flock takes none")
-    return FlockScene(**declared)
-
-
-def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:
-    if isinstance(raw, dict) and ("file" in raw) == ("shape" in raw):
-        raise SceneError(f"{file}: mesh: must have either file or shape ({', '.join(SHAPES)}), and not both")
-    if isinstance(raw, dict) and "file" in raw:
-        return checked_table(file, "mesh", raw, tables.MeshFile)
-    return checked_table(file, "mesh", raw, chosen(file, "mesh", raw, "shape", SHAPES))
-
-
-def _material_table(file: Path, raw: Any) -> tables.Stiffnesses | tables.PhysicalSheet:
-    if isinstance(raw, dict) and not {"young", "poisson", "thickness"}.isdisjoint(raw):
-        return checked_table(file, "material", raw, tables.PhysicalSheet)
-    return checked_table(file, "material", raw, tables.Stiffnesses)
