@@ -9,16 +9,18 @@ Run it alone with ``modalshell reproduce --only tradeoff``.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import msgspec
 import numpy as np
 
 import modalshell as ms
-from modalshell.compare.candidates import Candidate, Workshop, candidates
+from modalshell.compare.candidates import Candidate, candidates, case_factory
 from modalshell.compare.case import Case, scene_case
 from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
+from modalshell.models.registry import TRUTH
 from modalshell.motion import Motion
 from modalshell.provenance import repository_file, run_record
 from modalshell.study import StudyResult, Table
@@ -68,19 +70,18 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 def scene(name: str, cells: tuple[int, int] | None) -> Case:
     """The case of a scene file; on a mesh of other ``cells`` if given, clamped by two rows."""
-    declared = ms.load_scene(repository_file(f"studies/scenes/{name}.toml"))
+    declared = ms.load_scene(repository_file(f"studies/scenes/{name}.toml")).require_shell()
     if cells is not None:
         table: Any = declared.mesh
         held: Any = declared.supports
         supports = msgspec.structs.replace(held, clamped=f"x < {1.5 * table.length / cells[0]}")
-        changed = {"mesh": msgspec.structs.replace(table, cells=cells), "supports": supports}
-        declared = ms.Scene(**{key: changed.get(key, value) for key, value in vars(declared).items()})
+        declared = replace(declared, mesh=msgspec.structs.replace(table, cells=cells), supports=supports)
     return scene_case(declared)
 
 
 def through_snap(case: Case) -> list[dict[str, Any]]:
     """DS and coarse DS after the snap: error, time of a static answer from rest, and of a motion through it."""
-    found = [candidate for candidate in candidates(case)[0] if candidate.rung in ("DS", "coarse DS")]
+    found = [candidate for candidate in candidates(case)[0] if candidate.spec.key in (TRUTH, "coarse-ds")]
     rows = [snap_row(case, candidate) for candidate in reversed(found)]
     truth = rows[0]
     for row in rows:
@@ -96,7 +97,7 @@ def through_snap(case: Case) -> list[dict[str, Any]]:
 
 def snap_row(case: Case, candidate: Candidate) -> dict[str, Any]:
     """Answers and times of one rung."""
-    model, preprocessing = Workshop(case).build(candidate)
+    model, preprocessing = candidate.build(case_factory(case))
     tries = [[model.equilibrium(force=share * case.load) for share in AFTER_SNAP] for _ in range(REPEATS)]
     answers = [min(same, key=lambda answer: answer.seconds) for same in zip(*tries, strict=True)]
     motion = Motion(model, dt=case.dt, force=case.load, damping=SNAP_DAMPING)

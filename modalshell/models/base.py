@@ -5,12 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import Literal, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_kind, checked_vectors, finite_answer
+from modalshell.checks import finite_answer
 from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
@@ -25,6 +25,7 @@ RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
 
 
+@final
 @dataclass(frozen=True)
 class Equilibrium:
     """A static answer, with what the solver has to say about it.
@@ -79,6 +80,7 @@ class Equilibrium:
         return str(self.outcome)
 
 
+@final
 @dataclass(frozen=True)
 class ResolvedTarget:
     """A constraint at one time, in the model's own frame: the patch, and its position [m] or rotation vector [rad]."""
@@ -148,7 +150,7 @@ class Model(ABC):
             If extreme input drives the positions out of the finite numbers.
         """
         watch = Stopwatch()
-        load = total_load(self.shell, gravity, force, loads)
+        load = self.shell.total_load(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if wanted and not self.takes_constraints:
@@ -233,21 +235,6 @@ class Model(ABC):
 
     def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)
         """Raise OptionError if this model cannot step by ``dt``."""
-
-
-def total_load(
-    shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None, loads: Sequence[Load] | None = None
-) -> Array:
-    """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
-    load = np.zeros_like(shell.rest_positions)
-    if gravity is not None:
-        load += shell.gravity_force(gravity)
-    if force is not None:
-        load += checked_vectors("force", force, load.shape)
-    for further in loads or ():
-        checked_kind("each of loads", further, Load)  # type: ignore[type-abstract]
-        load += checked_vectors(f"the force of {type(further).__name__}", further.force(shell.mesh), load.shape)
-    return load
 
 
 def rigid_share(shell: Shell, load: Array) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 import scipy.linalg
 
@@ -28,6 +30,7 @@ _LOAD_TURN = 0.5
 """Turn of a vertex [rad] that one load step may predict."""
 
 
+@final
 class ModalWarping(ModalModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 
@@ -246,3 +249,8 @@ class ModalWarping(ModalModel):
                 return y, residual, iterations, False
         residual = float(np.linalg.norm(self._balance(y, load, root))) / scale
         return y, residual, iterations, True
+
+
+def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:
+    """MWTS under the consistent modal force ``J^T f``: a record of its own on the ladder."""
+    return ModalWarping(basis, integrator=integrator, consistent_force=True)

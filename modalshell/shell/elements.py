@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any, ClassVar, final
 
 import numpy as np
+import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.kernels.generated import flexure, shear, stretch
@@ -104,6 +105,13 @@ def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.boo
     ]
 
 
+def _view(array: Array) -> Array:
+    """A read-only view: kernels are compiled for one kind of argument alone, whoever owns it."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def _size(elements: Sequence[ElementSet]) -> int:
     return sum(e.rest.size for e in elements)
 
@@ -111,13 +119,14 @@ def _size(elements: Sequence[ElementSet]) -> int:
 def energy(elements: Sequence[ElementSet], x: Array) -> float:
     """Energy [J] of all sets at positions ``x`` (n, 3); not finite at collapsed elements."""
     count_elements(_size(elements))
+    x = _view(x)
     return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in elements))
 
 
 def energy_gradient(elements: Sequence[ElementSet], x: Array) -> tuple[float, Array]:
     """Energy [J] and gradient (n, 3) [N] in one pass."""
     count_elements(_size(elements))
-    gradient = np.zeros_like(x)
+    x, gradient = _view(x), np.zeros_like(x)
     total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in elements)
     return float(total), gradient
 
@@ -135,7 +144,7 @@ def energy_gradient_hessian(
     ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
     """
     count_elements(_size(elements))
-    gradient = np.zeros_like(x)
+    x, gradient = _view(x), np.zeros_like(x)
     data = np.zeros(pattern.size)
     total = 0.0
     none = np.empty(0)
@@ -150,6 +159,7 @@ def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> li
     """Stress of every element after ``step`` (n, 3) by the measures linearised at ``x``."""
     count_elements(_size(elements))
     stresses = []
+    x, step = _view(x), _view(step)
     for e in elements:
         stress = np.empty(e.rest.size)
         e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
@@ -185,6 +195,22 @@ class ElementSum(ElasticEnergy):
     def energy(self, x: Array) -> float:
         """Energy [J]."""
         return energy(self.elements, x)
+
+    def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
+        """Energy of every triangle (T,) [J]: an element's goes to the triangles that share most of its vertices."""
+        vertex_count, face_count = len(mesh.vertices), len(mesh.faces)
+        corners = np.asarray(mesh.faces).ravel(), np.repeat(np.arange(face_count), 3)
+        incidence = sps.csr_array((np.ones(3 * face_count), corners), shape=(vertex_count, face_count))
+        energies = np.zeros(face_count)
+        for e, stress in zip(self.elements, linear_stresses(self.elements, x, np.zeros_like(x)), strict=True):
+            count, size = e.stencils.shape
+            entries = np.ones(count * size), (np.repeat(np.arange(count), size), e.stencils.ravel())
+            shared = sps.csr_array(sps.csr_array(entries, shape=(count, vertex_count)) @ incidence)
+            most = np.repeat(shared.max(axis=1).toarray().ravel(), np.diff(shared.indptr))
+            shared.data = (shared.data == most).astype(np.float64)
+            own = np.divide(stress**2, 4.0 * e.weight, out=np.zeros(count), where=e.weight != 0.0)
+            energies += np.asarray(shared.T @ (own / np.maximum(shared.sum(axis=1), 1.0)))
+        return energies
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N]."""
@@ -222,6 +248,7 @@ class ElementSum(ElasticEnergy):
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
         """Force (n, 3) [N] of stiffness-proportional damping."""
         force = np.zeros_like(x)
+        x, velocity = _view(x), _view(velocity)
         for e in self.elements:
             e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
         return force
@@ -230,6 +257,7 @@ class ElementSum(ElasticEnergy):
         """Values of its matrix [N s/m] on the pattern."""
         data = np.zeros(pattern.size)
         unused, none = np.zeros_like(x), np.empty(0)
+        x = _view(x)
         for place, e in zip(slots, self.elements, strict=True):
             where = (place, pattern.strides, data, unused)
             e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *where)

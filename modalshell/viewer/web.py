@@ -9,12 +9,14 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 from modalshell.errors import ModalShellError, OptionError
-from modalshell.scene import MODELS, Scene
+from modalshell.models.registry import models
+from modalshell.scene import Scene
+from modalshell.viewer.guard import guard
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
 from modalshell.viewer.stage import Shown, Stage, demand_opengl
 
 HOST = "127.0.0.1"
-"""Loopback only: whoever reaches the page can drive the session."""
+"""Loopback only, and with the secret of the printed address: whoever has both can drive the session."""
 
 _SHORTEST_PAUSE = 0.005
 """Wall time [s] in which the server hears its browsers between two frames, at least."""
@@ -41,6 +43,7 @@ class BrowserPage(ABC):
         self._state: Any = self._server.state
         self._state.trame__title = f"modalshell {name}"
         self._note = ""
+        self._secret = guard(self._server, HOST)
         self._server.controller.on_server_ready.add_task(self._run)
 
     def serve(self, port: int) -> None:
@@ -51,7 +54,7 @@ class BrowserPage(ABC):
         )
 
     def _print_address(self, **_: Any) -> None:
-        print(f"http://{HOST}:{self._server.port}/ (Ctrl+C ends)", flush=True)
+        print(f"http://{HOST}:{self._server.port}/?secret={self._secret} (Ctrl+C ends)", flush=True)
 
     def _fill_content(self, page: Any) -> None:
         page.title.set_text(self._state.trame__title)
@@ -138,7 +141,7 @@ class WebViewer(BrowserPage):
                         vuetify.VBtn("{{ playing ? 'Pause' : 'Play' }}", click=self._toggle, id="play", color="primary")
                         vuetify.VSpacer()
                         vuetify.VBtn("Reset", click=self._reset, id="reset")
-                    items = ("models", [{"title": name.upper(), "value": name} for name in MODELS])
+                    items = ("models", [{"title": spec.name, "value": key} for key, spec in models().items()])
                     vuetify.VSelect(label="Model", v_model=("model",), items=items, id="model", classes="mt-4")
                     vuetify.VLabel("Modes: {{ modes }}")
                     vuetify.VSlider(v_model=("modes",), min=1, max=session.mode_limit, step=1, id="modes")
