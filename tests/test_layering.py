@@ -192,6 +192,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "compare",
         "doctor",
         "errors",
+        "mesh",
         ROOT,
         "models",
         "outcome",

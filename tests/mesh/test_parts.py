@@ -91,7 +91,8 @@ def test_commands_take_the_part(file, capsys):
     assert run(*command, "--component", "5") == 2
 
 
-def test_scenes_take_the_part(file, scene_file):
+@pytest.mark.usefixtures("file")
+def test_scenes_take_the_part(scene_file):
     def scene(more):
         path = scene_file(
             ('shape = "v_beam"\ncells = [12, 4]', f'file = "parts.obj"{more}'), ('"x < 0.1"', '"y < 0.1"')
