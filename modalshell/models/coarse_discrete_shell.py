@@ -67,7 +67,7 @@ class CoarseDiscreteShell(Model):
         self.shell = checked_kind("shell", shell, Shell)
         self.coarse = DiscreteShell(checked_kind("coarse", coarse, Shell))
         mesh, under = shell.mesh, coarse.mesh
-        size = float(np.ptp(mesh.vertices, axis=0).max())
+        size = mesh.size
         below, vertex_shares, distance = closest_points(under, mesh.vertices)
         if distance.max() > _APART * size:
             worst = int(distance.argmax())

@@ -54,7 +54,7 @@ class ModalModel(Model):
         self.shell = basis.shell
         self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
         self._mass = np.repeat(self.shell.mass, 3)
-        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+        self._size = self.shell.size
 
     @abstractmethod
     def displacement(self, q: Array) -> Array:

@@ -92,7 +92,7 @@ class ViewSession:
         self.shell = scene.build_shell()
         self._built = scene.build(self.shell)
         self._table = scene.motion or _STILL_SCENE_MOTION
-        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+        self._size = self.shell.size
         self.name = next(name for name, kind in MODELS.items() if isinstance(scene.model, kind))
         self.modes = int(getattr(scene.model, "modes", 8))
         self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.free_unknowns.size)
