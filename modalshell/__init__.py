@@ -46,13 +46,14 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
-from modalshell.shell import Isotropic, Material, Shell
+from modalshell.shell import Isotropic, Material, Shell, ShellFields
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -80,6 +81,7 @@ __all__ = [
     "ModalShellWarning",
     "ModalWarping",
     "Model",
+    "ModelSpec",
     "OptionError",
     "OrientationConstraint",
     "Outcome",
@@ -93,6 +95,7 @@ __all__ = [
     "SceneError",
     "SceneResult",
     "Shell",
+    "ShellFields",
     "SolverError",
     "SpringSheet",
     "SupportError",
@@ -112,6 +115,7 @@ __all__ = [
     "load_scene",
     "load_trajectory",
     "measure",
+    "models",
     "paper_bird",
     "run_scene",
     "run_sweep",

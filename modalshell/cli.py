@@ -24,13 +24,14 @@ from modalshell.checks import shortened
 from modalshell.compare import MODES
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
-from modalshell.models.modal import ModalModel
+from modalshell.models.factory import MODE_COUNT, ModelFactory
+from modalshell.models.registry import MODELS
 from modalshell.outcome import Outcome
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
-from modalshell.scene import MODELS
+from modalshell.scene.models import model_tables
 from modalshell.selection import select_vertices
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
@@ -192,6 +193,7 @@ def advise(
     error: Annotated[float, Parameter(help="Largest displacement error against DS, relative.")] = 0.02,
     fps: Annotated[float, Parameter(help="Frames a second at least.")] = 60.0,
     modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
+    write: Annotated[Path | None, Parameter(help="Write the scene with the named model to this file.")] = None,
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
     """Name the cheapest rung that is as accurate and as fast as asked on a scene, from measured runs."""
@@ -201,6 +203,8 @@ def advise(
     _console.print(Markdown(found.explanation))
     for path in found.save(out):
         print(path)
+    if write is not None:
+        print(found.write_scene(scene, write))
 
 
 @app.command
@@ -258,7 +262,7 @@ def simulate(
     shell: _ShellOptions | None = None,
     gravity: Annotated[tuple[float, float, float], Parameter(help="Acceleration [m/s^2].")] = (0.0, 0.0, -9.81),
     model: Annotated[str, Parameter(help=f"One of {', '.join(MODELS)}.")] = "mwts",
-    modes: Annotated[int, Parameter(help="Number of modes of the modal models.")] = 8,
+    modes: Annotated[int, Parameter(help="Number of modes of the modal models.")] = MODE_COUNT,
     static: Annotated[bool, Parameter(help="Equilibrium instead of motion: a picture instead of a film.")] = False,
     duration: Annotated[float, Parameter(help="Simulated time [s].")] = 2.0,
     dt: Annotated[float, Parameter(help="Time step, and time between frames [s].")] = 1.0 / 30.0,
@@ -269,15 +273,16 @@ def simulate(
     out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
 ) -> None:
     """Let a mesh of your own hang, fall or swing; write a film or a picture, and the positions."""
-    if model not in MODELS:
-        raise OptionError(f"there is no model {model!r}; choose from {', '.join(MODELS)}")
+    known = model_tables()
+    if model not in known:
+        raise OptionError(f"there is no model {model!r}; choose from {', '.join(known)}")
     options = shell or _ShellOptions()
     built = options.build(mesh)
     print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
-    kind = MODELS[model]
-    chosen = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(built)
-    if isinstance(chosen, ModalModel):
-        basis = chosen.basis
+    kind = known[model]
+    factory = ModelFactory(built, lambda: built.gravity_force(gravity))
+    chosen = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
+    for basis in factory.bases.values():
         span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
         print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
     make_folder(out)

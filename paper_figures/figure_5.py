@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from modalshell.compare.draw import model_colors
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.render.curves import MODEL_COLORS
 from modalshell.study import StudyResult
 
 SHARES = (0.2, 0.5, 1.0)
@@ -27,7 +27,7 @@ def draw(results: Path, folder: Path) -> Path:
             ShadedSurface(
                 result.arrays[f"soft_{model.lower()}_{row['gravity']:g}"],
                 faces,
-                color=MODEL_COLORS[model],
+                color=model_colors()[model],
                 label=model,
                 opacity={"LMA": 0.6, "MWTS": 0.75, "DS": 1.0}[model],
             )

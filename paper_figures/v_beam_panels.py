@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from modalshell.render.curves import MODEL_COLORS, Curve, Panel
+from modalshell.compare.draw import model_colors
+from modalshell.render.curves import Curve, Panel
 from modalshell.study import StudyResult
 
 TITLES = {"soft": "soft membrane: the fold keeps its shape", "stiff": "stiff membrane: the fold flattens and snaps"}
@@ -19,7 +20,7 @@ def v_beam_panels(results: Path, models: Sequence[str], quantity: str, label: st
         rows, snap = result.findings[regime]["rows"], result.findings[regime]["snap"]
         gamma = [row["gamma"] for row in rows]
         curves = [
-            Curve(gamma, [100 * row[f"{model.lower()}_{quantity}"] for row in rows], model, MODEL_COLORS[model])
+            Curve(gamma, [100 * row[f"{model.lower()}_{quantity}"] for row in rows], model, model_colors()[model])
             for model in models
         ]
         panels.append(

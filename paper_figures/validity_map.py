@@ -4,18 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.compare.draw import model_colors
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.study import StudyResult
 
-COLORS = {
-    "LMA": "#f4c7a1",
-    "MWTS": "#8fb3e8",
-    "RSW": "#5bb98b",
-    "MD-ROM": "#2c7a7b",
-    "coarse DS": "#d9a6c2",
-    "DS": "#b0304f",
-    "no answer": "#bbbbbb",
-}
+NO_ANSWER = "#dddddd"
 AXES = {
     "fold": ("fold [degrees]", "fold, membrane {membrane:g} N/m"),
     "membrane": ("membrane stiffness [N/m]", "membrane, fold {fold:g}°"),
@@ -44,5 +37,5 @@ def draw(results: Path, folder: Path) -> Path:
                 )
             )
     present = {name for panel in panels for row in panel.classes for name in row}
-    colors = {name: color for name, color in COLORS.items() if name in present}
+    colors = {name: color for name, color in (model_colors() | {"no answer": NO_ANSWER}).items() if name in present}
     return draw_maps(panels, colors, folder / "validity_map.png", columns=3)

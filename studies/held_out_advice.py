@@ -16,10 +16,12 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN
-from modalshell.compare.candidates import Workshop, candidates
-from modalshell.compare.case import Case, CoarseMesh, drawn_to_supports
+from modalshell.compare.candidates import case_factory
+from modalshell.compare.case import Case
 from modalshell.compare.runs import Measurement
 from modalshell.mesh import TriangleMesh
+from modalshell.models import CoarseMesh, Damping
+from modalshell.models.coarse_discrete_shell import drawn_to_supports
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
 from studies.pages import number
@@ -84,7 +86,7 @@ def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float]:
         for cells in ((along // 2, 4), (along // 3, 2))
     ]
     details = f"{kind}, {len(x)} vertices, membrane {membrane:.0f}, linear answer {size:.2f} L"
-    case = Case(name, shell, load, damping=ms.models.Damping(0.5, 0.001), coarse=coarse, note=details)
+    case = Case(name, shell, load, damping=Damping(0.5, 0.001), coarse=coarse, note=details)
     return case, float(rng.choice(ERRORS))
 
 
@@ -95,14 +97,13 @@ def checked(case: Case, error: float) -> dict[str, Any]:
     exact = [truth.equilibrium(force=share * case.load) for share in HELD_OUT]
     fast = [row for row in advice.rows if row.frames_per_second >= RATE_MARGIN * FRAMES_PER_SECOND]
     cheaper = [row for row in fast if advice.chosen is None or NEAR_TIE * row.cost < advice.chosen.cost]
-    workshop = Workshop(case)
-    made = {candidate.label: candidate for candidate in candidates(case)[0]}
+    factory = case_factory(case)
 
     def worst(row: Measurement) -> float:
         """Largest error at the held-out loads; infinite where the rung has no answer."""
-        if row.rung == "DS":
+        if row.is_truth:
             return 0.0
-        model = workshop.build(made[row.label])[0]
+        model = row.candidate.build(factory)[0]
         found = [0.0]
         for share, answer in zip(HELD_OUT, exact, strict=True):
             if answer.converged:

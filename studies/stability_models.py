@@ -11,7 +11,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
-from modalshell.models import Damping, Model
+from modalshell.models import CoarseMesh, Damping, Model
 from studies.integrator_drift import SummedWarp
 
 AnyModel = TypeVar("AnyModel", bound=Model)
@@ -76,15 +76,20 @@ def reduced(shell: ms.Shell, integrator: str) -> Model:
     return ms.ReducedRotationStrain.trained(modal(ms.RotationStrain, shell, integrator=integrator), loads, rank=12)
 
 
-def coarse(shell: ms.Shell) -> Model:
-    """DS with ten cells along the strip instead of twelve, its rows at the clamp those of ``shell``."""
+def coarse_mesh(shell: ms.Shell) -> CoarseMesh:
+    """The strip with ten cells along the strip instead of twelve, its rows at the clamp those of ``shell``."""
     fold, along = fold_of(shell), 10
     mesh = ms.v_beam(length=LENGTH, cells=(along, CELLS[1]), fold=180.0 - abs(fold))
     vertices, held, cell = np.array(mesh.vertices), LENGTH / CELLS[0], LENGTH / along
     beyond = held + (vertices[:, 0] - cell) * (LENGTH - held) / (LENGTH - cell)
     vertices[:, 0] = np.where(vertices[:, 0] < 0.5 * cell, 0.0, beyond)
     vertices[:, 2] *= 1.0 if fold >= 0.0 else -1.0
-    return ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, ms.TriangleMesh(vertices, mesh.faces)))
+    return CoarseMesh(ms.TriangleMesh(vertices, mesh.faces), f"{along}x{CELLS[1]}")
+
+
+def coarse(shell: ms.Shell) -> Model:
+    """DS on such a mesh."""
+    return ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, coarse_mesh(shell).mesh))
 
 
 MODAL = (("implicit_euler", "implicit Euler", "implicit"), ("implicit_midpoint", "midpoint", "midpoint"))

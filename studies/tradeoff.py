@@ -15,10 +15,11 @@ import msgspec
 import numpy as np
 
 import modalshell as ms
-from modalshell.compare.candidates import Candidate, Workshop, candidates
+from modalshell.compare.candidates import Candidate, candidates, case_factory
 from modalshell.compare.case import Case, scene_case
 from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
+from modalshell.models.registry import TRUTH
 from modalshell.motion import Motion
 from modalshell.provenance import repository_file, run_record
 from modalshell.study import StudyResult, Table
@@ -80,7 +81,7 @@ def scene(name: str, cells: tuple[int, int] | None) -> Case:
 
 def through_snap(case: Case) -> list[dict[str, Any]]:
     """DS and coarse DS after the snap: error, time of a static answer from rest, and of a motion through it."""
-    found = [candidate for candidate in candidates(case)[0] if candidate.rung in ("DS", "coarse DS")]
+    found = [candidate for candidate in candidates(case)[0] if candidate.spec.key in (TRUTH, "coarse-ds")]
     rows = [snap_row(case, candidate) for candidate in reversed(found)]
     truth = rows[0]
     for row in rows:
@@ -96,7 +97,7 @@ def through_snap(case: Case) -> list[dict[str, Any]]:
 
 def snap_row(case: Case, candidate: Candidate) -> dict[str, Any]:
     """Answers and times of one rung."""
-    model, preprocessing = Workshop(case).build(candidate)
+    model, preprocessing = candidate.build(case_factory(case))
     tries = [[model.equilibrium(force=share * case.load) for share in AFTER_SNAP] for _ in range(REPEATS)]
     answers = [min(same, key=lambda answer: answer.seconds) for same in zip(*tries, strict=True)]
     motion = Motion(model, dt=case.dt, force=case.load, damping=SNAP_DAMPING)

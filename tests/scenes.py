@@ -131,3 +131,20 @@ material = {stretch = 20.0, shear = 20.0, flexure = 0.05, density = 0.2}
 supports = {clamped = "x < 0.6"}
 """
 """The smallest beam, in lines that leave room for tables."""
+
+LOADED_BEAM = (
+    beam_text(8, "x < 0.13")
+    + """[loads]
+gravity = [0.0, 0.0, -4.0]
+[[loads.forces]]
+where = "x > 0.9"
+total = [0.0, 0.0, -0.01]
+[model]
+name = "mwts"
+modes = 4
+"""
+)
+"""A scene that a sweep varies by ``SWEEP_AXES``."""
+
+GRAVITIES = '"loads.gravity" = [[0, 0, -1], [0, 0, -2]]\n'
+SWEEP_AXES = GRAVITIES + '"model.name" = ["lma", "mwts", "ds"]\n'

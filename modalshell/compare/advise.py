@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +19,10 @@ from modalshell.compare.case import Case
 from modalshell.compare.path import Snap
 from modalshell.compare.runs import Measurement
 from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
+from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.scene import Scene
+from modalshell.scene.write import toml_table, write_scene_with
 from modalshell.shell import Shell
 from modalshell.typing import Progress
 
@@ -65,6 +68,11 @@ class Advice:
         return self.measured.path.snap
 
     @property
+    def model_table(self) -> dict[str, Any] | None:
+        """The ``[model]`` table that runs the chosen rung; None where none is chosen or no scene can name it."""
+        return None if self.chosen is None else self.chosen.candidate.model_table
+
+    @property
     def margin(self) -> tuple[float, float] | None:
         """Asked error over the chosen rung's worst one, and its frames per second over those asked."""
         if self.chosen is None or self.chosen.worst_error is None:
@@ -77,6 +85,12 @@ class Advice:
         name = self.measured.case.name
         page = f"# {name}\n\n{self.explanation}\n\n{self.measured.table()}\n"
         return [*self.measured.save(folder), write_text(Path(folder) / f"{name}_advice.md", page)]
+
+    def write_scene(self, scene: str | os.PathLike[str], out: str | os.PathLike[str]) -> Path:
+        """Write the scene of a file to ``out`` with the chosen rung as its model; OptionError where there is none."""
+        if self.model_table is None:
+            raise OptionError(f"no scene to write: {self.explanation.splitlines()[0]}")
+        return write_scene_with(Path(scene), out, self.model_table)
 
 
 def advise(
@@ -119,9 +133,11 @@ def choose(measured: Tradeoff, error: float, fps: float) -> Advice:
     allowed = [row for row in measured.rows if row.label not in refused and row.worst_error is not None]
     fitting = [row for row in allowed if _error(row) <= error and row.frames_per_second >= RATE_MARGIN * fps]
     ties = [row for row in fitting if row.cost <= NEAR_TIE * fitting[0].cost]
-    chosen = min(ties, key=lambda row: row.rank, default=None)
+    chosen = min(ties, key=lambda row: (row.candidate.spec.cost, row.cost), default=None)
     text = _chosen_text(chosen, error, fps) if chosen else _none_text(allowed, error, fps)
     cheaper = measured.rows[: measured.rows.index(chosen)] if chosen else measured.rows
+    if chosen is not None and (table := chosen.candidate.model_table) is not None:
+        text += ["", "In a scene:", "", "```toml", toml_table("model", table), "```", ""]
     text += _faults([row for row in cheaper if row not in ties], refused, error)
     if also := [row.label for row in ties if row is not chosen]:
         text.append(f"- Within {100 * (NEAR_TIE - 1):.0f} % of the same work, but less simple: {'; '.join(also)}.")
@@ -135,7 +151,7 @@ def refusals(measured: Tradeoff) -> dict[str, str]:
         if row.missed:
             wrong = [status for status in row.statuses if status != "converged"]
             refused[row.label] = wrong[0] if wrong else f"its motion {row.motion}"
-        elif row.quadratic and measured.path.snap is not None:
+        elif row.candidate.spec.quadratic and measured.path.snap is not None:
             refused[row.label] = "the shell snaps, which an elastic energy quadratic in rest modes cannot"
     return refused
 
@@ -146,7 +162,7 @@ def _error(row: Measurement) -> float:
 
 def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
     worst = _error(row)
-    accuracy = "is the truth here" if row.rung == "DS" else f"is at most {100 * worst:.2g} % off DS"
+    accuracy = "is the truth here" if row.is_truth else f"is at most {100 * worst:.2g} % off DS"
     margin = "" if worst == 0.0 else f" (asked {100 * error:.3g} %: {error / worst:.2g} times better)"
     rate = row.frames_per_second
     return [
@@ -187,7 +203,7 @@ def _faults(rows: list[Measurement], refused: dict[str, str], error: float) -> l
 
 def _spread(measured: Tradeoff) -> float:
     """Largest distance between answers of two rungs under the whole load, in lengths."""
-    answers = [row.positions for row in measured.rows if row.statuses[-1] == "converged" and row.rung != "rigid"]
+    answers = [row.positions for row in measured.rows if row.converged and row.candidate.spec.pictured]
     size = measured.case.shell.size
     pairs = combinations(answers, 2)
     return max((float(np.linalg.norm(a - b, axis=1).max()) / size for a, b in pairs), default=0.0)

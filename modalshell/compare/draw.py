@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.models.registry import TRUTH, models
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.render.pareto import GROUP_COLORS, Mark, ParetoPanel, draw_pareto
+from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
 from modalshell.typing import Array
 
 Shapes = tuple[dict[str, Any], Mapping[str, Array], NDArray[np.int64]]
@@ -18,6 +19,11 @@ Shapes = tuple[dict[str, Any], Mapping[str, Array], NDArray[np.int64]]
 
 _FLOOR = 1e-6
 """Smallest error that is drawn."""
+
+
+def model_colors() -> dict[str, str]:
+    """Colour of every model by its name."""
+    return {spec.name: spec.color for spec in models().values()}
 
 
 def draw_fronts(found: Sequence[dict[str, Any]], path: str | Path, titles: Sequence[str] | None = None) -> Path:
@@ -30,13 +36,15 @@ def draw_fronts(found: Sequence[dict[str, Any]], path: str | Path, titles: Seque
 def pareto_panel(found: dict[str, Any], title: str) -> ParetoPanel:
     """Error over milliseconds a frame; against an outside solution DS is a point like the others."""
     key = "worst_error" if all(row["outside_error"] is None for row in found["rows"]) else "outside_error"
-    marks, truth = [], None
-    for row in found["rows"]:
-        if row["rung"] == "DS" and key == "worst_error":
-            truth = (row["frame_ms"], "DS")
+    marks, truth, ladder = [], None, models()
+    for row in sorted(found["rows"], key=lambda row: ladder[row["key"]].cost):
+        spec, name = ladder[row["key"]], row["rung"]
+        if row["key"] == TRUTH and key == "worst_error":
+            truth = Mark(row["frame_ms"], 0.0, name, name, False, spec.color)
         elif row[key] is not None:
             error = 100.0 * max(row[key], _FLOOR)
-            marks.append(Mark(row["frame_ms"], error, row["rung"], row["size"] or row["rung"], row["front"]))
+            text = row["size"] or name
+            marks.append(Mark(row["frame_ms"], error, name, text, row["front"], spec.color, spec.marker))
     label = "worst displacement error [%]" if key == "worst_error" else "error against the outside solution [%]"
     return ParetoPanel(marks, title, y_label=label, truth=truth)
 
@@ -52,11 +60,11 @@ def draw_shapes(
     views = []
     for found, positions, faces in shapes:
         for row in best_sizes(found):
-            color = GROUP_COLORS.get(row["rung"], "0.6")
-            surfaces = [ShadedSurface(positions[row["label"]], faces, color=color)]
-            if row["rung"] != "DS":
-                surfaces.append(ShadedSurface(positions["DS"], faces, color="#1b6e2c", style="outline"))
-            error = "the truth" if row["rung"] == "DS" else f"{100.0 * row['final_error']:.2g} % off"
+            surfaces = [ShadedSurface(positions[row["label"]], faces, color=models()[row["key"]].color)]
+            truth = models()[TRUTH]
+            if row["key"] != TRUTH:
+                surfaces.append(ShadedSurface(positions[truth.name], faces, color="#1b6e2c", style="outline"))
+            error = "the truth" if row["key"] == TRUTH else f"{100.0 * row['final_error']:.2g} % off"
             text = f"{error}, {row['frame_ms']:.2g} ms"
             views.append(View(surfaces, title=row["label"], subtitle=text, camera=camera))
     across = columns or -(-len(views) // max(len(shapes), 1))
@@ -69,8 +77,8 @@ def best_sizes(found: dict[str, Any]) -> list[dict[str, Any]]:
     """Of each rung with an answer the row of the smallest error, in the order of their cost; DS last."""
     best: dict[str, dict[str, Any]] = {}
     for row in found["rows"]:
-        if row["final_error"] is not None and row["rung"] not in ("rigid", "MWTS, consistent", "reduced RSW"):
+        if row["final_error"] is not None and models()[row["key"]].pictured:
             kept = best.get(row["rung"])
             if kept is None or row["worst_error"] < kept["worst_error"]:
                 best[row["rung"]] = row
-    return sorted(best.values(), key=lambda row: (row["rung"] == "DS", row["frame_ms"]))
+    return sorted(best.values(), key=lambda row: (row["key"] == TRUTH, row["frame_ms"]))

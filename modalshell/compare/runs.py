@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from modalshell import measure
-from modalshell.compare.candidates import Candidate, Workshop
+from modalshell.compare.candidates import Candidate
 from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
+from modalshell.models.factory import ModelFactory
+from modalshell.models.registry import TRUTH
+from modalshell.outcome import Outcome
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
 from modalshell.work import Work, counted
@@ -31,12 +34,8 @@ class Measurement:
 
     Attributes
     ----------
-    rung, size, label : str
+    candidate : Candidate
         Which one.
-    rank : int
-        Its place on the ladder, simplest rung first.
-    quadratic : bool
-        Whether its elastic energy is quadratic in modes about rest.
     preprocessing : float
         Time to build the model [s], its modes included.
     frame_ms : float
@@ -67,11 +66,7 @@ class Measurement:
         Relative displacement error under the whole load against an outside solution, where one was given.
     """
 
-    rung: str
-    size: str
-    label: str
-    rank: int
-    quadratic: bool
+    candidate: Candidate
     preprocessing: float
     frame_ms: float
     work: Work
@@ -85,6 +80,36 @@ class Measurement:
     missed: bool
     positions: Array = field(repr=False)
     outside_error: float | None = None
+
+    @property
+    def rung(self) -> str:
+        """Name of the model."""
+        return self.candidate.spec.name
+
+    @property
+    def size(self) -> str:
+        """Mode count or coarse mesh; empty where there is only one size."""
+        return self.candidate.size
+
+    @property
+    def label(self) -> str:
+        """Rung and size."""
+        return self.candidate.label
+
+    @property
+    def key(self) -> str:
+        """Key of the model in the registry."""
+        return self.candidate.spec.key
+
+    @property
+    def converged(self) -> bool:
+        """Whether the answer under the whole load is one."""
+        return self.statuses[-1] == Outcome.CONVERGED
+
+    @property
+    def is_truth(self) -> bool:
+        """Whether the others are held against this rung."""
+        return self.key == TRUTH
 
     @property
     def frames_per_second(self) -> float:
@@ -130,20 +155,19 @@ class Measurement:
 
 
 def measure_row(
-    candidate: Candidate, rank: int, workshop: Workshop, path: LoadPath, tip: int, outside: Array | None = None
+    candidate: Candidate, case: Case, factory: ModelFactory, path: LoadPath, tip: int, outside: Array | None = None
 ) -> Measurement:
     """Build the rung, find its answers at the loads of ``path``, and time its frames.
 
     ``tip`` is the vertex whose turn is told; ``outside`` (n, 3) [m] an outside solution under the whole load.
     """
-    case = workshop.case
     shell, mesh = case.shell, case.shell.mesh
-    model, preprocessing = workshop.build(candidate)
+    model, preprocessing = candidate.build(factory)
     watch = Stopwatch()
     answers = path.answers
-    if candidate.rung != "DS":
+    if candidate.spec.key != TRUTH:
         answers = [model.equilibrium(force=factor * case.load) for factor in path.factors]
-    statics = watch() if candidate.rung != "DS" else sum(answer.seconds for answer in answers)
+    statics = watch() if candidate.spec.key != TRUTH else sum(answer.seconds for answer in answers)
     errors: list[float | None] = []
     areas: list[float | None] = []
     turns: list[float | None] = []
@@ -152,20 +176,16 @@ def measure_row(
         errors.append(measure.displacement_error(answer.positions, exact.positions, shell) if both else None)
         areas.append(area_difference(answer, exact, mesh) if both else None)
         turns.append(turn_at(answer.positions, mesh, tip) if answer.converged else None)
-    frame_ms, work, motion = timed_frames(model, case)
+    frame_ms, work, motion, finite = timed_frames(model, case)
     known = path.known
     frequency = None
     if known and answers[known[-1]].converged:
         factor = path.factors[known[-1]]
         found = model.tangent_eigenvalue(answers[known[-1]], factor * case.load)
         frequency = None if found is None else float(np.sqrt(max(found, 0.0) / path.lowest))
-    missed = any(not answers[k].converged for k in known) or motion.startswith("diverged")
+    missed = any(not answers[k].converged for k in known) or not finite
     return Measurement(
-        candidate.rung,
-        candidate.size,
-        candidate.label,
-        rank,
-        candidate.quadratic,
+        candidate,
         preprocessing,
         frame_ms,
         work,
@@ -200,12 +220,15 @@ def turn_at(positions: Array, mesh: TriangleMesh, vertex: int) -> float:
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after)))
 
 
-def timed_frames(model: Model, case: Case) -> tuple[float, Work, str]:
-    """Median time [ms] and mean counted work of a frame in motion from rest under the whole load, and how that went."""
+def timed_frames(model: Model, case: Case) -> tuple[float, Work, str, bool]:
+    """Median time [ms] and mean counted work of a frame in motion from rest under the whole load.
+
+    Also how that went, in words, and whether it stayed finite.
+    """
     state = model.start_motion()
     times: list[float] = []
     failed = 0
-    motion = ""
+    finite = True
     with np.errstate(over="ignore", invalid="ignore"), counted() as work:
         for count in range(1, _UNTIMED + _FRAMES + 1):
             begin, began = time.perf_counter(), time.process_time()
@@ -215,10 +238,10 @@ def timed_frames(model: Model, case: Case) -> tuple[float, Work, str]:
             times.append(min(time.perf_counter() - begin, time.process_time() - began))
             failed += not converged
             if not np.isfinite(positions.sum()):
-                motion = f"diverged at frame {count}"
+                finite = False
                 break
             if count >= _UNTIMED + _FEWEST and work.cost > _FRAME_BUDGET:
                 break
-    if not motion:
-        motion = f"{failed} of {count} steps did not converge" if failed else "completed"
-    return 1000.0 * float(np.median(times[_UNTIMED:] or [np.inf])), work.per(count), motion
+    motion = f"{failed} of {count} steps did not converge" if failed else "completed"
+    motion = motion if finite else f"diverged at frame {count}"
+    return 1000.0 * float(np.median(times[_UNTIMED:] or [np.inf])), work.per(count), motion, finite

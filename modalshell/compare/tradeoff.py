@@ -14,14 +14,15 @@ from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_text
 from modalshell.checks import checked_count, checked_vectors, shortened, shown, vector_count
-from modalshell.compare.candidates import MODES, Workshop, candidates
-from modalshell.compare.case import Case, CoarseMesh, make_case
+from modalshell.compare.candidates import MODES, candidates, case_factory
+from modalshell.compare.case import Case, make_case
 from modalshell.compare.draw import draw_fronts, draw_shapes
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import markdown_table
 from modalshell.compare.runs import Measurement, measure_row
 from modalshell.errors import FileFormatError, ModalShellError, OptionError
 from modalshell.mesh import TriangleMesh, flat_beam, load_mesh
+from modalshell.models import CoarseMesh
 from modalshell.provenance import run_record
 from modalshell.scene import Scene
 from modalshell.shell import Material, Shell
@@ -34,8 +35,8 @@ _GAIN = 0.02
 """Share by which a dearer rung must lower the error to count as better: mode counts often change nothing."""
 
 _FINDINGS = (
-    *("rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
-    *("elements", "solves", "bytes_read", "cost", "answer_seconds", "rank"),
+    *("key", "rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
+    *("elements", "solves", "bytes_read", "cost", "answer_seconds"),
     *("statuses", "frequency", "motion", "worst_error", "final_error", "outside_error"),
 )
 """What of a row goes to the findings."""
@@ -180,10 +181,10 @@ def _measured(
     last = path.answers[path.known[-1]].positions
     tip = int(np.argmax(np.linalg.norm(last - case.shell.rest_positions, axis=1)))
     rows = []
-    workshop = Workshop(case)
-    for rank, candidate in enumerate(chosen):
+    factory = case_factory(case)
+    for candidate in chosen:
         try:
-            rows.append(measure_row(candidate, rank, workshop, path, tip, outside))
+            rows.append(measure_row(candidate, case, factory, path, tip, outside))
         except ModalShellError as error:
             left_out[candidate.label] = str(error)
         advance()

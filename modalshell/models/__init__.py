@@ -2,7 +2,7 @@
 
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model
-from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell, coarse_shell
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell, CoarseMesh, coarse_shell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.linear import LinearModal
 from modalshell.models.modal_derivatives import ModalDerivatives
@@ -14,6 +14,7 @@ from modalshell.models.warping import ModalWarping
 
 __all__ = [
     "CoarseDiscreteShell",
+    "CoarseMesh",
     "Damping",
     "DiscreteShell",
     "Equilibrium",

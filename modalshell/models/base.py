@@ -10,7 +10,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_kind, checked_vectors, finite_answer
+from modalshell.checks import finite_answer
 from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
@@ -148,7 +148,7 @@ class Model(ABC):
             If extreme input drives the positions out of the finite numbers.
         """
         watch = Stopwatch()
-        load = total_load(self.shell, gravity, force, loads)
+        load = self.shell.total_load(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if wanted and not self.takes_constraints:
@@ -233,21 +233,6 @@ class Model(ABC):
 
     def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)
         """Raise OptionError if this model cannot step by ``dt``."""
-
-
-def total_load(
-    shell: Shell, gravity: ArrayLike | None, force: ArrayLike | None, loads: Sequence[Load] | None = None
-) -> Array:
-    """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
-    load = np.zeros_like(shell.rest_positions)
-    if gravity is not None:
-        load += shell.gravity_force(gravity)
-    if force is not None:
-        load += checked_vectors("force", force, load.shape)
-    for further in loads or ():
-        checked_kind("each of loads", further, Load)  # type: ignore[type-abstract]
-        load += checked_vectors(f"the force of {type(further).__name__}", further.force(shell.mesh), load.shape)
-    return load
 
 
 def rigid_share(shell: Shell, load: Array) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import final
 
 import numpy as np
 import scipy.sparse as sps
@@ -37,6 +38,29 @@ _MEMBRANE_SHARE = 0.1
 """Slope of the lowest eigenvalue over the membrane stiffness, both as logarithms, below which bending decides."""
 _SMOOTH = np.cos(np.radians(20.0))
 """Cosine of the rest angle between triangles above which a fold is kept sharp when turns are averaged."""
+
+
+@final
+@dataclass(frozen=True)
+class CoarseMesh:
+    """A coarser mesh of the same surface.
+
+    Attributes
+    ----------
+    mesh : TriangleMesh
+        The mesh.
+    name : str
+        Short name.
+    material : Material or None
+        Where that is calibrated on the mesh; else the fine shell's serves.
+    cells : tuple of int, or None
+        Cells along and across of a generated shape.
+    """
+
+    mesh: TriangleMesh
+    name: str
+    material: Material | None = None
+    cells: tuple[int, int] | None = None
 
 
 class CoarseDiscreteShell(Model):
@@ -226,6 +250,29 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | None = N
     if high - low > _MEMBRANE_SHARE * 2.0 * _WIDEST and low < 0.0 < high:
         return stiffened(float(np.exp(brentq(excess, -_WIDEST, _WIDEST, xtol=1e-3))), 1.0)
     return stiffened(1.0, float(np.exp(-middle)))
+
+
+def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
+    """A coarse mesh with a second row of vertices where the held region of ``shell`` ends.
+
+    With one held row it would be hinged where the fine shell is clamped. The neighbours of that row are moved onto the
+    held vertices nearest to them.
+    """
+    nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
+    held = shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
+    if not held.any() or held[mesh.faces].all(axis=1).any():
+        return mesh
+    beside = np.zeros(len(held), dtype=bool)
+    beside[mesh.faces[held[mesh.faces].any(axis=1)]] = True
+    places = shell.rest_positions[shell.clamped]
+    vertices = np.array(mesh.vertices)
+    for vertex in np.flatnonzero(beside & ~held):
+        vertices[vertex] = places[np.argmin(np.linalg.norm(places - vertices[vertex], axis=1))]
+    try:
+        moved = TriangleMesh(vertices, mesh.faces)
+    except MeshError:  # the fine shell has one held row too
+        return mesh
+    return moved if moved.face_areas.min() > 0.02 * moved.face_areas.mean() else mesh
 
 
 def _lowest(shell: Shell) -> float:

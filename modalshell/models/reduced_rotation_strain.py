@@ -6,13 +6,14 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.checks import LARGEST, checked_count, checked_kind, checked_vectors, vector_count
+from modalshell.checks import LARGEST, checked_count, checked_kind, checked_number, checked_vectors, vector_count
 from modalshell.errors import OptionError
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
+from modalshell.modes import Basis
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
@@ -65,8 +66,7 @@ class ReducedRotationStrain(TurnedTriangles):
         basis, shell = model.basis, model.shell
         rank = checked_count("rank", rank)
         samples = checked_vectors("coordinates", coordinates, (vector_count(coordinates), basis.count), OptionError)
-        if basis.rigid_modes:
-            raise OptionError(f"reduced RSW needs a shell that its supports hold (got {basis.rigid_modes} rigid modes)")
+        _check_held(basis)
         if len(samples) < rank:
             raise OptionError(f"training needs at least rank = {rank} coordinates (got {len(samples)})")
         if np.abs(samples).max() < 1.0 / LARGEST:
@@ -102,7 +102,15 @@ class ReducedRotationStrain(TurnedTriangles):
 
     @classmethod
     def trained(
-        cls, model: RotationStrain, gravities: ArrayLike, *, mixtures: int = 4, rank: int = 32, seed: int = 0
+        cls,
+        model: RotationStrain,
+        gravities: ArrayLike | None = None,
+        *,
+        loads: ArrayLike | None = None,
+        mixtures: int = 4,
+        aside: float = 0.0,
+        rank: int = 32,
+        seed: int = 0,
     ) -> ReducedRotationStrain:
         """Train on static answers to loads, and on what motion makes of them.
 
@@ -110,20 +118,43 @@ class ReducedRotationStrain(TurnedTriangles):
         ----------
         model : RotationStrain
             The full model.
-        gravities : array_like, shape (k, 3)
+        gravities : array_like, shape (k, 3), optional
             Accelerations [m/s^2] whose static answers are trained on: the range of loads to come.
+        loads : array_like, shape (k, n, 3), optional
+            The same as forces on the vertices [N]; one of both must be there.
         mixtures : int
             For every static answer, how many copies with each coordinate times a random number in [-1.5, 1.5]: in
             motion the modes swing apart.
+        aside : float
+            Size of random coordinates added to the copies, as a share of the answer's energy norm: without them forces
+            are wrong in modes that the loads leave alone.
         rank, seed : int
             Columns of U, and seed of the random numbers.
+
+        Raises
+        ------
+        OptionError
+            If neither or both of ``gravities`` and ``loads`` are given, or a number is out of range.
         """
-        checked_kind("model", model, RotationStrain)
-        loads = checked_vectors("gravities", gravities, (vector_count(gravities), 3), OptionError)
+        _check_held(checked_kind("model", model, RotationStrain).basis)
+        if (gravities is None) == (loads is None):
+            raise OptionError("training takes either gravities or loads, and not both")
         rng = np.random.default_rng(checked_count("seed", seed, at_least=0))
-        answers = np.array([model.equilibrium(gravity=load).coordinates for load in loads])
+        shell = model.shell
+        if gravities is not None:
+            vectors = checked_vectors("gravities", gravities, (vector_count(gravities), 3), OptionError)
+            forces = [shell.gravity_force(vector) for vector in vectors]
+        else:
+            shape = (vector_count(loads), *shell.rest_positions.shape)
+            forces = list(checked_vectors("loads", loads, shape, OptionError))
+        answers = np.array([model.equilibrium(force=force).coordinates for force in forces])
         factors = rng.uniform(-_MIXED, _MIXED, (checked_count("mixtures", mixtures), *answers.shape))
-        return cls(model, np.vstack([answers, (factors * answers).reshape(-1, answers.shape[1])]), rank=rank)
+        mixed = factors * answers
+        if checked_number("aside", aside, at_least=0.0) > 0.0:
+            root = np.sqrt(model.basis.eigenvalues)
+            sizes = np.linalg.norm(answers * root, axis=1)[:, None] / root
+            mixed += aside * sizes * rng.standard_normal(factors.shape)
+        return cls(model, np.vstack([answers, mixed.reshape(-1, answers.shape[1])]), rank=rank)
 
     def displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the reduced surface."""
@@ -187,3 +218,16 @@ def deformations(modal: Array, q: Array) -> Array:
     out = np.empty((len(modal), 6 * TILE))
     kernel.deformations(modal.reshape(len(modal), q.size, 6 * TILE), q, np.empty(kernel.WORK), out)
     return out.ravel()
+
+
+def _check_held(basis: Basis) -> None:
+    if basis.rigid_modes:
+        raise OptionError(f"reduced RSW needs a shell that its supports hold (got {basis.rigid_modes} rigid modes)")
+
+
+def trained_on_loads(
+    basis: Basis, loads: Array, *, integrator: str = "implicit_euler", rank: int = 32, mixtures: int = 16
+) -> ReducedRotationStrain:
+    """Reduced RSW trained on the loads (k, n, 3) [N] of a scene, and on random coordinates about their answers."""
+    full = RotationStrain(basis, integrator=integrator)
+    return ReducedRotationStrain.trained(full, loads=loads, mixtures=mixtures, aside=0.1, rank=rank)

@@ -12,7 +12,7 @@ from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, 
 from modalshell.integrators.state import Damping
 from modalshell.models.full import FullModel
 from modalshell.shell import Shell
-from modalshell.springs.mesh_springs import shell_springs
+from modalshell.springs.mesh_springs import REFERENCE_FOLD, shell_springs
 from modalshell.springs.springs import Springs
 from modalshell.statics.newton import NewtonResult, Potential, is_minimum, mixed_newton
 from modalshell.typing import Array, Index
@@ -47,7 +47,9 @@ class SpringSheet(FullModel):
     iterations : int
         Most conjugate-gradient iterations in a step.
     allow_unstable_step, step_tolerance, backend
-        As for :class:`DiscreteShell`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
+        As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
+    reference_fold : float
+        Fold [rad] at which :func:`modalshell.springs.shell_springs` hold the hinges' energy.
 
     Attributes
     ----------
@@ -73,9 +75,11 @@ class SpringSheet(FullModel):
         allow_unstable_step: bool = False,
         step_tolerance: float = 1e-6,
         backend: str | None = None,
+        reference_fold: float = REFERENCE_FOLD,
     ) -> None:
         checked_kind("shell", shell, Shell)
-        self.springs = shell_springs(shell) if springs is None else checked_kind("springs", springs, Springs)
+        springs = shell_springs(shell, reference_fold) if springs is None else springs
+        self.springs = checked_kind("springs", springs, Springs)
         count = len(shell.rest_positions)
         if len(self.springs) == 0 or self.springs.pairs.max() >= count:
             worst = self.springs.pairs.max(initial=-1)

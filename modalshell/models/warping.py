@@ -246,3 +246,8 @@ class ModalWarping(ModalModel):
                 return y, residual, iterations, False
         residual = float(np.linalg.norm(self._balance(y, load, root))) / scale
         return y, residual, iterations, True
+
+
+def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:
+    """MWTS under the consistent modal force ``J^T f``: a record of its own on the ladder."""
+    return ModalWarping(basis, integrator=integrator, consistent_force=True)

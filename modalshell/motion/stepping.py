@@ -14,7 +14,7 @@ from modalshell.constraints.constraints import HeldPatch, checked_constraints, h
 from modalshell.errors import OptionError, SupportError
 from modalshell.loads import Load
 from modalshell.models import Damping, Model, MotionState
-from modalshell.models.base import ResolvedTarget, total_load
+from modalshell.models.base import ResolvedTarget
 from modalshell.motion.supports import Pose, SupportPath
 from modalshell.typing import Array
 
@@ -62,7 +62,7 @@ class Motion:
         self.dt = checked_step(dt)
         factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
         self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
-        self.load = total_load(model.shell, gravity, force, loads)
+        self.load = model.shell.total_load(gravity, force, loads)
         model.check_step(self.dt, self.damping)
         shell = model.shell
         if supports is not None:

@@ -12,9 +12,6 @@ from numpy.typing import ArrayLike
 from modalshell.atomic_io import write_atomically
 from modalshell.errors import OptionError
 
-MODEL_COLORS = {"LMA": "#c8322b", "MWTS": "#2b5fc8", "DS": "#2f9e44"}
-"""The paper's red, blue and green."""
-
 _INSIDE = 5
 """Curves whose legend finds room between them; more are named below the axes."""
 

@@ -15,39 +15,21 @@ from modalshell.errors import OptionError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-GROUP_COLORS = {
-    "LMA": "#c8322b",
-    "MWTS": "#2b5fc8",
-    "MWTS, consistent": "#7fa8ee",
-    "reduced RSW": "#c77cd6",
-    "RSW": "#7b2d8e",
-    "MD-ROM": "#d98200",
-    "coarse DS": "#66c2a5",
-    "DS": "#2f9e44",
-    "rigid": "#777777",
-}
-"""Colours of the rungs; other groups are grey."""
-
-_MARKERS = {
-    "LMA": "o",
-    "MWTS": "s",
-    "MWTS, consistent": "D",
-    "reduced RSW": "v",
-    "RSW": "^",
-    "MD-ROM": "P",
-    "rigid": "X",
-}
-
 
 @dataclass(frozen=True)
 class Mark:
-    """One point: cost ``x`` and error ``y``, both positive, its group, a short text, and whether none beats it."""
+    """One point: cost ``x`` and error ``y``, both positive, its group, a short text, and whether none beats it.
+
+    ``color`` and ``marker`` are the group's.
+    """
 
     x: float
     y: float
     group: str
     text: str
     front: bool = False
+    color: str = "0.5"
+    marker: str = "h"
 
 
 @dataclass(frozen=True)
@@ -60,15 +42,15 @@ class ParetoPanel:
         The points.
     title, x_label, y_label : str
         Texts.
-    truth : (float, str), optional
-        Cost of the truth, whose error is zero, and its name: drawn as a line.
+    truth : Mark, optional
+        Cost and name of the truth, whose error is zero: drawn as a line.
     """
 
     marks: Sequence[Mark]
     title: str
     x_label: str = "milliseconds per frame"
     y_label: str = "displacement error [%]"
-    truth: tuple[float, str] | None = None
+    truth: Mark | None = None
 
 
 def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int | None = None) -> Path:
@@ -89,15 +71,12 @@ def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int
     FigureCanvasAgg(figure)
     for place, panel in enumerate(panels, start=1):
         _draw_panel(figure.add_subplot(rows, across, place), panel)
-    groups = [name for name in GROUP_COLORS if any(mark.group == name for panel in panels for mark in panel.marks)]
-    groups += sorted({mark.group for panel in panels for mark in panel.marks} - set(groups))
+    groups = {mark.group: mark for panel in panels for mark in panel.marks}
     entries = [
-        Line2D([], [], color=GROUP_COLORS.get(name, "0.5"), marker=_MARKERS.get(name, "h"), ls=":", label=name)
-        for name in groups
+        Line2D([], [], color=mark.color, marker=mark.marker, ls=":", label=name) for name, mark in groups.items()
     ]
-    if any(panel.truth for panel in panels):
-        name = next(panel.truth[1] for panel in panels if panel.truth)
-        entries.append(Line2D([], [], color=GROUP_COLORS.get(name, "0.5"), lw=2, label=f"{name}, the truth"))
+    if truth := next((panel.truth for panel in panels if panel.truth), None):
+        entries.append(Line2D([], [], color=truth.color, lw=2, label=f"{truth.group}, the truth"))
     entries.append(Line2D([], [], color="0.2", lw=5, alpha=0.25, label="none cheaper is as accurate"))
     lines = {1: 4, 2: 2}.get(across, 1)
     figure.legend(handles=entries, loc="outside lower center", ncols=-(-len(entries) // lines), frameon=False)
@@ -111,19 +90,18 @@ def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
     if front:
         x, y = ([getattr(mark, name) for mark in front] for name in ("x", "y"))
         if panel.truth:
-            x, y = [*x, panel.truth[0]], [*y, y[-1]]
+            x, y = [*x, panel.truth.x], [*y, y[-1]]
         axes.step(x, y, where="post", color="0.2", lw=6, alpha=0.2, zorder=1, solid_capstyle="butt")
     for group in dict.fromkeys(mark.group for mark in panel.marks):
         marks = [mark for mark in panel.marks if mark.group == group]
-        color = GROUP_COLORS.get(group, "0.5")
-        axes.plot([m.x for m in marks], [m.y for m in marks], ":", color=color, lw=1, zorder=2)
+        axes.plot([m.x for m in marks], [m.y for m in marks], ":", color=marks[0].color, lw=1, zorder=2)
         for mark in marks:
             axes.plot(
-                mark.x, mark.y, _MARKERS.get(group, "h"), color=color, ms=7 if mark.front else 5, zorder=3,
-                markeredgecolor="k" if mark.front else color, markeredgewidth=0.8,
+                mark.x, mark.y, mark.marker, color=mark.color, ms=7 if mark.front else 5, zorder=3,
+                markeredgecolor="k" if mark.front else mark.color, markeredgewidth=0.8,
             )  # fmt: skip
     if panel.truth:
-        axes.axvline(panel.truth[0], color=GROUP_COLORS.get(panel.truth[1], "0.5"), lw=2)
+        axes.axvline(panel.truth.x, color=panel.truth.color, lw=2)
     axes.margins(0.1, 0.14)
     axes.grid(alpha=0.3, which="major")
     axes.set_title(panel.title, fontsize=11)
@@ -140,7 +118,7 @@ def _write_texts(axes: Axes, panel: ParetoPanel) -> None:
     left, right = (float(edge) * scale for edge in axes.bbox.intervalx)
     line = -np.inf
     if panel.truth:
-        line = float(axes.transData.transform((panel.truth[0], panel.marks[0].y))[0]) * scale
+        line = float(axes.transData.transform((panel.truth.x, panel.marks[0].y))[0]) * scale
     taken: list[tuple[float, float, float]] = []  # centre and half a width of the texts so far
 
     def clear(x: float, y: float, half: float, own: tuple[float, float]) -> bool:
@@ -162,6 +140,6 @@ def _write_texts(axes: Axes, panel: ParetoPanel) -> None:
                 taken.append((x, y, half))
                 axes.annotate(
                     mark.text, (mark.x, mark.y), xytext=shift, textcoords="offset points", ha="center", va="center",
-                    fontsize=7, color=GROUP_COLORS.get(mark.group, "0.3"), zorder=4,
+                    fontsize=7, color=mark.color, zorder=4,
                 )  # fmt: skip
                 break

@@ -1,131 +1,68 @@
-"""The models that scenes and the command line know by name, with their options."""
+"""``[model]``: a registered model and its options, the keys being the parameters of its builder."""
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from typing import Annotated, Literal
+import inspect
+from functools import cache
+from types import NoneType, UnionType
+from typing import Annotated, Any, ClassVar, Literal, Union, cast, get_args, get_origin, get_type_hints
 
-from msgspec import Meta
+import msgspec
 
-from modalshell.models import (
-    DiscreteShell,
-    LinearModal,
-    ModalDerivatives,
-    ModalWarping,
-    Model,
-    RigidShell,
-    RotationStrain,
-    SpringSheet,
-)
-from modalshell.modes import Basis, solve_modes
+from modalshell.models import Model
+from modalshell.models.factory import MODE_COUNT, ModelFactory
+from modalshell.models.registry import ModelSpec, models
 from modalshell.scene.tables import Count, Table
-from modalshell.shell import Shell
-from modalshell.springs import REFERENCE_FOLD, shell_springs
+
+Cells = tuple[Count, Count]
 
 
 class ModelTable(Table, frozen=True, tag_field="name"):
     """``[model]``: its name and options."""
 
-    @abstractmethod
-    def build(self, shell: Shell) -> Model:
-        """The model on ``shell``, with all that it precomputes."""
+    spec: ClassVar[ModelSpec]
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The options, defaults filled in."""
+        return {name: getattr(self, name) for name in self.__struct_fields__}
+
+    def build(self, factory: ModelFactory) -> Model:
+        """The model with all that it precomputes."""
+        return factory.build(self.spec, self.options)
 
 
-class _Modal(ModelTable, frozen=True):
-    modes: Count = 8
-    integrator: str = "implicit_euler"
-
-    def basis(self, shell: Shell) -> Basis:
-        return solve_modes(shell, self.modes)
+def model_tables() -> dict[str, type[ModelTable]]:
+    """The table of every model, by its key."""
+    return {key: _table(spec) for key, spec in models().items()}
 
 
-class Linear(_Modal, frozen=True, tag="lma"):
-    """LMA."""
-
-    def build(self, shell: Shell) -> Model:
-        """The model on ``shell``, with its modes."""
-        return LinearModal(self.basis(shell), integrator=self.integrator)
-
-
-class Warping(_Modal, frozen=True, tag="mwts"):
-    """MWTS."""
-
-    consistent_force: bool = False
-
-    def build(self, shell: Shell) -> Model:
-        """The model on ``shell``, with its modes."""
-        return ModalWarping(
-            self.basis(shell),
-            integrator=self.integrator,
-            consistent_force=self.consistent_force,
-        )
+@cache
+def _table(spec: ModelSpec) -> type[ModelTable]:
+    builder: Any = spec.builder
+    hints = get_type_hints(builder.__init__ if inspect.isclass(builder) else builder, include_extras=True)
+    fields: dict[str, tuple[Any, Any]] = {"modes": (Count, MODE_COUNT)} if spec.on_modes else {}
+    if spec.needs == "coarse mesh":
+        fields["cells"] = (Cells | None, None)
+    for name, parameter in list(inspect.signature(builder).parameters.items())[spec.given :]:
+        if name == "count":
+            fields["modes"] = (Count, parameter.default)
+        elif (kind := _in_toml(hints[name])) is not None:
+            fields[name] = (kind, parameter.default)
+    made = msgspec.defstruct(
+        spec.key, [(name, *field) for name, field in fields.items()], bases=(ModelTable,), namespace={"spec": spec},
+        frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="name", tag=spec.key,
+    )  # fmt: skip
+    return cast(type[ModelTable], made)
 
 
-class Strains(_Modal, frozen=True, tag="rsw"):
-    """RSW."""
-
-    def build(self, shell: Shell) -> Model:
-        """The model on ``shell``, with its modes."""
-        return RotationStrain(self.basis(shell), integrator=self.integrator)
-
-
-class Rigid(ModelTable, frozen=True, tag="rigid"):
-    """The shell as a rigid body."""
-
-    def build(self, shell: Shell) -> Model:
-        """The model on ``shell``."""
-        return RigidShell(shell)
-
-
-class Derivatives(ModelTable, frozen=True, tag="md-rom"):
-    """MD-ROM; ``cubature`` sums over few trained elements, at most this many."""
-
-    modes: Count = 8
-    cubature: bool | Count = False
-
-    def build(self, shell: Shell) -> Model:
-        """The model on ``shell``, with its modes, their derivatives, and cubature if asked for."""
-        return ModalDerivatives(shell, self.modes, cubature=self.cubature)
-
-
-class _Full(ModelTable, frozen=True):
-    integrator: str = "implicit"
-    allow_unstable_step: bool = False
-    step_tolerance: Annotated[float, Meta(gt=0.0, le=1e-2)] = 1e-6
-
-
-class Discrete(_Full, frozen=True, tag="ds"):
-    """DS."""
-
-    def build(self, shell: Shell) -> Model:
-        """The model on ``shell``."""
-        return DiscreteShell(
-            shell,
-            integrator=self.integrator,
-            allow_unstable_step=self.allow_unstable_step,
-            step_tolerance=self.step_tolerance,
-        )
-
-
-class Sheet(_Full, frozen=True, tag="springs"):
-    """Springs along edges and across hinges, which hold the hinges' energy at ``reference_fold`` [rad]."""
-
-    solver: Literal["factor", "cg"] = "factor"
-    reference_fold: Annotated[float, Meta(gt=0.0, le=1.57)] = REFERENCE_FOLD
-
-    def build(self, shell: Shell) -> Model:
-        """The model on ``shell``, its springs from the shell's stiffnesses."""
-        return SpringSheet(
-            shell,
-            shell_springs(shell, self.reference_fold),
-            integrator=self.integrator,
-            solver=self.solver,
-            allow_unstable_step=self.allow_unstable_step,
-            step_tolerance=self.step_tolerance,
-        )
-
-
-MODELS: dict[str, type[ModelTable]] = {
-    str(kind.__struct_config__.tag): kind for kind in (Rigid, Linear, Warping, Strains, Derivatives, Sheet, Discrete)
-}
-"""Every model by its name."""
+def _in_toml(hint: Any) -> Any:
+    """The part of a type whose values TOML can state; None if there is none."""
+    if hint in (bool, int, float, str, NoneType):
+        return hint
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        parts = [part for part in map(_in_toml, arguments) if part not in (None, NoneType)]
+        return Union[(*parts, *([NoneType] if NoneType in arguments else []))] if parts else None
+    known = origin is Literal or (origin is Annotated and _in_toml(arguments[0]) is not None)
+    return hint if known or (origin is tuple and all(_in_toml(part) is not None for part in arguments)) else None

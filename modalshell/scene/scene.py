@@ -6,8 +6,9 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,14 @@ from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
-from modalshell.models.base import total_load
-from modalshell.modes import solve_modes
+from modalshell.models.factory import ModelFactory
+from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion, SupportPath
 from modalshell.plugins import load_plugins
 from modalshell.scene import tables
+from modalshell.scene.coarse import scene_coarse_mesh
 from modalshell.scene.flock import FlockTable
-from modalshell.scene.models import MODELS, ModelTable, Warping
+from modalshell.scene.models import ModelTable, model_tables
 from modalshell.scene.parts import (
     SHAPES,
     Shape,
@@ -133,11 +135,30 @@ class Scene:
             raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
         shell = shell or self.build_shell()
         path, force, constraints = self.build_loading(shell)
+        if constraints and not self.model.spec.constraints:
+            raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
-            model = self.model.build(shell)
-        if constraints and not model.takes_constraints:
-            raise SceneError(f"{self.file}: constraints: {model.name} takes none; use a modal model or ds")
+            model = self.model.build(self.model_factory(shell))
         return BuiltScene(self, shell, model, force, path, constraints)
+
+    def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = solve_modes) -> ModelFactory:
+        """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
+        coarse = partial(scene_coarse_mesh, self.mesh, self.material, shell)
+        return ModelFactory(shell, lambda: self.largest_load(shell)[0], coarse, solve)
+
+    def largest_load(self, shell: Shell) -> tuple[Array, str]:
+        """All loads (n, 3) [N], with the largest inertial load of moving supports, and a note that says so."""
+        load = shell.total_load(self.loads.gravity if self.loads else None, self.build_force(shell.mesh))
+        path = build_path(self.supports) if self.supports else None
+        if path is None:
+            return load, ""
+        still = np.zeros_like(load)
+        times = np.linspace(path.times[0], path.times[-1], 1 + int(np.ceil((path.times[-1] - path.times[0]) * 120.0)))
+        effective = [path.at(float(t)).shell_load(load, shell.mass, shell.rest_positions, still) for t in times]
+        worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
+        return effective[worst], (
+            f"the load is that of the moving supports when it is largest, at {times[worst]:.3g} s"
+        )
 
     def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Constraint]]:
         """What acts on ``shell`` beside gravity: path of the supports, forces (n, 3) [N] and constraints.
@@ -174,7 +195,7 @@ class Scene:
         model, loads = self.model, self.loads
         refused = {
             "model: a flock is stepped by mwts, with its number of modes and no other option": (
-                not isinstance(model, Warping) or model != Warping(modes=model.modes)
+                model.spec.key != "mwts" or model != type(model)(modes=model.options["modes"])
             ),
             "constraints: a flock takes none": bool(self.constraints),
             "loads: a flock takes gravity alone": bool(loads and (loads.forces or any(load_entries(loads)))),
@@ -186,9 +207,8 @@ class Scene:
         for text, wrong in refused.items():
             if wrong:
                 raise SceneError(f"{self.file}: {text}")
-        assert isinstance(model, Warping)
         gravity = loads.gravity if loads and loads.gravity else _GRAVITY
-        basis = solve_modes(shell, model.modes)
+        basis = solve_modes(shell, model.options["modes"])
         with located(self.file, "flock", self.flock):
             return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)
 
@@ -243,7 +263,7 @@ class BuiltScene:
 
     def load(self) -> Array:
         """All loads (n, 3) [N]."""
-        return total_load(self.shell, self.gravity, self.force)
+        return self.shell.total_load(self.gravity, self.force)
 
     def equilibrium(self) -> Equilibrium:
         """The static answer."""
@@ -309,7 +329,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         file,
         _mesh_table(file, raw["mesh"]),
         _material_table(file, raw["material"]),
-        checked_table(file, "model", raw["model"], chosen(file, "model", raw["model"], "name", MODELS)),
+        checked_table(file, "model", raw["model"], chosen(file, "model", raw["model"], "name", model_tables())),
         constraints=tuple(
             checked_table(file, f"constraints[{index}]", entry, tables.Constrained)
             for index, entry in enumerate(entries)

@@ -1,8 +1,9 @@
 """Thin shells: materials, supports, their elastic energies over the generated kernels, and the assembly."""
 
 from modalshell.shell.elastic_energy import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
+from modalshell.shell.fields import ShellFields
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.shell import Shell
 
-__all__ = ["EXACT", "GAUSS_NEWTON", "MIXED", "PROJECTED", "Isotropic", "Material", "Shell"]
+__all__ = ["EXACT", "GAUSS_NEWTON", "MIXED", "PROJECTED", "Isotropic", "Material", "Shell", "ShellFields"]

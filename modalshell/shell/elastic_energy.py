@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
+from modalshell.mesh import TriangleMesh
 from modalshell.shell.extended import Extended
 from modalshell.shell.pattern import SparsePattern
 from modalshell.typing import Array, Index
@@ -35,8 +36,16 @@ class ElasticEnergy(ABC):
         """Energy [J] at positions ``x`` (n, 3); not finite at collapsed elements."""
 
     @abstractmethod
+    def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
+        """Energy of every triangle (T,) [J] at positions ``x`` (n, 3); the sum is the energy."""
+
+    @abstractmethod
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N] in one pass."""
+
+    def support_gradient(self, x: Array) -> Array:
+        """Gradient (n, 3) [N] with the forces on points that clamp an edge, if any, at the ends of the edge."""
+        return self.energy_gradient(x)[1]
 
     @abstractmethod
     def energy_gradient_hessian(

@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any, ClassVar, final
 
 import numpy as np
+import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.kernels.generated import flexure, shear, stretch
@@ -185,6 +186,22 @@ class ElementSum(ElasticEnergy):
     def energy(self, x: Array) -> float:
         """Energy [J]."""
         return energy(self.elements, x)
+
+    def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
+        """Energy of every triangle (T,) [J]: an element's goes to the triangles that share most of its vertices."""
+        vertex_count, face_count = len(mesh.vertices), len(mesh.faces)
+        corners = np.asarray(mesh.faces).ravel(), np.repeat(np.arange(face_count), 3)
+        incidence = sps.csr_array((np.ones(3 * face_count), corners), shape=(vertex_count, face_count))
+        energies = np.zeros(face_count)
+        for e, stress in zip(self.elements, linear_stresses(self.elements, x, np.zeros_like(x)), strict=True):
+            count, size = e.stencils.shape
+            entries = np.ones(count * size), (np.repeat(np.arange(count), size), e.stencils.ravel())
+            shared = sps.csr_array(sps.csr_array(entries, shape=(count, vertex_count)) @ incidence)
+            most = np.repeat(shared.max(axis=1).toarray().ravel(), np.diff(shared.indptr))
+            shared.data = (shared.data == most).astype(np.float64)
+            own = np.divide(stress**2, 4.0 * e.weight, out=np.zeros(count), where=e.weight != 0.0)
+            energies += np.asarray(shared.T @ (own / np.maximum(shared.sum(axis=1), 1.0)))
+        return energies
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N]."""

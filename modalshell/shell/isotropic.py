@@ -74,6 +74,10 @@ class Isotropic:
         _, _, thickness, density = self._arrays(mesh)
         return np.asarray(density * thickness)
 
+    def thicknesses(self, mesh: TriangleMesh) -> Array:
+        """Thickness of every triangle (T,) [m]."""
+        return np.asarray(self._arrays(mesh)[2])
+
     def _arrays(self, mesh: TriangleMesh) -> list[Array]:
         sheet = self.on(mesh)
         shape = (len(mesh.faces),)

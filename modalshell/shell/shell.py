@@ -11,12 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_kind, checked_vectors, shown
 from modalshell.errors import LoadError, OptionError
+from modalshell.loads import Load
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.extended import Extended
+from modalshell.shell.fields import (
+    ShellFields,
+    curvature_of_moment,
+    membrane_strain,
+    moment_of_folds,
+    resultants,
+    von_mises,
+)
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
@@ -177,9 +186,90 @@ class Shell(ReadOnlyArrays):
         self._refuse_collapse("stiffness", data, x)
         return self.pattern.condensed(data)
 
+    def fields(self, positions: ArrayLike) -> ShellFields:
+        """Strains, curvatures, energy density and stress resultants at ``positions`` (n, 3) [m].
+
+        Curvatures are those of split folds at their least bending energy; of a :class:`Material`, whose hinges know no
+        curvature tensor, with Poisson's ratio 0. Triangles whose vertices are all clamped have none.
+
+        Returns
+        -------
+        ShellFields
+            One value a triangle; ``membrane_force``, ``moment`` and ``von_mises`` are None of a :class:`Material`.
+
+        Raises
+        ------
+        LoadError
+            For positions of the wrong shape or not finite, or where a triangle has collapsed to a line.
+        """
+        x = self.checked_positions(positions)
+        mesh = self.mesh
+        sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
+        flat = (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
+        self._refuse_collapse("curvature", np.where(flat, np.nan, 0.0), x)
+        material = self.material if isinstance(self.material, Isotropic) else Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
+        energy = self._energy
+        if not isinstance(energy, SplitFoldEnergy):
+            energy = SplitFoldEnergy(mesh, material, self.clamped, [])
+        moment = moment_of_folds(mesh, energy.bending(x)[0])
+        membrane, rigidity, poisson = material.elasticity(mesh)
+        curvature = curvature_of_moment(rigidity, poisson, moment)
+        strain = membrane_strain(mesh, x)
+        density = self._energy.face_energies(mesh, x) / mesh.face_areas
+        if not isinstance(self.material, Isotropic):
+            return ShellFields(strain, curvature, density)
+        force = resultants(membrane, poisson, strain)
+        return ShellFields(strain, curvature, density, force, moment, von_mises(mesh, material, force, moment))
+
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
         return self.mass[:, None] * checked_vectors("gravity", gravity, (3,))
+
+    def total_load(
+        self, gravity: ArrayLike | None = None, force: ArrayLike | None = None, loads: Sequence[Load] | None = None
+    ) -> Array:
+        """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
+        total = np.zeros_like(self.rest_positions)
+        if gravity is not None:
+            total += self.gravity_force(gravity)
+        if force is not None:
+            total += checked_vectors("force", force, total.shape)
+        for load in loads or ():
+            checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
+            total += checked_vectors(f"the force of {type(load).__name__}", load.force(self.mesh), total.shape)
+        return total
+
+    def reactions(
+        self,
+        positions: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
+    ) -> Array:
+        """Forces (n, 3) [N] of the supports on the clamped vertices at ``positions`` (n, 3) [m]; zero elsewhere.
+
+        In equilibrium their sum is minus the load's. Where an edge is clamped on one row of vertices, its share of the
+        force acts at both ends of the edge.
+
+        Parameters
+        ----------
+        positions : array_like, shape (n, 3)
+            Vertex positions in equilibrium [m].
+        gravity, force, loads
+            The load, as in :meth:`Model.equilibrium`.
+
+        Raises
+        ------
+        LoadError
+            For arrays of the wrong shape or not finite, or where a triangle has collapsed.
+        """
+        x = self.checked_positions(positions)
+        gradient = self._energy.support_gradient(x)
+        self._refuse_collapse("force", gradient, x)
+        reactions = gradient - self.total_load(gravity, force, loads)
+        reactions[~self.clamped] = 0.0
+        return reactions
 
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""

@@ -45,12 +45,15 @@ class MembraneElements:
         The same edges, numbered as in the mesh.
     matrices : ndarray, shape (elements, edges, edges)
         Q of each element [N/m^3].
+    faces : ndarray of int64, shape (elements, triangles)
+        Triangles of each element.
     """
 
     stencils: Index
     pairs: Index
     edges: Index
     matrices: Array
+    faces: Index
 
 
 def membrane_elements(
@@ -83,7 +86,9 @@ def membrane_elements(
     strain[:, :, [0, 1, 2]] = (areas[0] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 2]], 1.0)
     strain[:, :, [0, 3, 4]] += (areas[1] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
     mean = (areas[0][:, None, None] * elastic[left] + areas[1][:, None, None] * elastic[right]) / 3.0
-    pairs = MembraneElements(np.ascontiguousarray(hinges), PAIR, _numbers(mesh, hinges, PAIR), _products(strain, mean))
+    both = np.column_stack([left, right])
+    numbers = _numbers(mesh, hinges, PAIR)
+    pairs = MembraneElements(np.ascontiguousarray(hinges), PAIR, numbers, _products(strain, mean), both)
 
     smoothed = np.zeros(len(mesh.faces))
     np.add.at(smoothed, np.concatenate([left, right]), 1.0)
@@ -91,7 +96,7 @@ def membrane_elements(
     weight = ((3.0 - smoothed[own]) / 3.0 * mesh.face_areas[own])[:, None, None]
     faces = np.ascontiguousarray(mesh.faces[own])
     matrices = _products(_strain_of_lengths(mesh, faces, 1.0), weight * elastic[own])
-    single = MembraneElements(faces, PAIR[:3], _numbers(mesh, faces, PAIR[:3]), matrices)
+    single = MembraneElements(faces, PAIR[:3], _numbers(mesh, faces, PAIR[:3]), matrices, own[:, None])
     return [pairs, single]
 
 

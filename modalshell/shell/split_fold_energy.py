@@ -81,6 +81,7 @@ class SplitFoldEnergy(ElasticEnergy):
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
+        self._held: NDArray[np.bool_] = np.asarray(clamped[mesh.faces].all(axis=1))
         folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, float(stiffness.mean()))
         self._shares = _Shares(folds)
         self._edges = np.ascontiguousarray(mesh.edges)
@@ -105,10 +106,22 @@ class SplitFoldEnergy(ElasticEnergy):
         return _State(points, angles, slopes, stretches)
 
     def _gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
+        return self._point_gradient(state, couples, tensions)[: self._vertex_count]
+
+    def _point_gradient(self, state: _State, couples: Array, tensions: Array) -> Array:
         gradient = np.zeros_like(state.points)
         kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
         kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
-        return gradient[: self._vertex_count]
+        return gradient
+
+    def support_gradient(self, x: Array) -> Array:
+        """Gradient (n, 3) [N], half of each ghost's force at either end of its edge."""
+        state, count = self._measured(x), self._vertex_count
+        gradient = self._point_gradient(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        hinges = self._folds.hinges[self._folds.hinges[:, 3] >= count]
+        for end in (0, 1):
+            np.add.at(gradient, hinges[:, end], 0.5 * gradient[hinges[:, 3]])
+        return gradient[:count] + self._further.energy_gradient(x)[1]
 
     def _rates(self, state: _State, step: Array) -> tuple[Array, Array]:
         """Rates of the fold angles and of half the squared lengths along ``step`` (n, 3)."""
@@ -151,6 +164,31 @@ class SplitFoldEnergy(ElasticEnergy):
         rows, columns = np.divmod(keys, count)
         indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=folds.share_count))])
         return InternalUnknowns(indptr, columns, self._shares.stiffness, self._shares.solve), places
+
+    def bending(self, x: Array) -> tuple[Array, Array]:
+        """Bending moments conjugate to each triangle's folds, and energies [J]: (T, 3) [N m] and (T,).
+
+        Zero in triangles whose vertices are all clamped.
+        """
+        folds, delta = self._folds, self._measured(x).folds
+        shares = -self._shares.solve(self._shares.coupling @ delta)
+        gamma = folds.weights * np.append(delta, 0.0)[folds.folds]
+        gamma += folds.shares * np.append(shares, 0.0)[folds.share_index]
+        moments, energies = np.zeros((len(self._held), 3)), np.zeros(len(self._held))
+        moments[~self._held] = np.einsum("tkl,tl->tk", folds.moments, gamma)
+        energies[~self._held] = 0.5 * np.sum(gamma * moments[~self._held], axis=1)
+        return moments, energies
+
+    def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
+        """Energy of every triangle (T,) [J]; that of membrane elements is shared by their triangles by area."""
+        stretches = self._measured(x).stretches
+        energies = self.bending(x)[1]
+        for e in self._membrane:
+            s = stretches[e.edges]
+            shared = 0.5 * np.einsum("ep,epq,eq->e", s, e.matrices, s)
+            areas = mesh.face_areas[e.faces]
+            np.add.at(energies, e.faces, (shared / areas.sum(axis=1))[:, None] * areas)
+        return energies + self._further.face_energies(mesh, x)
 
     def energy(self, x: Array) -> float:
         """Energy [J]."""

@@ -17,7 +17,8 @@ from typing import Any, Literal
 import numpy as np
 
 from modalshell.errors import OptionError
-from modalshell.render.curves import MODEL_COLORS, Curve, Panel, draw_curves
+from modalshell.models.registry import models
+from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.render.maps import MapPanel, draw_maps
 from modalshell.sweep.grid import Axis
 from modalshell.sweep.summary import SummaryRow
@@ -98,7 +99,8 @@ def _draw_curves(
             cells = [table[tuple(choice[k] for k in range(len(axes)))] for choice in at]
             kept = [index for index, cell in enumerate(cells) if cell is not None]
             name = _name(axes, chosen) or label
-            color = MODEL_COLORS.get(name.rpartition("= ")[2].upper(), _COLORS[number])
+            spec = models().get(name.rpartition("= ")[2])
+            color = spec.color if spec else _COLORS[number]
             curves.append(Curve(along[kept], [float(cells[index]) for index in kept], name, color))
         drawn.append(
             Panel(

@@ -19,7 +19,7 @@ from msgspec import Meta
 
 from modalshell.checks import shortened, shown
 from modalshell.errors import SceneError
-from modalshell.scene import MODELS
+from modalshell.scene.models import model_tables
 from modalshell.scene.read import checked_table, read_toml, refuse_unknown_keys
 from modalshell.scene.tables import Table
 
@@ -128,10 +128,11 @@ class Sweep:
 
 def _own_options(model: Any) -> Any:
     """``[model]`` without the options that other models have and the one named has not."""
-    if not isinstance(model, dict) or not isinstance(model.get("name"), str) or model["name"] not in MODELS:
+    if not isinstance(model, dict) or not isinstance(model.get("name"), str) or model["name"] not in model_tables():
         return model  # refused when the scene is read
-    own = MODELS[model["name"]].__struct_fields__
-    others = {option for kind in MODELS.values() for option in kind.__struct_fields__}.difference(own)
+    known = model_tables()
+    own = known[model["name"]].__struct_fields__
+    others = {option for kind in known.values() for option in kind.__struct_fields__}.difference(own)
     return {key: value for key, value in model.items() if key not in others}
 
 

@@ -9,9 +9,10 @@ from typing import Any
 
 from modalshell.checks import checked_count
 from modalshell.errors import ModalShellError, OptionError
+from modalshell.models.registry import models
 from modalshell.render.backend import opens_windows
 from modalshell.render.content import checked_path
-from modalshell.scene import MODELS, Scene
+from modalshell.scene import Scene
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
 from modalshell.viewer.stage import Stage, demand_opengl
 
@@ -35,7 +36,7 @@ class DesktopViewer:
         self._last = time.perf_counter()
         self._note = ""
         plotter = self._stage.plotter
-        self._names = list(MODELS)
+        self._names = list(models())
         limit = session.gravity_limit
         for axis, letter in enumerate("xyz"):
             value = float(session.gravity[axis])
@@ -44,7 +45,7 @@ class DesktopViewer:
         self._modes_slider = self._slider(self._take_modes, span, session.modes, "modes", 3, "%.0f", event="end")
         self._model_slider = plotter.add_text_slider_widget(
             self._take_model,
-            [name.upper() for name in self._names],
+            [models()[name].name for name in self._names],
             value=self._names.index(session.name),
             pointa=(0.83, 0.12),
             pointb=(0.98, 0.12),

@@ -11,15 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import LoadError, ModalShellError, OptionError
-from modalshell.models import LinearModal, ModalWarping, Model, RotationStrain
-from modalshell.models.base import total_load
+from modalshell.models import Model
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.outcome import Outcome
-from modalshell.scene import MODELS, Scene
+from modalshell.scene import Scene
+from modalshell.scene.models import model_tables
 from modalshell.scene.tables import Motion as MotionTable
+from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
 from modalshell.viewer.hand_over import hand_over
@@ -36,8 +37,6 @@ _STANDARD_GRAVITY = 9.81
 _MODE_LIMIT = 64
 """Modes that the slider reaches, where the scene has no more."""
 _STILL_SCENE_MOTION = MotionTable(duration=math.inf, damping=(0.5, 0.001))
-_ON_BASIS: dict[str, type[ModalModel]] = {"lma": LinearModal, "mwts": ModalWarping, "rsw": RotationStrain}
-"""Models that share one basis; the others build what they need themselves."""
 
 _FAR = 1e6
 """Shell sizes from the rest shape at which a motion counts as diverged though its numbers are still finite."""
@@ -61,7 +60,7 @@ class ViewSession:
     shell : Shell
         The scene's shell.
     name : str
-        Name of the model, a key of :data:`modalshell.scene.MODELS`.
+        Name of the model, a key of :func:`modalshell.models.registry.models`.
     modes : int
         Modes that a modal model has or would have.
     mode_limit : int
@@ -93,7 +92,7 @@ class ViewSession:
         self._built = scene.build(self.shell)
         self._table = scene.motion or _STILL_SCENE_MOTION
         self._size = self.shell.size
-        self.name = next(name for name, kind in MODELS.items() if isinstance(scene.model, kind))
+        self.name = scene.model.spec.key
         self.modes = int(getattr(scene.model, "modes", 8))
         self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.free_unknowns.size)
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
@@ -156,7 +155,7 @@ class ViewSession:
     def set_gravity(self, gravity: ArrayLike) -> None:
         """Change the acceleration (3,) [m/s^2] on every vertex; the motion goes on from where it is."""
         vector = checked_vectors("gravity", gravity, (3,), LoadError)
-        self._motion.load = total_load(self.shell, vector, self._built.force)
+        self._motion.load = self.shell.total_load(vector, self._built.force)
         self.gravity = vector
 
     def set_model(self, name: str, modes: int | None = None) -> None:
@@ -172,8 +171,8 @@ class ViewSession:
         SolverError
             If the modes cannot be found.
         """
-        if name not in MODELS:
-            raise OptionError(f"there is no model {name!r}; choose from {', '.join(MODELS)}")
+        if name not in model_tables():
+            raise OptionError(f"there is no model {name!r}; choose from {', '.join(model_tables())}")
         count = self.modes if modes is None else checked_count("modes", modes)
         if count > self.mode_limit:
             raise OptionError(f"modes must be at most {self.mode_limit} in the viewer (got {count})")
@@ -223,7 +222,7 @@ class ViewSession:
 
     def status(self) -> str:
         """One line: model, modes, time, work a frame, and what is wrong if anything is."""
-        modes = f", {self.modes} modes" if "modes" in MODELS[self.name].__struct_fields__ else ""
+        modes = f", {self.modes} modes" if "modes" in model_tables()[self.name].__struct_fields__ else ""
         state = "playing" if self.playing else "paused"
         work = f"{self.frame_milliseconds:.2g} ms a frame"
         parts = [f"{self.model.name}{modes}", f"t = {self.time:.2f} s", work, state]
@@ -265,24 +264,21 @@ class ViewSession:
     def _cached_model(self, name: str, modes: int) -> Model:
         """The model on the scene's options if it is the scene's own, else on its defaults; the last of each is kept."""
         known = self._models.get(name)
-        if known is not None and (known[0] == modes or "modes" not in MODELS[name].__struct_fields__):
+        kind = model_tables()[name]
+        counted = "modes" in kind.__struct_fields__
+        if known is not None and (known[0] == modes or not counted):
             return known[1]
-        table = self.scene.model if isinstance(self.scene.model, MODELS[name]) else MODELS[name]()
-        options = msgspec.structs.asdict(table)
-        if name in _ON_BASIS:
-            del options["modes"]
-            model: Model = _ON_BASIS[name](self._first_modes(modes), **options)
-        else:
-            if "modes" in options:
-                table = msgspec.structs.replace(table, modes=modes)
-            model = table.build(self.shell)
+        table = self.scene.model if self.scene.model.spec.key == name else kind()
+        if counted:
+            table = msgspec.structs.replace(table, modes=modes)
+        model = table.build(self.scene.model_factory(self.shell, self._first_modes))
         self._models[name] = (modes, model)
         return model
 
-    def _first_modes(self, count: int) -> Basis:
+    def _first_modes(self, shell: Shell, count: int) -> Basis:
         """The lowest modes, cut from the largest basis asked for so far."""
         if self._basis is None or self._basis.count < count:
-            self._basis = solve_modes(self.shell, count)
+            self._basis = solve_modes(shell, count)
         whole = self._basis
         return dataclasses.replace(
             whole,

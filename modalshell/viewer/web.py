@@ -9,7 +9,8 @@ from abc import ABC, abstractmethod
 from typing import Any
 
 from modalshell.errors import ModalShellError, OptionError
-from modalshell.scene import MODELS, Scene
+from modalshell.models.registry import models
+from modalshell.scene import Scene
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
 from modalshell.viewer.stage import Shown, Stage, demand_opengl
 
@@ -138,7 +139,7 @@ class WebViewer(BrowserPage):
                         vuetify.VBtn("{{ playing ? 'Pause' : 'Play' }}", click=self._toggle, id="play", color="primary")
                         vuetify.VSpacer()
                         vuetify.VBtn("Reset", click=self._reset, id="reset")
-                    items = ("models", [{"title": name.upper(), "value": name} for name in MODELS])
+                    items = ("models", [{"title": spec.name, "value": key} for key, spec in models().items()])
                     vuetify.VSelect(label="Model", v_model=("model",), items=items, id="model", classes="mt-4")
                     vuetify.VLabel("Modes: {{ modes }}")
                     vuetify.VSlider(v_model=("modes",), min=1, max=session.mode_limit, step=1, id="modes")

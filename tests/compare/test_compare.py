@@ -1,4 +1,5 @@
 import json
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -8,10 +9,12 @@ from scenes import held, strip
 import modalshell as ms
 from modalshell.cli import main
 from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
-from modalshell.compare.candidates import Workshop, candidates
-from modalshell.compare.case import Case, drawn_to_supports, make_case
+from modalshell.compare.candidates import candidates
+from modalshell.compare.case import Case, make_case
 from modalshell.compare.path import find_jump
 from modalshell.compare.runs import turn_at
+from modalshell.models.coarse_discrete_shell import drawn_to_supports
+from modalshell.models.factory import ModelFactory
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
 from studies import held_out_advice
@@ -171,8 +174,8 @@ def test_rungs_without_a_snap_are_refused_where_it_snaps(snapping):
     assert path.snap.low < path.snap.high
     advice = choose(timed(snapping), 1.5, 1.0)
     assert advice.chosen is not None
-    assert {row.label for row in advice.rows if row.quadratic} <= set(advice.refused)
-    assert not advice.chosen.quadratic
+    assert {row.label for row in advice.rows if row.candidate.spec.quadratic} <= set(advice.refused)
+    assert not advice.chosen.candidate.spec.quadratic
     assert "snaps" in advice.explanation
 
 
@@ -229,11 +232,18 @@ def test_rungs_that_a_case_does_not_allow_are_named():
 
 
 def test_modes_are_charged_to_every_rung_that_uses_them():
-    workshop = Workshop(Case("x", beam(), beam().gravity_force((0, 0, -1))))
-    linear = [candidate for candidate in candidates(workshop.case, (4,))[0] if candidate.rung in ("LMA", "MWTS")]
-    first, second = (workshop.build(candidate)[1] for candidate in linear)
-    charged = workshop._bases[4][1]
-    assert min(first, second) >= charged > 0.0
+    case = Case("x", beam(), beam().gravity_force((0, 0, -1)))
+    solved = []
+
+    def solve(shell, count):
+        solved.append(count)
+        time.sleep(0.05)
+        return ms.solve_modes(shell, count)
+
+    factory = ModelFactory(case.shell, solve=solve)
+    linear = [one for one in candidates(case, (4,))[0] if one.spec.key in ("lma", "mwts")]
+    assert all(one.build(factory)[1] >= 0.05 for one in linear)
+    assert solved == [4]
 
 
 def run(capsys, *arguments):

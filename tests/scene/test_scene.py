@@ -6,7 +6,8 @@ from scenes import cantilever
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.scene import MODELS
+from modalshell.models.factory import ModelFactory
+from modalshell.models.registry import MODELS
 from modalshell.scene.parts import SHAPES
 
 TIP = '[[constraints]]\nkind = "position"\nnearest = [1, 0, 0]\n'
@@ -34,7 +35,7 @@ def test_only_what_is_declared_is_built(load, monkeypatch):
     def refuse(*_args, **_options):
         raise AssertionError("modes were not asked for")
 
-    monkeypatch.setattr("modalshell.scene.models.solve_modes", refuse)
+    monkeypatch.setattr(ModelFactory, "basis", refuse)
     scene = load('"mwts"', '"ds"')
     built = scene.build()
     assert (built.force, built.path, list(built.constraints)) == (None, None, [])

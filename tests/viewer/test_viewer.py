@@ -9,9 +9,9 @@ from matplotlib.image import imread
 import modalshell as ms
 from modalshell.cli import main
 from modalshell.errors import LoadError, OptionError
+from modalshell.models.registry import MODELS
 from modalshell.render.backend import RENDERER_VARIABLE
 from modalshell.run import RunFollower
-from modalshell.scene import MODELS
 from modalshell.viewer import ViewSession
 from modalshell.viewer.session import FRAME_SECONDS
 

@@ -1,0 +1,107 @@
+"""Models from their records: what they need (modes, training loads, coarse meshes) is made once for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, final
+
+import numpy as np
+
+from modalshell.errors import OptionError
+from modalshell.models.base import Model
+from modalshell.models.coarse_discrete_shell import CoarseMesh, coarse_shell
+from modalshell.models.registry import ModelSpec
+from modalshell.modes import Basis, solve_modes
+from modalshell.shell import Shell
+from modalshell.timings import Stopwatch
+from modalshell.typing import Array
+
+MODE_COUNT = 8
+"""Number of modes where none is named."""
+TRAINING_SHARES = (0.2, 0.4, 0.6, 0.8, 1.0)
+"""Shares of the load that models are trained on."""
+
+
+@final
+class ModelFactory:
+    """Builds registered models on one shell; modes are solved once, and their time is charged to all who use them.
+
+    Parameters
+    ----------
+    shell : Shell
+        The shell.
+    load : callable, optional
+        Gives the whole load (n, 3) [N], shares of which models are trained on.
+    coarse : callable, optional
+        Gives a coarser mesh of the shell's surface with as many cells along and across, or some number for None.
+    solve : callable
+        Gives the basis of a shell with so many modes.
+    """
+
+    def __init__(
+        self,
+        shell: Shell,
+        load: Callable[[], Array] | None = None,
+        coarse: Callable[[tuple[int, int] | None], CoarseMesh] | None = None,
+        solve: Callable[[Shell, int], Basis] = solve_modes,
+    ) -> None:
+        self.shell = shell
+        self._load, self._coarse, self._solve = load, coarse, solve
+        self.bases: dict[int, Basis] = {}
+        self._seconds: dict[int, float] = {}
+        self._charged = 0.0
+
+    def basis(self, count: int) -> Basis:
+        """The lowest ``count`` modes."""
+        if count in self.bases:
+            self._charged += self._seconds[count]
+        else:
+            watch = Stopwatch()
+            self.bases[count], self._seconds[count] = self._solve(self.shell, count), watch()
+        return self.bases[count]
+
+    def build(self, spec: ModelSpec, options: Mapping[str, Any], coarse: CoarseMesh | None = None) -> Model:
+        """The model of a record.
+
+        Parameters
+        ----------
+        spec : ModelSpec
+            The record.
+        options : mapping
+            Keys of its ``[model]`` table; the others keep their defaults.
+        coarse : CoarseMesh, optional
+            The mesh of a model that needs a coarse one, in place of the option ``cells``.
+
+        Raises
+        ------
+        OptionError
+            For options that the model refuses, or where the load or the coarse mesh that it needs is not to be had.
+        """
+        rest = dict(options)
+        if spec.needs == "shell":
+            if "modes" in rest:
+                rest["count"] = rest.pop("modes")
+            return spec.builder(self.shell, **rest)
+        if spec.needs == "coarse mesh":
+            cells = rest.pop("cells", None)
+            if coarse is None:
+                if self._coarse is None:
+                    raise OptionError(f"{spec.name} needs a coarser mesh of the surface: give one")
+                coarse = self._coarse(cells)
+            return spec.builder(self.shell, coarse_shell(self.shell, coarse.mesh, coarse.material), **rest)
+        basis = self.basis(rest.pop("modes", MODE_COUNT))
+        if spec.needs == "basis":
+            return spec.builder(basis, **rest)
+        if self._load is None:
+            raise OptionError(f"{spec.name} is trained on the load: give one")
+        load = self._load()
+        return spec.builder(basis, np.array([share * load for share in TRAINING_SHARES]), **rest)
+
+    def timed(
+        self, spec: ModelSpec, options: Mapping[str, Any], coarse: CoarseMesh | None = None
+    ) -> tuple[Model, float]:
+        """The model of :meth:`build`, and what it would take to build it alone [s]."""
+        self._charged = 0.0
+        watch = Stopwatch()
+        model = self.build(spec, options, coarse)
+        return model, watch() + self._charged

@@ -1,0 +1,132 @@
+"""The registry of models: one record a model, which scenes, the ladder, the viewer, pictures and studies read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal, final, get_args
+
+from modalshell.errors import OptionError
+from modalshell.models.base import Model
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
+from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.linear import LinearModal
+from modalshell.models.modal_derivatives import ModalDerivatives
+from modalshell.models.reduced_rotation_strain import trained_on_loads
+from modalshell.models.rigid import RigidShell
+from modalshell.models.rotation_strain import RotationStrain
+from modalshell.models.spring_sheet import SpringSheet
+from modalshell.models.warping import ModalWarping, consistent_warping
+from modalshell.plugins import load_plugins
+
+Needs = Literal["shell", "basis", "training", "coarse mesh"]
+_GIVEN: dict[Needs, int] = {"shell": 1, "basis": 1, "training": 2, "coarse mesh": 2}
+_KEY = "[a-z][a-z0-9-]*"
+
+
+@final
+@dataclass(frozen=True)
+class ModelSpec:
+    """What the package knows of a model.
+
+    Attributes
+    ----------
+    key : str
+        Its name in scenes and on the command line: lower-case letters, digits and hyphens.
+    name : str
+        Its name in tables and legends.
+    builder : callable
+        Makes the model from what it ``needs``, in this order: the shell; a basis; a basis and loads (k, n, 3) [N] to
+        train on; the shell and the same surface as a coarse shell. Its further parameters are the keys of a scene's
+        ``[model]`` table, with their types and defaults, as far as TOML can state them. A parameter ``count`` of modes
+        is the key ``modes``, which models on a basis have besides.
+    needs : {"shell", "basis", "training", "coarse mesh"}
+        What the builder takes.
+    cost : float
+        Cost class: place on the ladder, cheapest and simplest first. DS has 100.
+    quadratic : bool
+        Whether the elastic energy is quadratic in modes about rest, so that the model knows no snap.
+    constraints : bool
+        Whether it takes position and orientation constraints.
+    color, marker : str
+        Of its lines and points in pictures (matplotlib).
+    most_modes : int or None
+        Largest mode count that the ladder tries.
+    pictured : bool
+        Whether pictures of shapes show it; not where its shape is that of another model.
+    """
+
+    key: str
+    name: str
+    builder: Callable[..., Model]
+    needs: Needs
+    cost: float
+    quadratic: bool = False
+    constraints: bool = False
+    color: str = "0.5"
+    marker: str = "h"
+    most_modes: int | None = None
+    pictured: bool = True
+
+    @property
+    def given(self) -> int:
+        """How many of the builder's first parameters are what the model needs."""
+        return _GIVEN[self.needs]
+
+    @property
+    def on_modes(self) -> bool:
+        """Whether it is built on a basis that the caller solves."""
+        return self.needs in ("basis", "training")
+
+
+MODELS: dict[str, ModelSpec] = {}
+"""Every model that is registered, by its key; :func:`models` also looks for those of other packages."""
+TRUTH = "ds"
+"""Key of the model that the others are held against."""
+
+
+def register(spec: ModelSpec) -> ModelSpec:
+    """Add a model to the registry; another package calls this in the module that its entry point names.
+
+    Raises
+    ------
+    OptionError
+        For a key or name that is taken, or that is not as :class:`ModelSpec` says.
+    """
+    if not re.fullmatch(_KEY, spec.key):
+        raise OptionError(f"key must be lower-case letters, digits and hyphens, a letter first (got {spec.key!r:.60})")
+    if spec.needs not in get_args(Needs):
+        raise OptionError(f"needs must be one of {', '.join(get_args(Needs))} (got {spec.needs!r:.60})")
+    for other in MODELS.values():
+        if spec.key == other.key or spec.name == other.name:
+            raise OptionError(f"there is a model {other.key!r} ({other.name}) already: take another key and name")
+    MODELS[spec.key] = spec
+    return spec
+
+
+def models() -> Mapping[str, ModelSpec]:
+    """Every model by its key, cheapest first, those of installed packages included; see :class:`ModelSpec`."""
+    load_plugins()
+    return MappingProxyType({spec.key: spec for spec in sorted(MODELS.values(), key=lambda spec: spec.cost)})
+
+
+for _spec in (
+    ModelSpec("rigid", "rigid", RigidShell, "shell", 0, color="#777777", marker="X", pictured=False),
+    ModelSpec("lma", "LMA", LinearModal, "basis", 10, True, True, "#c8322b", "o"),
+    ModelSpec("mwts", "MWTS", ModalWarping, "basis", 20, True, True, "#2b5fc8", "s"),
+    ModelSpec(
+        "mwts-consistent", "MWTS, consistent", consistent_warping, "basis", 30, True, True, "#7fa8ee", "D",
+        pictured=False,
+    ),
+    ModelSpec(
+        "reduced-rsw", "reduced RSW", trained_on_loads, "training", 40, True, True, "#c77cd6", "v", pictured=False
+    ),
+    ModelSpec("rsw", "RSW", RotationStrain, "basis", 50, True, True, "#7b2d8e", "^"),
+    ModelSpec("md-rom", "MD-ROM", ModalDerivatives, "shell", 60, color="#d98200", marker="P", most_modes=8),
+    ModelSpec("coarse-ds", "coarse DS", CoarseDiscreteShell, "coarse mesh", 70, color="#66c2a5"),
+    ModelSpec("springs", "springs", SpringSheet, "shell", 80, constraints=True, color="#a6761d", marker="*"),
+    ModelSpec(TRUTH, "DS", DiscreteShell, "shell", 100, constraints=True, color="#2f9e44"),
+):  # fmt: skip
+    register(_spec)

@@ -1,0 +1,54 @@
+"""Coarser meshes of the surface that a scene declares."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+from modalshell.errors import OptionError
+from modalshell.mesh import TriangleMesh
+from modalshell.models.coarse_discrete_shell import CoarseMesh, drawn_to_supports
+from modalshell.scene.parts import Shape, build_material
+from modalshell.scene.tables import MeshFile, PhysicalSheet, Stiffnesses
+from modalshell.shell import Shell
+
+_COARSENINGS = (2.0, 3.0, 4.0)
+"""Factors by which the cells of coarser meshes are larger."""
+_FEWEST = (6, 2)
+"""Cells along and across below which a coarse mesh is none any more."""
+
+
+def scene_coarse_mesh(
+    table: MeshFile | Shape,
+    material: Stiffnesses | PhysicalSheet,
+    shell: Shell,
+    cells: tuple[int, int] | None = None,
+) -> CoarseMesh:
+    """The scene's shape with ``cells`` along and across, half as many without; OptionError for a mesh from a file."""
+    given: Any = table
+    if not isinstance(table, Shape):
+        raise OptionError("coarse meshes are made of shapes with cells: name a [mesh] shape in place of a file")
+    cells = cells or coarse_cells(given.cells, _COARSENINGS[0])
+    mesh: TriangleMesh = drawn_to_supports(shell, msgspec.structs.replace(given, cells=cells).build())
+    own = build_material(material, mesh) if isinstance(material, PhysicalSheet) else None
+    return CoarseMesh(mesh, f"{cells[0]}x{cells[1]}", own, cells)
+
+
+def scene_coarse_meshes(
+    table: MeshFile | Shape, material: Stiffnesses | PhysicalSheet, shell: Shell
+) -> list[CoarseMesh]:
+    """Coarser meshes of a shape, at most half as fine; none of a mesh from a file."""
+    if not isinstance(table, Shape):
+        return []
+    given: Any = table
+    sizes = dict.fromkeys(coarse_cells(given.cells, factor) for factor in _COARSENINGS)
+    kept = [cells for cells in sizes if cells[0] * cells[1] <= 0.5 * given.cells[0] * given.cells[1]]
+    return [scene_coarse_mesh(table, material, shell, cells) for cells in kept]
+
+
+def coarse_cells(cells: tuple[int, int], factor: float) -> tuple[int, int]:
+    """Cells along and across after coarsening by ``factor``."""
+    along, across = (round(count / factor) for count in cells)
+    across += across % 2  # a fold needs a row of edges
+    return max(along, _FEWEST[0]), max(across, _FEWEST[1])

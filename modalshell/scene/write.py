@@ -1,0 +1,45 @@
+"""Scenes written as TOML."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from modalshell.atomic_io import write_text
+from modalshell.scene.read import read_toml
+
+
+def toml_table(name: str, table: Mapping[str, Any]) -> str:
+    """``[name]`` and a line for each key."""
+    return "\n".join([f"[{name}]", *(f"{_key(key)} = {_value(value)}" for key, value in table.items())])
+
+
+def write_scene_with(file: Path, out: str | os.PathLike[str], model: Mapping[str, Any]) -> Path:
+    """Write the scene of ``file`` to ``out`` with another ``[model]``; comments are lost, mesh files still found."""
+    raw = read_toml(file) | {"model": dict(model)}
+    raw.setdefault("name", file.stem)
+    mesh = raw["mesh"]
+    if "file" in mesh and (file.parent / mesh["file"]).exists():
+        path = os.path.relpath(file.parent / mesh["file"], Path(out).resolve().parent)
+        raw["mesh"] = mesh | {"file": Path(path).as_posix()}
+    top = [f"{_key(key)} = {_value(value)}" for key, value in raw.items() if not isinstance(value, dict)]
+    tables = [toml_table(key, value) for key, value in raw.items() if isinstance(value, dict)]
+    return write_text(Path(out), "\n\n".join(["\n".join(top), *tables]) + "\n")
+
+
+def _key(key: str) -> str:
+    return key if key.replace("-", "").replace("_", "").isalnum() and key.isascii() else _value(key)
+
+
+def _value(value: Any) -> str:
+    """A value as TOML, tables and lists within it on one line."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(key)} = {_value(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_value(inner) for inner in value)}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)

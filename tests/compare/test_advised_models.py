@@ -1,0 +1,95 @@
+"""What the advice names can be run: every registered model by a scene with the table that the advice would print."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+from modalshell.compare.advise import choose
+from modalshell.compare.candidates import candidates, case_factory
+from modalshell.compare.case import make_case
+from modalshell.models.registry import MODELS
+from modalshell.scene.write import toml_table, write_scene_with
+
+STILL = ("[motion]\nduration = 1\n", "")
+WEAK = ("-9.81", "-0.5")
+
+
+@pytest.mark.parametrize("key", MODELS)
+def test_every_model_runs_by_the_table_that_the_advice_prints(key, scene_file, tmp_path):
+    file = scene_file(STILL, WEAK)
+    case = make_case(file, None, None, ())
+    candidate = next(one for one in candidates(case, (4,))[0] if one.spec.key == key)
+    direct = candidate.build(case_factory(case))[0].equilibrium(force=case.load)
+    text = file.read_text().replace('[model]\nname = "mwts"', toml_table("model", candidate.model_table))
+    other = tmp_path / "advised.toml"
+    other.write_text(text)
+    result = ms.run_scene(other, out=tmp_path)
+    np.testing.assert_array_equal(ms.load_trajectory(tmp_path / "advised.npz").positions[-1], direct.positions)
+    assert result.summary
+
+
+def test_advice_prints_the_table_and_writes_the_scene(scene_file, tmp_path, capsys):
+    file = scene_file(STILL, WEAK)
+    out = tmp_path / "elsewhere" / "advised.toml"
+    arguments = [str(file), "--modes", "4", "--fps", "1e-3", "--out", str(tmp_path / "out"), "--write", str(out)]
+    with pytest.raises(SystemExit) as ended:
+        main(["advise", *arguments])
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    scene = ms.load_scene(out)
+    assert f'name = "{scene.model.spec.key}"' in printed
+    before = tomllib.loads(file.read_text())
+    after = tomllib.loads(out.read_text())
+    assert after.pop("name") == "scene"
+    assert after.pop("model") == {"name": scene.model.spec.key, "modes": 4}
+    assert after == {key: value for key, value in before.items() if key != "model"}
+
+
+def test_scenes_are_written_with_all_that_they_declare(tmp_path):
+    mesh = ms.flat_beam(cells=(6, 2))
+    ms.save_mesh(mesh, tmp_path / "beam.ply")
+    text = """
+[mesh]
+file = "beam.ply"
+[material]
+stretch = 20
+shear = 2e1
+flexure = 0.05
+density = 0.2
+[supports]
+clamped = "x < 0.2"
+[loads]
+gravity = [0, 0, -1]
+[[loads.forces]]
+where = "x > 0.9 and y > -1e-3"
+total = [0, 1e-05, 0.0]
+[model]
+name = "lma"
+[[constraints]]
+kind = "position"
+nearest = [1, 0, 0]
+target = [1, 0, -0.1]
+relative = false
+[output]
+formats = ["png"]
+"""
+    file = tmp_path / "scene.toml"
+    file.write_text(text)
+    out = write_scene_with(file, tmp_path / "sub" / "scene.toml", {"name": "rsw", "modes": 3})
+    before, after = tomllib.loads(text), tomllib.loads(out.read_text())
+    assert after["mesh"].pop("file") == "../beam.ply"
+    del before["mesh"]["file"]
+    assert after | {"model": before["model"]} == before | {"name": "scene"}
+    assert after["model"] == {"name": "rsw", "modes": 3}
+    assert ms.load_scene(out).build().model.basis.count == 3
+
+
+def test_advice_without_a_model_writes_no_scene(scene_file, tmp_path):
+    file = scene_file(STILL, WEAK)
+    advice = choose(ms.tradeoff(file, modes=(2,), loads=(1.0,)), 1e-12, 1e9)
+    with pytest.raises(ms.OptionError, match="no scene to write: No rung meets both"):
+        advice.write_scene(file, tmp_path / "out.toml")
+    assert not (tmp_path / "out.toml").exists()

@@ -1,0 +1,148 @@
+"""Fields of deformed shells against shapes whose strains and curvatures are known."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+
+SHEET = ms.Isotropic(young=2e9, poisson=0.3, thickness=2e-3, density=1000.0)
+MEMBRANE = 2e9 * 2e-3 / (1.0 - 0.09)
+RIGIDITY = MEMBRANE * 2e-3**2 / 12.0
+
+
+def in_axes(mesh, tensor):
+    """Components 11, 22, 12 of a plane tensor (2, 2) of the sheet in each triangle's axes."""
+    edge = mesh.vertices[mesh.faces[:, 1]] - mesh.vertices[mesh.faces[:, 0]]
+    first = edge[:, :2] / np.linalg.norm(edge[:, :2], axis=1)[:, None]
+    second = np.column_stack([-first[:, 1], first[:, 0]])
+    parts = [np.einsum("ti,ij,tj->t", a, tensor, b) for a, b in ((first, first), (second, second), (first, second))]
+    return np.column_stack(parts)
+
+
+@pytest.fixture(scope="module", params=["union-jack", "equilateral", "delaunay"])
+def sheet(request):
+    cells = (12, 14) if request.param == "equilateral" else (12, 12)
+    mesh = ms.sheet(length=1.0, width=1.0, cells=cells, family=request.param)
+    return ms.Shell(mesh, SHEET)
+
+
+def bent(shell, curvature, direction):
+    """The sheet rolled without strain on a cylinder about ``direction`` (degrees), normals spreading."""
+    x, angle = shell.rest_positions, np.radians(direction)
+    along = np.array([np.cos(angle), np.sin(angle), 0.0])
+    s = x @ along
+    out = x + np.outer(np.sin(curvature * s) / curvature - s, along)
+    out[:, 2] -= (1.0 - np.cos(curvature * s)) / curvature
+    return out, np.outer(along[:2], along[:2])
+
+
+@pytest.mark.parametrize("direction", [0.0, 30.0, 90.0])
+def test_rolling_gives_one_curvature(sheet, direction):
+    positions, dyad = bent(sheet, 0.02, direction)
+    fields = sheet.fields(positions)
+    inside = ~np.isin(sheet.mesh.faces, sheet.mesh.edges[sheet.mesh.edge_faces[:, 1] < 0]).any(axis=1)
+    expected = in_axes(sheet.mesh, 0.02 * dyad)
+    # Free edges are free of moment, which a cylinder is not: only inside is the curvature that of the cylinder.
+    error = np.sqrt(np.mean((fields.curvature - expected)[inside] ** 2))
+    assert error < 0.05 * 0.02
+    np.testing.assert_allclose(fields.curvature[inside].mean(axis=0), expected[inside].mean(axis=0), atol=0.02 * 0.02)
+    assert np.abs(fields.membrane_strain).max() < 1e-4
+
+
+def test_stretching_gives_strain_force_and_stress(sheet):
+    gradient = np.array([[1.002, 0.001], [-0.0005, 0.999]])
+    positions = sheet.rest_positions.copy()
+    positions[:, :2] = positions[:, :2] @ gradient.T
+    strain = 0.5 * (gradient.T @ gradient - np.eye(2))
+    fields = sheet.fields(positions)
+    np.testing.assert_allclose(fields.membrane_strain, in_axes(sheet.mesh, strain), rtol=0, atol=1e-12)
+    force = MEMBRANE * ((1.0 - 0.3) * strain + 0.3 * np.trace(strain) * np.eye(2))
+    np.testing.assert_allclose(
+        fields.membrane_force, in_axes(sheet.mesh, force), rtol=0, atol=1e-6 * np.abs(force).max()
+    )
+    stress = force / 2e-3
+    mises = np.sqrt(stress[0, 0] ** 2 - stress[0, 0] * stress[1, 1] + stress[1, 1] ** 2 + 3.0 * stress[0, 1] ** 2)
+    np.testing.assert_allclose(fields.von_mises, mises, rtol=1e-6)
+    np.testing.assert_allclose(fields.moment, 0.0, atol=1e-9 * np.abs(force).max())
+    np.testing.assert_allclose(fields.energy_density, 0.5 * np.sum(force * strain), rtol=1e-6)
+
+
+def test_moments_and_curvatures_follow_the_plate(sheet):
+    positions = bent(sheet, 0.05, 20.0)[0]
+    fields = sheet.fields(positions)
+    trace = fields.curvature[:, 0] + fields.curvature[:, 1]
+    expected = RIGIDITY * (0.7 * fields.curvature + 0.3 * trace[:, None] * np.array([1.0, 1.0, 0.0]))
+    np.testing.assert_allclose(fields.moment, expected, rtol=0, atol=1e-10 * np.abs(fields.moment).max())
+    force, moment = fields.membrane_force, fields.moment
+    mises = [
+        np.sqrt(s[:, 0] ** 2 - s[:, 0] * s[:, 1] + s[:, 1] ** 2 + 3.0 * s[:, 2] ** 2)
+        for s in (force / 2e-3 + side * 6.0 * moment / 2e-3**2 for side in (1.0, -1.0))
+    ]
+    np.testing.assert_allclose(fields.von_mises, np.max(mises, axis=0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("material", [SHEET, ms.Material(20.0, 20.0, 0.05, 0.2)], ids=["isotropic", "hinges"])
+def test_energy_densities_add_up_to_the_energy(material):
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=140.0, cells=(20, 4))
+    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 0.06)
+    rng = np.random.default_rng(3)
+    positions = mesh.vertices + 1e-3 * rng.standard_normal(mesh.vertices.shape)
+    fields = shell.fields(positions)
+    assert np.sum(fields.energy_density * mesh.face_areas) == pytest.approx(shell.energy(positions), rel=1e-10)
+    assert (fields.energy_density >= 0.0).all()
+    assert (fields.membrane_force is None) == (material is not SHEET)
+
+
+def test_hinges_have_strains_and_curvatures_too():
+    mesh = ms.sheet(cells=(16, 16))
+    hinged = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    theory = ms.Shell(mesh, ms.Isotropic(1.0, 0.0, 1e-3, 1.0))
+    positions = bent(theory, 0.05, 35.0)[0]
+    for name in ("curvature", "membrane_strain"):
+        found, expected = (getattr(shell.fields(positions), name) for shell in (hinged, theory))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_collapsed_triangles_and_wrong_positions_are_refused(sheet):
+    with pytest.raises(ms.LoadError, match="flattest triangle"):
+        sheet.fields(np.zeros_like(sheet.rest_positions))
+    with pytest.raises(ms.LoadError):
+        sheet.fields(np.zeros((3, 3)))
+
+
+def test_fields_turn_with_the_shell():
+    mesh = ms.cylinder_panel(cells=(8, 8))
+    shell = ms.Shell(mesh, SHEET, clamped=mesh.vertices[:, 0] < 1e-9)
+    rng = np.random.default_rng(4)
+    positions = mesh.vertices + 1e-3 * rng.standard_normal(mesh.vertices.shape)
+    turn = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    free = ms.Shell(mesh, SHEET)
+    before, after = free.fields(positions), free.fields(positions @ turn.T + 0.3)
+    for name in ("membrane_strain", "curvature", "energy_density", "membrane_force", "moment", "von_mises"):
+        value = getattr(before, name)
+        np.testing.assert_allclose(getattr(after, name), value, rtol=0, atol=1e-9 * np.abs(value).max())
+    assert np.abs(shell.fields(mesh.vertices).curvature).max() < 1e-12
+
+
+@pytest.mark.parametrize("material", [SHEET, ms.Material(2e3, 2e3, 0.05, 2.0)], ids=["isotropic", "hinges"])
+def test_reactions_balance_the_load(material):
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
+    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 0.06)
+    force = np.zeros_like(mesh.vertices)
+    force[int(np.argmax(mesh.vertices[:, 0]))] = (0.1, 0.3, -0.2)
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -2.0), force=force)
+    assert answer.converged
+    reactions = shell.reactions(answer.positions, gravity=(0.0, 0.0, -2.0), force=force)
+    assert not reactions[~shell.clamped].any()
+    load = shell.total_load((0.0, 0.0, -2.0), force)
+    np.testing.assert_allclose(reactions.sum(axis=0), -load.sum(axis=0), atol=2e-7 * np.abs(load).sum())
+
+
+def test_reactions_of_a_shell_clamped_by_one_row():
+    mesh = ms.sheet(cells=(10, 10))
+    shell = ms.Shell(mesh, SHEET, clamped=mesh.vertices[:, 0] < 1e-9)
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -1.0))
+    reactions = shell.reactions(answer.positions, gravity=(0.0, 0.0, -1.0))
+    weight = float(shell.mass.sum())
+    np.testing.assert_allclose(reactions.sum(axis=0), (0.0, 0.0, weight), atol=1e-6 * weight)

@@ -1,0 +1,46 @@
+"""Pictures of a sweep's summary: curves, maps, or none."""
+
+import numpy as np
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("axes", "kind"),
+    [
+        ([5], "curves"),
+        ([5, 3], "curves"),
+        ([3, 3, 5], "curves"),
+        ([4, 4], "map"),
+        ([2, 4, 5], "map"),
+        (["words"], "curves"),
+        (["words", 4, 4], "map"),
+        ([9, 3, 3, 3], "none"),
+    ],
+)
+def test_pictures(tmp_path, monkeypatch, axes, kind):
+    from modalshell.sweep import figure
+    from modalshell.sweep.grid import Axis
+
+    drawn = []
+    for name in ("draw_curves", "draw_maps"):
+        draw = getattr(figure, name)
+        monkeypatch.setattr(figure, name, lambda *a, n=name, d=draw, **o: (drawn.append((n, a[0])), d(*a, **o)))
+    made = [
+        Axis(f"k{k}", ("one", "two") if size == "words" else tuple([0.0, 0.0, -1.0 * 2**i] for i in range(size)))
+        for k, size in enumerate(axes)
+    ]
+    count = int(np.prod([len(axis.values) for axis in made]))
+    rows = [{"case": k, "error": None if k == 1 else 0.1 * k} for k in range(count)]
+    note = figure.draw_summary(rows, made, "error", tmp_path / "picture.png", "title")
+    if kind == "none":
+        assert "too many" in note
+        assert drawn == []
+        return
+    assert note == ""
+    assert (tmp_path / "picture.png").stat().st_size > 5000
+    assert drawn[0][0] == ("draw_maps" if kind == "map" else "draw_curves")
+    if kind == "map":
+        cells = [name for panel in drawn[0][1] for row in panel.classes for name in row]
+        assert (len(cells), cells.count("no value")) == (count, 1)
+    else:
+        assert sum(len(curve.x) for panel in drawn[0][1] for curve in panel.curves) == count - 1

@@ -1,0 +1,108 @@
+"""A model of another package takes two files: its own, and a module that registers its record."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+from modalshell.models.registry import MODELS, register
+from modalshell.plugins import load_plugins
+
+MODEL = '''
+"""Linear modes whose displacements are scaled."""
+
+from modalshell.models.linear import LinearModal
+
+
+class ScaledModal(LinearModal):
+    name = "scaled"
+
+    def __init__(self, basis, *, integrator: str = "implicit_euler", factor: float = 1.0):
+        super().__init__(basis, integrator=integrator)
+        self.factor = factor
+
+    def displacement(self, q):
+        return self.factor * super().displacement(q)
+'''
+RECORD = '''
+"""The record of the model."""
+
+from modalshell.models.registry import ModelSpec, register
+from toy_model import ScaledModal
+
+register(ModelSpec("scaled", "scaled", ScaledModal, "basis", 15, quadratic=True, color="#112233"))
+'''
+TOY = ('name = "mwts"', 'name = "scaled"\nfactor = 0.5\nmodes = 4')
+STILL = ("[motion]\nduration = 1\n", "")
+WEAK = ("-9.81", "-0.5")
+
+
+@pytest.fixture
+def toy(tmp_path, monkeypatch):
+    site = tmp_path / "site"
+    metadata = site / "toy_model-0.1.dist-info"
+    metadata.mkdir(parents=True)
+    (site / "toy_model.py").write_text(MODEL)
+    (site / "toy_record.py").write_text(RECORD)
+    (metadata / "entry_points.txt").write_text("[modalshell]\nscaled = toy_record\n")
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-model\nVersion: 0.1\n")
+    monkeypatch.syspath_prepend(str(site))
+    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
+    load_plugins.cache_clear()
+    yield
+    for module in ("toy_model", "toy_record"):
+        sys.modules.pop(module, None)
+    MODELS.pop("scaled", None)
+    load_plugins.cache_clear()
+
+
+def command(*arguments):
+    with pytest.raises(SystemExit) as end:
+        main([str(argument) for argument in arguments])
+    assert end.value.code == 0
+
+
+@pytest.mark.usefixtures("toy")
+def test_a_model_of_another_package_runs_by_scene_and_stands_on_the_ladder(scene_file, tmp_path):
+    file = scene_file(TOY, STILL, WEAK)
+    command("run", file, "--out", tmp_path / "out")
+    shell = ms.load_scene(file).build_shell()
+    linear = ms.LinearModal(ms.solve_modes(shell, 4)).equilibrium(gravity=(0, 0, -0.5)).positions
+    run = ms.load_trajectory(tmp_path / "out" / "scene.npz").positions[-1]
+    np.testing.assert_allclose(run - shell.rest_positions, 0.5 * (linear - shell.rest_positions), atol=1e-15)
+    command("tradeoff", file, "--modes", "4", "--out", tmp_path / "out")
+    assert "scaled 4" in (tmp_path / "out" / "scene_tradeoff.md").read_text()
+    assert list(ms.models())[1:3] == ["lma", "scaled"]
+
+
+@pytest.mark.usefixtures("toy")
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("factor", "facto", "model.facto: unknown key; did you mean 'factor'"),
+        ("0.5", '"x"', "model.factor: must be a number"),
+        ('"scaled"', '"scald"', "model.name: must be one of rigid, lma, scaled, mwts"),
+    ],
+)
+def test_its_table_is_checked_as_others_are(scene_file, old, new, message):
+    with pytest.raises(ms.SceneError) as refused:
+        ms.load_scene(scene_file((TOY[0], TOY[1].replace(old, new, 1)), STILL, WEAK))
+    assert message in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"key": "lma"}, "there is a model 'lma'"),
+        ({"name": "DS"}, "there is"),
+        ({"key": "A b"}, "key must be"),
+        ({"needs": "x"}, "needs must be"),
+    ],
+)
+def test_records_that_cannot_be_are_refused(changed, message):
+    values = {"key": "toy", "name": "toy", "builder": ms.RigidShell, "needs": "shell", "cost": 1.0} | changed
+    with pytest.raises(ms.OptionError, match=message):
+        register(ms.ModelSpec(**values))
+    assert "toy" not in ms.models()
