@@ -108,7 +108,7 @@ class GridVerlet:
     def _acceleration(self) -> Array:
         """Of springs and gravity (rows * columns, 3) [m/s^2]."""
         _, gradient = energy_gradient([self._springs], self.positions.astype(np.float64))
-        return np.asarray(self.grid.gravity - gradient / self.grid.particle_mass)
+        return self.grid.gravity - gradient / self.grid.particle_mass
 
     def _set_step(self, dt: float) -> None:
         """Choose the positions a step of ``dt`` ago so that the velocities stay what they are."""

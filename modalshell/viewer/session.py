@@ -111,7 +111,7 @@ class ViewSession:
     @property
     def faces(self) -> NDArray[np.integer]:
         """Triangles (T, 3)."""
-        return np.asarray(self.shell.mesh.faces)
+        return self.shell.mesh.faces
 
     @property
     def held(self) -> NDArray[np.bool_]:
