@@ -9,6 +9,7 @@ Run it alone with ``modalshell reproduce --only tradeoff``.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -69,13 +70,12 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 def scene(name: str, cells: tuple[int, int] | None) -> Case:
     """The case of a scene file; on a mesh of other ``cells`` if given, clamped by two rows."""
-    declared = ms.load_scene(repository_file(f"studies/scenes/{name}.toml"))
+    declared = ms.load_scene(repository_file(f"studies/scenes/{name}.toml")).require_shell()
     if cells is not None:
         table: Any = declared.mesh
         held: Any = declared.supports
         supports = msgspec.structs.replace(held, clamped=f"x < {1.5 * table.length / cells[0]}")
-        changed = {"mesh": msgspec.structs.replace(table, cells=cells), "supports": supports}
-        declared = ms.Scene(**{key: changed.get(key, value) for key, value in vars(declared).items()})
+        declared = replace(declared, mesh=msgspec.structs.replace(table, cells=cells), supports=supports)
     return scene_case(declared)
 
 

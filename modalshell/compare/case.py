@@ -14,7 +14,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh, Damping
 from modalshell.models.coarse_discrete_shell import drawn_to_supports
 from modalshell.modes.rigid import rigid_motions
-from modalshell.scene import Scene, load_scene
+from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
 from modalshell.shell import Shell
 from modalshell.typing import Array
@@ -77,13 +77,14 @@ def make_case(
             raise OptionError("a scene brings its own load and meshes: gravity, force and coarse go with a Shell")
         if isinstance(scene, Case):
             return scene
-        return scene_case(scene if isinstance(scene, Scene) else load_scene(scene))
+        declared = scene if isinstance(scene, Scene) else load_scene(scene)
+        return scene_case(declared.require_shell())
     checked_kind("scene", scene, Shell)
     meshes = [CoarseMesh(drawn_to_supports(scene, mesh), f"{len(mesh.faces)} triangles") for mesh in coarse]
     return Case("shell", scene, scene.total_load(gravity, force), coarse=meshes)
 
 
-def scene_case(scene: Scene) -> Case:
+def scene_case(scene: ShellScene) -> Case:
     """The case that a scene asks for; moving supports give the largest inertial load of their path."""
     if scene.constraints:
         raise OptionError(

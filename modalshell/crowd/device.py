@@ -2,80 +2,65 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.checks import checked_precision
-from modalshell.crowd.crowd import Crowd
-from modalshell.crowd.flock import Flock
-from modalshell.crowd.neighbours import Neighbourhood, sorted_cells, split_sums, view_cosine
-from modalshell.errors import OptionError
+from modalshell.crowd.neighbours import Neighbourhood, NeighbourSearch, sorted_cells, split_sums, view_cosine
+from modalshell.crowd.shell_crowd import ShellCrowd
 from modalshell.kernels.device import checked_device, device_types, warp
 from modalshell.kernels.flock import SUMS
 from modalshell.modes import Basis
 from modalshell.typing import Array
 
 
-class DeviceFlock(Flock):
-    """A :class:`Flock` whose boids sum over their neighbours on a device, one thread of it to a boid.
+@final
+class DeviceSearch(NeighbourSearch):
+    """Sums over neighbours on a device, one thread of it to a boid; for :class:`modalshell.Flock`.
 
-    The processor sorts the boids into cells, in float64, and makes rules and steps of the sums. So the boids go to the
-    device at every step, and the sums come back.
+    The processor sorts the boids into cells, in float64. So the boids go to the device at every step, and the sums come
+    back.
 
     Parameters
     ----------
-    positions, directions : array_like, shape (N, 3)
-        As a flock's.
     dtype : {float64, float32}
         Precision of the device's arithmetic. In float32 positions are rounded before they are compared: boids in one
         place to rounding are no neighbours.
     device : str, optional
         "cpu" or "cuda:0" and so on; without it the first GPU, and where there is none "cpu".
-    **parameters
-        As a flock's, without ``search`` and ``threads``.
 
     Raises
     ------
     OptionError
-        Where Warp is not installed or the device is not here; for ``search`` and ``threads``, and as a flock does.
+        Where Warp is not installed or the device is not here.
     """
 
-    def __init__(
-        self,
-        positions: ArrayLike,
-        directions: ArrayLike,
-        dtype: DTypeLike = np.float64,
-        device: str | None = None,
-        **parameters: Any,
-    ) -> None:
-        for name in ("search", "threads"):
-            if name in parameters:
-                raise OptionError(f"a flock on a device takes no {name} (got {parameters[name]!r}): leave it out")
+    def __init__(self, dtype: DTypeLike = np.float64, device: str | None = None) -> None:
         self.dtype, self.device = checked_precision(dtype), checked_device(device)
-        super().__init__(positions, directions, **parameters)
 
-    def neighbourhood(self) -> Neighbourhood:
-        """Sums over every boid's neighbours now; the same as a flock's but for rounding."""
+    def gather(self, positions: Array, directions: Array, distance: float, field_of_view: float) -> Neighbourhood:
+        """What the kernels of the processor sum, to rounding."""
         from modalshell.kernels.device_flock import gather_places
 
         library, (real, vector) = warp(), device_types(self.dtype)
-        cells = sorted_cells(self.positions, self.neighbour_distance)
+        cells = sorted_cells(positions, distance)
         integers = [library.array(a, dtype=int, device=self.device) for a in cells[1:]]
         boids = [
             library.array(a[cells.order].astype(self.dtype), dtype=vector, device=self.device)
-            for a in (self.positions, self.directions)
+            for a in (positions, directions)
         ]
-        numbers = real(self.neighbour_distance), real(view_cosine(self.field_of_view))
-        sums = library.empty((len(self.positions), SUMS), dtype=real, device=self.device)
+        numbers = real(distance), real(view_cosine(field_of_view))
+        sums = library.empty((len(positions), SUMS), dtype=real, device=self.device)
         inputs = [cells.bits, *integers, *boids, *numbers, sums]
-        library.launch(gather_places, len(self.positions), inputs, device=self.device)
+        library.launch(gather_places, len(positions), inputs, device=self.device)
         return split_sums(sums.numpy().astype(np.float64))
 
 
-class DeviceCrowd(Crowd):
-    """A :class:`Crowd` whose positions and modal forces a device makes, one thread of it to a vertex of an instance.
+@final
+class DeviceCrowd(ShellCrowd):
+    """A :class:`modalshell.Crowd` whose positions and forces a device makes, a thread to each vertex of an instance.
 
     The modal data stay on the device; coordinates, levels and poses go there for every frame. Forces come back, in
     float64, to step the coordinates on the processor. An angle counts as it is rounded, so that forces differ from a
@@ -106,7 +91,7 @@ class DeviceCrowd(Crowd):
         device: str | None = None,
     ) -> None:
         self.device = checked_device(device)
-        super().__init__(basis, count, damping=damping, dtype=dtype)
+        super().__init__(basis, count, damping, dtype)
         shapes = [a.reshape(-1, 3, basis.count).transpose(2, 0, 1) for a in (basis.modes, basis.rotations)]
         shapes.append(basis.shell.rest_positions)
         self._doubles = [self._vectors(a, np.float64) for a in shapes]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,6 +13,7 @@ from modalshell.modes import Basis
 from modalshell.typing import Array
 
 
+@final
 class Flap:
     """Beats up and down, along z, of a shell held along its body.
 

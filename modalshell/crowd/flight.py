@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import checked_count, checked_kind, checked_vectors
-from modalshell.crowd.crowd import Crowd
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
+from modalshell.crowd.shell_crowd import ShellCrowd
 from modalshell.errors import OptionError
 from modalshell.typing import Array
 
@@ -18,6 +19,7 @@ _FLOCK = ("positions", "directions", "velocities", "accelerations")
 _CROWD = ("coordinates", "rates", "levels")
 
 
+@final
 class Flight:
     """A flock whose boids each carry an instance of a crowd, banked, accelerated and flapping as they fly.
 
@@ -25,7 +27,7 @@ class Flight:
     ----------
     flock : Flock
         The boids.
-    crowd : Crowd
+    crowd : Crowd or DeviceCrowd
         As many instances; each moves in the frame of its boid.
     flap : Flap
         Their wing beats.
@@ -45,7 +47,7 @@ class Flight:
     def __init__(
         self,
         flock: Flock,
-        crowd: Crowd,
+        crowd: ShellCrowd,
         flap: Flap,
         *,
         gravity: ArrayLike = (0.0, 0.0, -9.81),
@@ -53,7 +55,7 @@ class Flight:
         seed: int = 0,
     ) -> None:
         checked_kind("flock", flock, Flock)
-        checked_kind("crowd", crowd, Crowd)
+        checked_kind("crowd", crowd, ShellCrowd)  # type: ignore[type-abstract]
         checked_kind("flap", flap, Flap)
         seed = checked_count("seed", seed, at_least=0)
         if crowd.count != len(flock.positions):

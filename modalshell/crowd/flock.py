@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_choice, checked_count, checked_number, checked_vectors, shown, vector_count
-from modalshell.crowd.neighbours import Neighbourhood, Search, gather
+from modalshell.crowd.neighbours import Neighbourhood, NeighbourSearch, Search, gather
 from modalshell.errors import OptionError
 from modalshell.typing import Array
 
@@ -50,6 +50,7 @@ class Rules(NamedTuple):
         return np.sum(self, axis=0)
 
 
+@final
 class Flock:
     """Boids that head where their neighbours make them [reynolds1987].
 
@@ -88,8 +89,8 @@ class Flock:
         Weight of the target against the other rules; may be changed between steps, as may ``target``.
     bounds : array_like, shape (2, 3), optional
         Lower and upper corner of a box that boids outside are steered back to [m]. They may overshoot.
-    search : {"grid", "all_pairs"}
-        How neighbours are found; all pairs is for checking.
+    search : {"grid", "all_pairs"} or NeighbourSearch
+        How neighbours are found: all pairs is for checking, :class:`modalshell.crowd.device.DeviceSearch` for GPUs.
     threads : int
         Threads of the grid's search.
 
@@ -123,7 +124,7 @@ class Flock:
         target: ArrayLike | None = None,
         target_weight: float = 1.0,
         bounds: ArrayLike | None = None,
-        search: Search = "grid",
+        search: Search | NeighbourSearch = "grid",
         threads: int = 1,
     ) -> None:
         count = vector_count(positions)
@@ -149,7 +150,8 @@ class Flock:
         self.bounds = None if bounds is None else checked_vectors("bounds", bounds, (2, 3), OptionError).copy()
         if self.bounds is not None and (self.bounds[0] > self.bounds[1]).any():
             raise OptionError(f"bounds must be a lower and an upper corner (got {shown(bounds)})")
-        checked_choice("search", search, ("grid", "all_pairs"))
+        if not isinstance(search, NeighbourSearch):
+            checked_choice("search", search, ("grid", "all_pairs"))
         self.search = search
         self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
         random = np.random.default_rng(checked_count("seed", seed, at_least=0))
@@ -187,14 +189,10 @@ class Flock:
 
     def neighbourhood(self) -> Neighbourhood:
         """Sums over every boid's neighbours now."""
-        return gather(
-            self.positions,
-            self.directions,
-            self.neighbour_distance,
-            self.field_of_view,
-            search=self.search,
-            threads=self.threads,
-        )
+        boids = self.positions, self.directions, self.neighbour_distance, self.field_of_view
+        if isinstance(self.search, NeighbourSearch):
+            return self.search.gather(*boids)
+        return gather(*boids, search=self.search, threads=self.threads)
 
     def rules(self) -> Rules:
         """What each rule asks of every boid now."""

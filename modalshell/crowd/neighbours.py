@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -77,6 +78,14 @@ def gather(
         else:
             kernels.gather_places_parallel(threads, *cells, *sorted_data)
     return split_sums(sums)
+
+
+class NeighbourSearch(ABC):
+    """Another way to sum over neighbours, which a flock may be given as its ``search``."""
+
+    @abstractmethod
+    def gather(self, positions: Array, directions: Array, distance: float, field_of_view: float) -> Neighbourhood:
+        """What :func:`gather` gives, to rounding."""
 
 
 class Cells(NamedTuple):

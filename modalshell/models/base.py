@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, Protocol
+from typing import Literal, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +25,7 @@ RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
 
 
+@final
 @dataclass(frozen=True)
 class Equilibrium:
     """A static answer, with what the solver has to say about it.
@@ -79,6 +80,7 @@ class Equilibrium:
         return str(self.outcome)
 
 
+@final
 @dataclass(frozen=True)
 class ResolvedTarget:
     """A constraint at one time, in the model's own frame: the patch, and its position [m] or rotation vector [rad]."""

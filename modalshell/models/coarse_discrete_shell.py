@@ -63,6 +63,7 @@ class CoarseMesh:
     cells: tuple[int, int] | None = None
 
 
+@final
 class CoarseDiscreteShell(Model):
     """DS on fewer vertices: it bends, stiffens and snaps as a shell does, a little too stiff and a little too coarse.
 

@@ -7,7 +7,6 @@ from abc import abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse.linalg import ArpackError
 
 from modalshell.checks import checked_kind, checked_number
 from modalshell.constraints.constraints import Constraint, held_patches
@@ -16,16 +15,17 @@ from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, Placement
-from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue
+from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.full import equilibrium, scale_of
-from modalshell.statics.newton import NewtonResult, Potential, lowest_curvature
+from modalshell.statics.newton import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
 from modalshell.timings import Timings
 from modalshell.typing import Array, Index
 
+_LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
 _ROUNDING = 1e-10
 """Share of the mean diagonal entry of a Hessian below which an eigenvalue counts as zero."""
 
@@ -34,9 +34,11 @@ class FullModel(Model):
     """A model in which every vertex is an unknown; its energies are those of its shell's elements.
 
     Statics is Newton's method; ``residual`` is the out-of-balance force over the load, accepted at 1e-7. From a start
-    (a cheaper model's answer, say) the whole load is tried at once. Without it, or where that fails, the load is
-    applied in steps that grow and shrink with the solver's success; where a step ends at no minimum (the shell snaps)
-    the potential is minimised from the last stable state instead. Patches under constraints are led to their targets
+    (a cheaper model's answer, say) the whole load is tried at once, and where that fails the potential is minimised
+    from there. Without a start the load is applied in steps that grow and shrink with the solver's success; where a
+    step ends at no minimum (the shell snaps) the potential is minimised from the last stable state instead, as the
+    shell would move in a thick fluid. A saddle on the way is left along its unstable mode, to the lower of both sides,
+    and ``message`` says so. Patches under constraints are led to their targets
     as moving boundaries; ``residual`` there is relative to load and reactions.
 
     Parameters
@@ -86,20 +88,16 @@ class FullModel(Model):
                 )
             else:
                 problem = model._statics(load)
-                result = refine(problem, model._free_statics(problem, first), scale_of(problem, first))
+                result = refine(problem, equilibrium(problem, first), scale_of(problem, first))
         return Equilibrium(
             result.positions + origin if origin.any() else result.positions,
-            *verdict(result.residual, result.stable, limited=result.limited),
+            *verdict(result.residual, result.stable, limited=result.limited, note=_LEFT if result.left_saddle else ""),
             result.iterations,
             result.residual,
             result.stable,
             costs=self.costs.since(before),
             constraint_residuals=np.zeros(len(constraints)),
         )
-
-    def _free_statics(self, problem: Potential, start: Array | None) -> NewtonResult:
-        """Equilibrium without constraints."""
-        return equilibrium(problem, start)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
@@ -139,11 +137,13 @@ class FullModel(Model):
         if not self.shell.clamped.any():
             return False
         problem = self._statics(np.zeros_like(state.coordinates))
-        if problem.definite_factor(problem.linearise(state.coordinates, EXACT)[1]) is not None:
+        hessian = problem.linearise(state.coordinates, EXACT)[1]
+        if problem.definite_factor(hessian) is not None:
             return False
+        rounding = _ROUNDING * float(np.abs(hessian.diagonal()).mean() / self.shell.mass.mean())
         try:
-            return lowest_curvature(problem, state.coordinates)[0] < -_ROUNDING
-        except (SolverError, ArpackError):
+            return lowest_tangent_mode(self.shell, hessian, self.factoriser)[0] < -rounding
+        except SolverError:
             return False
 
     def check_step(self, dt: float, damping: Damping) -> None:

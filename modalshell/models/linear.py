@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 
 from modalshell.models.modal import ModalModel
@@ -10,6 +12,7 @@ from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 
+@final
 class LinearModal(ModalModel):
     """LMA: ``u = Phi q`` with independent linear modes. Exact for small displacements, inflates at large ones.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 import scipy.linalg
@@ -26,6 +27,7 @@ _STEP_GOAL = 1e-6
 """Out-of-balance force, as a share of load and inertia, at which an implicit step's Newton stops."""
 
 
+@final
 class ModalDerivatives(Model):
     """MD-ROM: ``x = X + U z``, U of modes and modal derivatives, under the discrete-shell energy of x.
 

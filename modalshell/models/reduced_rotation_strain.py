@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
@@ -27,6 +29,7 @@ _MIXED = 1.5
 """Largest factor of a coordinate in a mixture of training."""
 
 
+@final
 class ReducedRotationStrain(TurnedTriangles):
     """RSW for frames: ``u = Phi q + U z``, z linear in the nonlinear part of F on 128 triangles.
 

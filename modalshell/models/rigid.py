@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,6 +25,7 @@ _NEWTON_LIMIT = 30
 """Newton iterations of a step at most."""
 
 
+@final
 class RigidShell(Model):
     """A shell without deformation, the cheapest rung: its displacement is that of its supports, or of a rigid body.
 

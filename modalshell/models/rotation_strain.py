@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from modalshell.work import count_read
 _Scalar = TypeVar("_Scalar", np.float64, np.int64)
 
 
+@final
 class RotationStrain(TurnedTriangles):
     """RSW: every triangle turns and strains as its modes say, and a least-squares fit puts the surface together.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
@@ -22,6 +23,7 @@ _PATCHES_KEPT = 16
 """Patches of constraints whose modal data are kept between steps."""
 
 
+@final
 @dataclass(frozen=True)
 class LoadAdjoint:
     """What the potential of one load needs, whatever q is.

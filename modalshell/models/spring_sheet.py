@@ -4,23 +4,14 @@ from __future__ import annotations
 
 from typing import Literal, final
 
-import numpy as np
-
 from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number
 from modalshell.errors import MeshError, OptionError
 from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, LinearImplicitEuler
-from modalshell.integrators.state import Damping
 from modalshell.models.full import FullModel
 from modalshell.shell import Shell
 from modalshell.springs.mesh_springs import REFERENCE_FOLD, shell_springs
 from modalshell.springs.springs import Springs
-from modalshell.statics.newton import NewtonResult, Potential, is_minimum, mixed_newton
-from modalshell.typing import Array, Index
-
-_RELAXING = 2000
-"""Steps at most on the way to rest."""
-_NEAR = 1e-4
-"""Out-of-balance force over the load from which Newton's method goes on."""
+from modalshell.typing import Index
 
 
 @final
@@ -112,36 +103,3 @@ class SpringSheet(FullModel):
             step_tolerance=self.step_tolerance,
             backend=self.factoriser.backend,
         )
-
-    def _free_statics(self, problem: Potential, start: Array | None) -> NewtonResult:
-        """As of DS; where Newton fails the sheet is let swing out first, then Newton goes on from there.
-
-        The energies of flat sheets are quartic in bending, with minima that Newton's steps miss.
-        """
-        found = super()._free_statics(problem, start)
-        if found.converged or problem.scale == 0.0:
-            return found
-        relaxed, steps = self._relaxed(problem, start)
-        found.iterations += steps
-        if relaxed is not None:
-            result = mixed_newton(problem, relaxed, problem.scale)
-            if is_minimum(problem, result):
-                result.iterations = found.iterations + result.iterations
-                return result
-        return found
-
-    def _relaxed(self, problem: Potential, start: Array | None) -> tuple[Array | None, int]:
-        """Positions near rest, or None, and the implicit steps there, each a tenth of the time of a fall through."""
-        shell = self.shell
-        acceleration = problem.scale / float(np.linalg.norm(shell.mass[shell.free]))
-        time = float(np.sqrt(np.linalg.norm(np.ptp(shell.rest_positions, axis=0)) / acceleration))
-        dt, damping = 0.1 * time, Damping(0.2 / time)
-        rule = LinearImplicitEuler()
-        state = self.start_motion(start)
-        for count in range(1, _RELAXING + 1):
-            state, solved = rule.step(self, state, dt, problem.load, damping, None)
-            if not solved or not np.isfinite(state.coordinates).all():
-                return None, count
-            if float(np.linalg.norm(problem.residual(state.coordinates))) <= _NEAR * problem.scale:
-                return state.coordinates, count
-        return state.coordinates, _RELAXING

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 import scipy.linalg
 
@@ -28,6 +30,7 @@ _LOAD_TURN = 0.5
 """Turn of a vertex [rad] that one load step may predict."""
 
 
+@final
 class ModalWarping(ModalModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 

@@ -1,7 +1,7 @@
 """Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
 
 from modalshell.modes.basis import Basis, solve_modes
-from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_tangent_eigenvalue
+from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
 from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
 
 __all__ = [
@@ -12,5 +12,6 @@ __all__ = [
     "condensed_factor",
     "largest_eigenvalue",
     "lowest_tangent_eigenvalue",
+    "lowest_tangent_mode",
     "solve_modes",
 ]

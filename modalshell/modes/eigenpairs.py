@@ -11,7 +11,7 @@ import scipy.sparse.linalg as spla
 
 from modalshell.checks import finite_answer
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.modes.factorisation import Factoriser, condensed_factor
+from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
 from modalshell.typing import Array
@@ -33,6 +33,9 @@ _FALSE_STIFFNESS = 0.5
 """Share of the lowest eigenvalue that rounding may give to rigid motions: about what it takes to lose a mode."""
 _LOOSE = 1e-6
 """Share of the largest strain energy below which a mode is loose, and its eigenvalue is rounding with good reason."""
+
+_LANCZOS_FROM = 30
+"""Unknowns from which Lanczos has room."""
 
 _GLANCE = 1e-3
 """Tolerance of a first look for missed modes; what lies no further above the last mode is looked at closely."""
@@ -106,7 +109,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
 
 def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, without internal unknowns."""
-    whole, free = _whole_scaled(shell, data), shell.free_unknowns.size
+    whole, free = _mass_scaled(shell, shell.pattern.free_matrix(data))[0], shell.free_unknowns.size
     inner = shell.pattern.internal
     if inner is None:
         return spla.aslinearoperator(whole)
@@ -119,20 +122,20 @@ def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     return spla.LinearOperator(own.shape, matvec=product, matmat=product, dtype=np.float64)
 
 
-def _whole_scaled(shell: Shell, data: Array) -> sps.csc_array:
-    """``M^-1/2 K M^-1/2`` of the free unknowns and of the internal ones, to which no mass is assigned."""
-    scaled = shell.pattern.free_matrix(data)
-    root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
-    root = np.concatenate([root, np.ones(scaled.shape[0] - root.size)])
+def _mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
+    """``M^-1/2 K M^-1/2`` of the free unknowns and of the internal ones, which have no mass; and ``M^1/2`` (N,)."""
+    scaled = matrix.copy()
+    masses = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+    root = np.concatenate([masses, np.ones(scaled.shape[0] - masses.size)])
     scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
     finite_answer("the stiffness over the mass", scaled.data)
-    return scaled
+    return scaled, masses
 
 
 def _norm(shell: Shell, data: Array) -> float:
     """1-norm of the mass-scaled stiffness by positions, fold shares and the like held."""
     size = shell.free_unknowns.size
-    return float(spla.norm(_whole_scaled(shell, data)[:size, :size], 1))
+    return float(spla.norm(_mass_scaled(shell, shell.pattern.free_matrix(data))[0][:size, :size], 1))
 
 
 def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
@@ -149,17 +152,65 @@ def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
 
 
 def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
-    """Eigenvalue nearest zero of the tangent stiffness over the mass at ``positions`` (n, 3) [1/s^2].
+    """Lowest eigenvalue of the tangent stiffness over the mass at ``positions`` (n, 3) [1/s^2].
 
-    On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap.
+    On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap, and is
+    negative where the state is unstable.
     """
-    data = shell.energy_gradient_hessian(positions, EXACT)[2]
-    scaled, whole = mass_scaled(shell, data), _whole_scaled(shell, data)
-    factor = condensed_factor(Factoriser().symmetric(whole), whole.shape[0] - scaled.shape[0])
-    inverse = spla.LinearOperator(scaled.shape, matvec=factor.solve, dtype=np.float64)
-    start = np.random.default_rng(0).standard_normal(scaled.shape[0])
-    value = spla.eigsh(scaled, k=1, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False)
-    return float(value[0])
+    whole = shell.pattern.free_matrix(shell.energy_gradient_hessian(positions, EXACT)[2])
+    return lowest_tangent_mode(shell, whole, Factoriser())[0]
+
+
+def lowest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
+    """Lowest eigenvalue [1/s^2] of a stiffness over the mass, and its direction (N,) in the free unknowns.
+
+    Lanczos finds what is nearest to a shift. Where the matrix is not definite, that at zero need not be the lowest one:
+    the shift is lowered until it has the whole spectrum above it.
+
+    Parameters
+    ----------
+    shell : Shell
+        Gives the masses.
+    matrix : csc_array
+        A stiffness on the free unknowns (N, N), with those of internal unknowns after them.
+    factoriser : Factoriser
+        For matrices of that pattern.
+
+    Raises
+    ------
+    SolverError
+        If a factorisation fails, or Lanczos does not converge.
+    """
+    scaled, root = _mass_scaled(shell, matrix)
+    size = root.size
+    if size < _LANCZOS_FROM:
+        dense = scaled.toarray()
+        inner = dense[size:, :size]
+        values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
+        return float(values[0]), np.asarray(vectors[:, 0] / root)
+    start = np.random.default_rng(0).standard_normal(size)
+
+    def nearest(shift: float, factor: Factor) -> tuple[float, Array]:
+        inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
+        try:  # with its inverse at hand, Lanczos asks nothing of the matrix itself but its shape
+            values, vectors = spla.eigsh(inverse, k=1, sigma=-shift, OPinv=inverse, v0=start)
+        except spla.ArpackError as error:
+            raise SolverError(f"no lowest eigenvalue of a matrix of {size} unknowns: {error}") from error
+        return float(values[0]), np.asarray(vectors[:, 0] / root)
+
+    def factored(matrix: sps.csc_array) -> Factor:
+        return condensed_factor(factoriser.symmetric(matrix), matrix.shape[0] - size)
+
+    factor = factored(scaled)
+    value, vector = nearest(0.0, factor)
+    if factor.is_definite():
+        return value, vector
+    diagonal, shift = scaled.diagonal(), max(abs(value), 1e-300)
+    while not factor.is_definite():
+        shift *= 4.0
+        scaled.setdiag(diagonal + np.where(np.arange(diagonal.size) < size, shift, 0.0))
+        factor = factored(scaled)
+    return nearest(shift, factor)
 
 
 def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:

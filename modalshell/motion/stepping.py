@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +30,7 @@ def checked_step(dt: float) -> float:
     return checked_number("dt", dt, at_least=STEPS[0], at_most=STEPS[1], unit="s")
 
 
+@final
 class Motion:
     """A model in motion under a dead load, moving supports and constraints; see :func:`simulate` for the parameters.
 

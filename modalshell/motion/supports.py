@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +17,7 @@ from modalshell.kernels import rotations
 from modalshell.typing import Array
 
 
+@final
 @dataclass(frozen=True)
 class Pose:
     """Where the supports are at one time, and how they move.
@@ -74,6 +76,7 @@ def turn_rates(vector: Array, first: Array, second: Array) -> tuple[Array, Array
     return rate[0], along[0] - slope[0] @ first
 
 
+@final
 class SupportPath:
     """A path of the supports through keyframes: a cubic spline of the translation, and of the rotation vector.
 

@@ -7,6 +7,7 @@ from modalshell.run.flight_film import FlightReport
 from modalshell.run.follow import RunFollower
 from modalshell.run.results import write_results
 from modalshell.run.run_flock import FlightResult
-from modalshell.run.run_scene import SceneResult, run_scene
+from modalshell.run.run_scene import run_scene
+from modalshell.run.run_shell import SceneResult
 
 __all__ = ["FlightReport", "FlightResult", "RunFollower", "SceneResult", "run_scene", "write_results"]

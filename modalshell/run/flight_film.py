@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalshell.crowd import LEVELS, Flight
 from modalshell.models import RotationStrain
-from modalshell.scene import Scene
+from modalshell.scene.flock import FlockTable
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
 
@@ -60,17 +60,16 @@ class FlightFilm:
 
     Parameters
     ----------
-    scene : Scene
-        A scene with a flock.
+    table : FlockTable
+        Of the scene: its camera and its levels of detail.
     flight : Flight
         Its birds; their state is overwritten.
     """
 
-    def __init__(self, scene: Scene, flight: Flight) -> None:
-        assert scene.flock is not None
-        self._flight, self._detail, lens = flight, scene.flock.detail, scene.flock.camera
-        self._eye = np.array(lens.position)
-        self._focal = 0.5 * lens.size[1] / math.tan(0.5 * math.radians(lens.view_angle))
+    def __init__(self, table: FlockTable, flight: Flight) -> None:
+        self._flight, self._detail, camera = flight, table.detail, table.camera
+        self._eye = np.array(camera.position)
+        self._focal = 0.5 * camera.size[1] / math.tan(0.5 * math.radians(camera.view_angle))
         crowd = flight.crowd
         rest = crowd.basis.shell.rest_positions
         self._radius = float(np.linalg.norm(rest, axis=1).max())

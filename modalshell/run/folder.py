@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 import shutil
 from pathlib import Path
 
-import numpy as np
 from llvmlite.binding import get_host_cpu_name
 
 from modalshell.provenance import run_record
@@ -19,11 +17,8 @@ from modalshell.shell import Shell
 
 def run_identity(scene: Scene, shell: Shell) -> dict[str, str]:
     """Digests of all that decides the frames, and what computes them: versions, factorisations, processor."""
-    content = json.dumps(scene.content(), sort_keys=True).encode()
-    mesh = shell.mesh.vertices.tobytes() + np.asarray(shell.mesh.faces, dtype="<i8").tobytes()
-    identity = {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(mesh).hexdigest()}
-    identity |= {f"{name} version": str(version) for name, version in run_record({})["versions"].items()}
-    return identity | {"processor": str(get_host_cpu_name())}
+    versions = {f"{name} version": str(version) for name, version in run_record({})["versions"].items()}
+    return scene.digests(shell.mesh) | versions | {"processor": str(get_host_cpu_name())}
 
 
 def result_digest(folder: Path, name: str, kind: str) -> str:

@@ -19,7 +19,7 @@ from modalshell.typing import Array
 Pixels = Annotated[int, Meta(ge=64, le=8192)]
 
 
-class Target(Table, frozen=True):
+class TargetTable(Table, frozen=True):
     """``[flock.target]``: ``points`` [m] at ``times`` [s], joined smoothly, that draw the flock with a ``weight``."""
 
     times: Times
@@ -27,7 +27,7 @@ class Target(Table, frozen=True):
     weight: float = 1.0
 
 
-class Wings(Table, frozen=True):
+class FlapTable(Table, frozen=True):
     """``[flock.flap]``: parameters of :class:`modalshell.crowd.Flap`."""
 
     amplitude: NotNegative = 0.0
@@ -35,7 +35,7 @@ class Wings(Table, frozen=True):
     largest_load_factor: Positive = 3.0
 
 
-class Detail(Table, frozen=True):
+class DetailTable(Table, frozen=True):
     """``[flock.detail]``: what may be seen of levels of detail.
 
     No vertex is drawn more than ``pixels`` from its place by MWTS, seen from the camera of a film. Birds nearer than
@@ -47,7 +47,7 @@ class Detail(Table, frozen=True):
     strains_within: NotNegative = 0.0
 
 
-class Lens(Table, frozen=True):
+class CameraTable(Table, frozen=True):
     """``[flock.camera]``: where it is, and how films and pictures are made.
 
     ``position`` and ``target`` [m], vertical ``view_angle`` [degrees], picture ``size`` [pixels], time of the ``still``
@@ -72,7 +72,7 @@ class FlockTable(Table, frozen=True):
 
     count: Annotated[int, Meta(ge=1, le=MOST)]
     radius: Positive
-    camera: Lens
+    camera: CameraTable
     seed: Annotated[int, Meta(ge=0)] = 0
     warm_up: NotNegative = 0.0
     speed: NotNegative = 1.0
@@ -85,9 +85,9 @@ class FlockTable(Table, frozen=True):
     flock_position: Vector = (0.0, 0.0, 0.0)
     bounds: tuple[Vector, Vector] | None = None
     threads: Annotated[int, Meta(ge=1, le=MOST_THREADS)] = 1
-    target: Target | None = None
-    flap: Wings = Wings()
-    detail: Detail = Detail()
+    target: TargetTable | None = None
+    flap: FlapTable = FlapTable()
+    detail: DetailTable = DetailTable()
 
     def build(self, basis: Basis, gravity: Vector, damping: tuple[float, float], positions: str) -> Flight:
         """The birds at the start, before they warm up."""
@@ -102,7 +102,7 @@ class FlockTable(Table, frozen=True):
         return Flight(flock, crowd, flap, gravity=gravity, target=path, seed=self.seed)
 
 
-def build_target(table: Target) -> Callable[[float], Array]:
+def build_target(table: TargetTable) -> Callable[[float], Array]:
     """The target's place at a time; before the first and after the last keyframe it stays."""
     times, points = checked_keyframes(table.times, table.points)
     spline = CubicSpline(times, points)

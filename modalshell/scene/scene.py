@@ -4,33 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
 from modalshell.checks import checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
-from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion, SupportPath
-from modalshell.plugins import load_plugins
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
-from modalshell.scene.flock import FlockTable
-from modalshell.scene.models import ModelTable, model_tables
+from modalshell.scene.models import ModelTable
 from modalshell.scene.parts import (
-    SHAPES,
     Shape,
     build_constraint,
     build_material,
@@ -38,24 +33,17 @@ from modalshell.scene.parts import (
     build_path,
     spread_force,
 )
-from modalshell.scene.read import checked_table, chosen, located, read_toml, refuse_unknown_keys
-from modalshell.scene.signatures import energies_table, energy_entries, load_entries, loads_table
+from modalshell.scene.read import located
+from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.selection import selected
 from modalshell.shell import Shell
 from modalshell.shell.supports import held_vertices
 from modalshell.typing import Array
 
-_NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
-_REQUIRED = ("mesh", "material", "model")
-_TABLES = ("name", *_REQUIRED, "supports", "energies", "loads", "constraints", "motion", "flock", "output")
-_GRAVITY = (0.0, 0.0, -9.81)
-"""Gravity of a flock whose scene declares none [m/s^2]."""
-_FLOCK_FORMATS = ("npz", "png", "mp4")
 
-
-@dataclass(frozen=True)
-class Scene:
-    """What a scene file declares; :meth:`build` makes it real.
+@dataclass(frozen=True, kw_only=True)
+class Scene(ABC):
+    """What a scene file declares of a shell: a :class:`ShellScene` about one, or a :class:`FlockScene` about many.
 
     Attributes
     ----------
@@ -63,9 +51,8 @@ class Scene:
         Name of the results' files: ``name`` in the file, or the file's own.
     file : Path
         Where it was read from.
-    mesh, material, model, supports, energies, loads, constraints, motion, flock, output
-        The tables; see :mod:`modalshell.scene.tables` and :mod:`modalshell.scene.flock`. None or empty where not
-        declared. Without ``motion`` the scene asks for an equilibrium; with ``flock`` for many such shells in flight.
+    mesh, material, model, supports, energies, loads, motion, output
+        The tables; see :mod:`modalshell.scene.tables`. None where not declared.
     """
 
     name: str
@@ -76,19 +63,19 @@ class Scene:
     supports: tables.Supports | None = None
     energies: tables.Table | None = None
     loads: tables.Loads | None = None
-    constraints: tuple[tables.Constrained, ...] = ()
-    motion: tables.Motion | None = None
-    flock: FlockTable | None = None
+    motion: tables.MotionTable | None = None
     output: tables.Output = field(default_factory=tables.Output)
+
+    @abstractmethod
+    def require_shell(self) -> ShellScene:
+        """The scene itself if it is about one shell; SceneError if it is about a flock."""
 
     def content(self) -> dict[str, Any]:
         """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
         declared = {
-            name: getattr(self, name)
-            for name in ("material", "model", "supports", "energies", "loads", "motion", "flock")
+            name: getattr(self, name) for name in ("material", "model", "supports", "energies", "loads", "motion")
         }
         content = {name: table.plain() for name, table in declared.items() if table is not None}
-        content["constraints"] = [table.plain() for table in self.constraints]
         return content | {"positions": self.output.positions}
 
     def digests(self, mesh: TriangleMesh) -> dict[str, str]:
@@ -121,6 +108,30 @@ class Scene:
         with located(self.file, "material", self.material):
             return Shell(mesh, material, held, energies=energies)
 
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class ShellScene(Scene):
+    """A scene of one shell; :meth:`build` makes it real. Without ``motion`` it asks for an equilibrium.
+
+    Attributes
+    ----------
+    name, file, mesh, material, model, supports, energies, loads, motion, output
+        See :class:`Scene`.
+    constraints : tuple of Constrained
+        Where patches of vertices shall be.
+    """
+
+    constraints: tuple[tables.Constrained, ...] = ()
+
+    def require_shell(self) -> ShellScene:
+        """The scene itself."""
+        return self
+
+    def content(self) -> dict[str, Any]:
+        """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
+        return super().content() | {"constraints": [table.plain() for table in self.constraints]}
+
     def build(self, shell: Shell | None = None) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already.
 
@@ -131,8 +142,6 @@ class Scene:
         SolverError
             Where the modes cannot be found.
         """
-        if self.flock is not None:
-            raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
         shell = shell or self.build_shell()
         path, force, constraints = self.build_loading(shell)
         if constraints and not self.model.spec.constraints:
@@ -188,38 +197,15 @@ class Scene:
                 forces.append(checked_vectors("force", entry.build().force(mesh), mesh.vertices.shape))
         return sum(forces[1:], forces[0]) if forces else None
 
-    def build_flight(self, shell: Shell) -> Flight:
-        """The birds that ``flock`` declares, at their start; SceneError where it or a table beside it is refused."""
-        if self.flock is None or self.motion is None:
-            raise SceneError(f"{self.file}: {'motion' if self.flock else 'flock'}: missing; a flight needs it")
-        model, loads = self.model, self.loads
-        refused = {
-            "model: a flock is stepped by mwts, with its number of modes and no other option": (
-                model.spec.key != "mwts" or model != type(model)(modes=model.options["modes"])
-            ),
-            "constraints: a flock takes none": bool(self.constraints),
-            "loads: a flock takes gravity alone": bool(loads and (loads.forces or any(load_entries(loads)))),
-            "supports.times: a bird's supports move with its boid": bool(self.supports and self.supports.times),
-            f"output.formats: those of a flock are {', '.join(_FLOCK_FORMATS)}": (
-                not set(self.output.formats) <= set(_FLOCK_FORMATS)
-            ),
-        }
-        for text, wrong in refused.items():
-            if wrong:
-                raise SceneError(f"{self.file}: {text}")
-        gravity = loads.gravity if loads and loads.gravity else _GRAVITY
-        basis = solve_modes(shell, model.options["modes"])
-        with located(self.file, "flock", self.flock):
-            return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)
 
-
+@final
 @dataclass(frozen=True)
 class BuiltScene:
     """A scene's parts.
 
     Attributes
     ----------
-    scene : Scene
+    scene : ShellScene
         What was declared.
     shell : Shell
         The shell.
@@ -233,7 +219,7 @@ class BuiltScene:
         On patches of vertices.
     """
 
-    scene: Scene
+    scene: ShellScene
     shell: Shell
     model: Model
     force: Array | None
@@ -270,83 +256,3 @@ class BuiltScene:
         options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
         with located(self.scene.file, "model", self.scene.model):
             return self.model.equilibrium(gravity=self.gravity, force=self.force, **options)
-
-
-def load_scene(path: str | os.PathLike[str]) -> Scene:
-    """Read a scene file.
-
-    Parameters
-    ----------
-    path : path
-        A TOML file with the tables of :mod:`modalshell.scene.tables`.
-
-    Raises
-    ------
-    SceneError
-        For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
-        key's path, what was got and what is allowed. Values that depend on the mesh are checked by
-        :meth:`Scene.build`.
-    """
-    return parse_scene(Path(path), read_toml(Path(path)))
-
-
-def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
-    """The scene of plain tables as :func:`~modalshell.scene.read.read_toml` gives them, said to be from ``file``.
-
-    SceneError as :func:`load_scene`.
-    """
-    load_plugins()
-    refuse_unknown_keys(file, "", raw, _TABLES)
-    for name in _REQUIRED:
-        if name not in raw:
-            raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
-    name = raw.get("name", file.stem)
-    if not isinstance(name, str) or not re.fullmatch(_NAME, name):
-        allowed = "1 to 100 letters, digits, _ and -, a letter or digit first: it names the results' files"
-        raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
-    entries = raw.get("constraints", [])
-    if not isinstance(entries, list):
-        raise SceneError(f"{file}: constraints: must be a list of tables, [[constraints]] (got {entries!r:.60})")
-    optional: dict[str, Any] = {
-        key: checked_table(file, key, raw[key], kind)
-        for key, kind in (
-            ("supports", tables.Supports),
-            ("energies", energies_table()),
-            ("loads", loads_table()),
-            ("motion", tables.Motion),
-            ("flock", FlockTable),
-            ("output", tables.Output),
-        )
-        if key in raw
-    }
-    motion = optional.get("motion")
-    if motion is not None and motion.duration < motion.dt:
-        raise SceneError(
-            f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
-        )
-    return Scene(
-        name,
-        file,
-        _mesh_table(file, raw["mesh"]),
-        _material_table(file, raw["material"]),
-        checked_table(file, "model", raw["model"], chosen(file, "model", raw["model"], "name", model_tables())),
-        constraints=tuple(
-            checked_table(file, f"constraints[{index}]", entry, tables.Constrained)
-            for index, entry in enumerate(entries)
-        ),
-        **optional,
-    )
-
-
-def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:
-    if isinstance(raw, dict) and ("file" in raw) == ("shape" in raw):
-        raise SceneError(f"{file}: mesh: must have either file or shape ({', '.join(SHAPES)}), and not both")
-    if isinstance(raw, dict) and "file" in raw:
-        return checked_table(file, "mesh", raw, tables.MeshFile)
-    return checked_table(file, "mesh", raw, chosen(file, "mesh", raw, "shape", SHAPES))
-
-
-def _material_table(file: Path, raw: Any) -> tables.Stiffnesses | tables.PhysicalSheet:
-    if isinstance(raw, dict) and not {"young", "poisson", "thickness"}.isdisjoint(raw):
-        return checked_table(file, "material", raw, tables.PhysicalSheet)
-    return checked_table(file, "material", raw, tables.Stiffnesses)

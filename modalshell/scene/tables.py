@@ -103,7 +103,7 @@ class Constrained(Table, frozen=True):
     relative: bool = False
 
 
-class Motion(Table, frozen=True):
+class MotionTable(Table, frozen=True):
     """``[motion]``: motion from rest; a scene without it asks for the equilibrium.
 
     ``duration`` and ``dt`` [s], Rayleigh ``damping`` of mass [1/s] and stiffness [s], ``store_every`` so many steps.

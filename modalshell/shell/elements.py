@@ -105,6 +105,13 @@ def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.boo
     ]
 
 
+def _view(array: Array) -> Array:
+    """A read-only view: kernels are compiled for one kind of argument alone, whoever owns it."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def _size(elements: Sequence[ElementSet]) -> int:
     return sum(e.rest.size for e in elements)
 
@@ -112,13 +119,14 @@ def _size(elements: Sequence[ElementSet]) -> int:
 def energy(elements: Sequence[ElementSet], x: Array) -> float:
     """Energy [J] of all sets at positions ``x`` (n, 3); not finite at collapsed elements."""
     count_elements(_size(elements))
+    x = _view(x)
     return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in elements))
 
 
 def energy_gradient(elements: Sequence[ElementSet], x: Array) -> tuple[float, Array]:
     """Energy [J] and gradient (n, 3) [N] in one pass."""
     count_elements(_size(elements))
-    gradient = np.zeros_like(x)
+    x, gradient = _view(x), np.zeros_like(x)
     total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in elements)
     return float(total), gradient
 
@@ -136,7 +144,7 @@ def energy_gradient_hessian(
     ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
     """
     count_elements(_size(elements))
-    gradient = np.zeros_like(x)
+    x, gradient = _view(x), np.zeros_like(x)
     data = np.zeros(pattern.size)
     total = 0.0
     none = np.empty(0)
@@ -151,6 +159,7 @@ def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> li
     """Stress of every element after ``step`` (n, 3) by the measures linearised at ``x``."""
     count_elements(_size(elements))
     stresses = []
+    x, step = _view(x), _view(step)
     for e in elements:
         stress = np.empty(e.rest.size)
         e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
@@ -239,6 +248,7 @@ class ElementSum(ElasticEnergy):
     def damping_force(self, x: Array, velocity: Array, factor: float) -> Array:
         """Force (n, 3) [N] of stiffness-proportional damping."""
         force = np.zeros_like(x)
+        x, velocity = _view(x), _view(velocity)
         for e in self.elements:
             e.kernel.add_damping(x, velocity, e.stencils, e.resistance(factor), force)
         return force
@@ -247,6 +257,7 @@ class ElementSum(ElasticEnergy):
         """Values of its matrix [N s/m] on the pattern."""
         data = np.zeros(pattern.size)
         unused, none = np.zeros_like(x), np.empty(0)
+        x = _view(x)
         for place, e in zip(slots, self.elements, strict=True):
             where = (place, pattern.strides, data, unused)
             e.kernel.add_stiffness(x, e.stencils, e.rest, e.resistance(factor), none, GAUSS_NEWTON, *where)

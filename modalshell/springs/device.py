@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.kernels.device import checked_device, device_types, warp
 from modalshell.springs.sheet_grid import SheetGrid
-from modalshell.springs.verlet import GridVerlet
+from modalshell.springs.verlet_sheet import VerletSheet, Which
 
 
-class DeviceVerlet(GridVerlet):
-    """The steps of :class:`GridVerlet` on a device: same state, same methods, one thread of the device to a mass.
+@final
+class DeviceVerlet(VerletSheet):
+    """The steps of :class:`modalshell.springs.GridVerlet` on a device: one thread to a mass.
 
     A thread works out the 12 springs of its mass, so that a spring is worked out at both ends. The state stays on the
     device: positions and velocities are copied when they are asked for, and where ``dt`` changes.
@@ -53,36 +54,18 @@ class DeviceVerlet(GridVerlet):
     ) -> None:
         self.device = checked_device(device)
         self._warp = warp()
-        self._states: dict[str, Any] = {}
-        super().__init__(grid, dtype, start, 1, velocity=velocity, allow_unstable_step=allow_unstable_step)
+        self._states: dict[Which, Any] = {}
+        super().__init__(grid, dtype, start, velocity, allow_unstable_step)
         self._pinned = self._warp.array(grid.pinned, dtype=self._warp.bool, device=self.device)
 
-    def _copied(self, name: str) -> NDArray[Any]:
-        return np.ascontiguousarray(np.moveaxis(self._states[name].numpy(), -1, 0))
+    def _read(self, which: Which) -> NDArray[Any]:
+        return np.ascontiguousarray(np.moveaxis(self._states[which].numpy(), -1, 0))
 
-    def _send(self, name: str, places: NDArray[Any]) -> None:
+    def _write(self, which: Which, places: NDArray[Any]) -> None:
         rows = np.ascontiguousarray(np.moveaxis(places, 0, -1))
-        self._states[name] = self._warp.array(rows, dtype=device_types(self.dtype)[1], device=self.device)
+        self._states[which] = self._warp.array(rows, dtype=device_types(self.dtype)[1], device=self.device)
 
-    @property
-    def _now(self) -> NDArray[Any]:
-        return self._copied("now")
-
-    @_now.setter
-    def _now(self, places: NDArray[Any]) -> None:
-        self._send("now", places)
-
-    @property
-    def _before(self) -> NDArray[Any]:
-        return self._copied("before")
-
-    @_before.setter
-    def _before(self, places: NDArray[Any]) -> None:
-        self._send("before", places)
-
-    def step(self, count: int, dt: float) -> None:
-        """Take ``count`` steps of ``dt`` [s], as :meth:`GridVerlet.step` does."""
-        count, dt = self._prepare(count, dt)
+    def _advance(self, count: int, dt: float) -> bool:
         launches = [self._launch("now", "before", dt), self._launch("before", "now", dt)]
         for turn in range(count):
             launches[turn % 2].launch()
@@ -90,9 +73,9 @@ class DeviceVerlet(GridVerlet):
             self._states = {"now": self._states["before"], "before": self._states["now"]}
         # The sum is taken on the device, and waits for the steps.
         total = self._warp.utils.array_sum(self._states["now"].flatten())
-        self._finish(count, dt, bool(np.isfinite(total).all()))
+        return bool(np.isfinite(total).all())
 
-    def _launch(self, now: str, before: str, dt: float) -> Any:
+    def _launch(self, now: Which, before: Which, dt: float) -> Any:
         """The recorded launch of a step from one state over the other."""
         from modalshell.kernels.device_verlet import verlet_step
 

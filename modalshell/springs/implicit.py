@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import NamedTuple
+from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -33,6 +33,7 @@ class ImplicitStep(NamedTuple):
     seconds: dict[str, float]
 
 
+@final
 class ImplicitSprings:
     r"""Particles and springs stepped by the implicit Euler method of Baraff and Witkin [baraff1998, eq. 6 and 18].
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import time
 from types import ModuleType
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,6 +48,7 @@ def petsc() -> ModuleType:
     return PETSc
 
 
+@final
 class RankedSprings:
     r"""Particles and springs over MPI ranks, stepped by the implicit method of Baraff and Witkin [baraff1998, eq. 18].
 

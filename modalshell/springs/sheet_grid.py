@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ _WAVES = 96
 """Wave numbers along each axis among which the fastest wave is looked for."""
 
 
+@final
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SheetGrid:
     """Equal masses on a regular grid, each tied to 4 neighbours, 4 diagonals and 4 second neighbours (Provot 1995).

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from modalshell.kernels.generated import shear
 from modalshell.shell.elements import ElementSet
 
 
+@final
 @dataclass(frozen=True, eq=False)
 class Springs:
     """Linear springs, each of the energy stiffness / 2 (length - rest length)^2.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from time import perf_counter
+from typing import final
 
 import numba
 
@@ -16,6 +17,7 @@ _FIRST_WAIT, _LONGEST_WAIT = 16, 4096
 """Steps until the slower number of threads is tried again, which doubles as long as it stays the slower."""
 
 
+@final
 class ThreadChoice:
     """One thread or all of them, whichever took less time of late.
 

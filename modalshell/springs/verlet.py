@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision, checked_vectors
-from modalshell.errors import OptionError, SolverError
 from modalshell.kernels.spring_grid import WORK, verlet_steps
-from modalshell.shell.elements import energy_gradient
 from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.springs.threads import ThreadChoice
-from modalshell.typing import Array
+from modalshell.springs.verlet_sheet import VerletSheet, Which
 
 _EACH = 8000
 """Masses for which a thread pays."""
-_COINCIDENT = 1e-12
-"""Distance of two masses over the spacing, far below which the force between them is none."""
 
 
-class GridVerlet:
+@final
+class GridVerlet(VerletSheet):
     r"""A :class:`SheetGrid` stepped by Verlet's method, second order in dt, drag taken at mid-step.
 
     .. math:: x_{n+1} = x_n + \frac{1 - c h / 2}{1 + c h / 2} (x_n - x_{n-1})
@@ -67,94 +63,20 @@ class GridVerlet:
         velocity: ArrayLike | None = None,
         allow_unstable_step: bool = False,
     ) -> None:
-        self.grid = checked_kind("grid", grid, SheetGrid)
-        self.dtype = checked_precision(dtype)
-        if grid.spring_damping > 0.0:
-            raise OptionError(
-                f"the grid's Verlet steps know drag, but no dashpots (got spring_damping={grid.spring_damping:g} "
-                "N s/m): set it to 0, or step SpringSheet(..., integrator='verlet')"
-            )
-        self.allow_unstable_step = allow_unstable_step
+        self._states: dict[Which, NDArray[Any]] = {}
+        super().__init__(grid, dtype, start, velocity, allow_unstable_step)
         self.threads = ThreadChoice(grid.count, _EACH, threads)
-        self.count = 0
-        first = grid.rest_positions() if start is None else checked_vectors("start", start, (grid.count, 3))
-        rates = np.zeros_like(first) if velocity is None else checked_vectors("velocity", velocity, first.shape)
-        self._now = self._on_grid(first)
-        self._before = np.empty_like(self._now)
-        self._rates = np.where(grid.pinned.ravel()[:, None], 0.0, rates)
-        self._dt = 0.0
         rows, columns = np.nonzero(grid.pinned)
         self._pins = np.searchsorted(rows, np.arange(grid.shape[0] + 1)), columns
         self._work = np.zeros((self.threads.most, WORK), self.dtype)
-        self._springs = grid.springs().element_set()
 
-    def _on_grid(self, vectors: Array) -> NDArray[Any]:
-        return np.ascontiguousarray(vectors.T.reshape(3, *self.grid.shape), dtype=self.dtype)
+    def _read(self, which: Which) -> NDArray[Any]:
+        return self._states[which]
 
-    @property
-    def positions(self) -> NDArray[Any]:
-        """Where the masses are (rows * columns, 3) [m]."""
-        return np.ascontiguousarray(self._now.reshape(3, -1).T)
+    def _write(self, which: Which, places: NDArray[Any]) -> None:
+        self._states[which] = places
 
-    @property
-    def velocities(self) -> Array:
-        """Velocities (rows * columns, 3) [m/s] at the time of the positions: the mean of the steps before and after."""
-        if self._dt == 0.0:
-            return self._rates.copy()
-        last = (self._now.astype(np.float64) - self._before).reshape(3, -1).T / self._dt
-        mean = (last + 0.5 * self._dt * self._acceleration()) / (1.0 + 0.5 * self._dt * self.grid.drag)
-        return np.where(self.grid.pinned.ravel()[:, None], 0.0, mean)
-
-    def _acceleration(self) -> Array:
-        """Of springs and gravity (rows * columns, 3) [m/s^2]."""
-        _, gradient = energy_gradient([self._springs], self.positions.astype(np.float64))
-        return self.grid.gravity - gradient / self.grid.particle_mass
-
-    def _set_step(self, dt: float) -> None:
-        """Choose the positions a step of ``dt`` ago so that the velocities stay what they are."""
-        rates = self.velocities
-        pull = np.where(self.grid.pinned.ravel()[:, None], 0.0, self._acceleration() - self.grid.drag * rates)
-        self._before = self._now - self._on_grid(dt * rates - 0.5 * dt**2 * pull)
-        self._dt = dt
-
-    def _prepare(self, count: int, dt: float) -> tuple[int, float]:
-        """Check the steps asked for, and get the state ready for those of another length than before."""
-        count, dt = checked_count("count", count), checked_number("dt", dt, above=0.0, unit="s")
-        if dt != self._dt:
-            longest = self.grid.stable_step()
-            if not self.allow_unstable_step and dt > longest:
-                raise OptionError(
-                    f"Verlet needs a step of at most {longest:.3g} s on this sheet (got {dt:.3g} s): "
-                    "shorten the step, step ImplicitSprings, or pass allow_unstable_step=True"
-                )
-            self._set_step(dt)
-        return count, dt
-
-    def _step_numbers(self, dt: float) -> tuple[float, float, float]:
-        """What a force over the mass moves in a step, the part of the velocity that drag leaves, and a tiny square."""
-        half_drag = 0.5 * dt * self.grid.drag
-        return dt**2 / (1.0 + half_drag), (1.0 - half_drag) / (1.0 + half_drag), (_COINCIDENT * self.grid.spacing) ** 2
-
-    def _finish(self, count: int, dt: float, finite: bool) -> None:
-        """Count the steps taken, or refuse them."""
-        self.count += count
-        if not finite:
-            raise SolverError(
-                f"the sheet left the finite numbers within {self.count} steps of {dt:.3g} s; about its rest shape "
-                f"steps are stable up to {self.grid.stable_step():.3g} s, less where springs are stretched far"
-            )
-
-    def step(self, count: int, dt: float) -> None:
-        """Take ``count`` steps of ``dt`` [s]; another ``dt`` than before goes on from the same velocities.
-
-        Raises
-        ------
-        OptionError
-            For a step above the stable one, unless ``allow_unstable_step``.
-        SolverError
-            If the masses have left the finite numbers.
-        """
-        count, dt = self._prepare(count, dt)
+    def _advance(self, count: int, dt: float) -> bool:
         grid, (factor, keep, tiny) = self.grid, self._step_numbers(dt)
         lengths = grid.spacing * np.array([1.0, np.sqrt(2.0), 2.0])
         stiffness = np.array([grid.structural, grid.shear, grid.flexion]) * factor / grid.particle_mass
@@ -167,8 +89,8 @@ class GridVerlet:
             with self.threads.steps(now) as threads:
                 verlet_steps(
                     now,
-                    self._now,
-                    self._before,
+                    self._states["now"],
+                    self._states["before"],
                     coefficients,
                     (grid.gravity * factor).astype(self.dtype),
                     keep,
@@ -177,8 +99,7 @@ class GridVerlet:
                     self._work[:threads],
                 )
             if now % 2:
-                self._now, self._before = self._before, self._now
+                self._states = {"now": self._states["before"], "before": self._states["now"]}
             left -= now
         with np.errstate(over="ignore", invalid="ignore"):
-            finite = bool(np.isfinite(self._now.sum()))
-        self._finish(count, dt, finite)
+            return bool(np.isfinite(self._states["now"].sum()))

@@ -10,15 +10,14 @@ of stretching it. Full steps then converge in a few iterations whatever the memb
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sps
-import scipy.sparse.linalg as spla
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
-from modalshell.modes import Factor, Factoriser, condensed_factor
+from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED, Shell
 from modalshell.statics.verdict import ACCEPTED
 from modalshell.timings import Timings
@@ -26,10 +25,16 @@ from modalshell.typing import Array
 
 _GOAL = 1e-10  # relative residual that is aimed at
 _LARGEST_TURN = 1.0  # of a vertex in one step [rad]
-_SHIFTS = (1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
-"""Shifts of a singular Hessian, as shares of its mean diagonal entry."""
-_STRETCH = 25  # iterations of descent before mixed steps are tried
-_STRETCHES = 12
+_LOOSE = 1e-3  # relative residual of the steps of a descent
+_ASIDE = 2.0 ** np.arange(-20.0, 0.0)
+"""Steps away from a saddle, in sizes of the shell."""
+_FIRST_MOVE = 0.05
+"""Move of a free shell under the load, in its sizes, that the first drag of a descent allows."""
+_DESCENT = 150
+"""Steps of a descent at most."""
+_NEAR = 0.3
+"""Out-of-balance force, as a share of the load, from which a descent tries to end by Newton's method."""
+_SADDLES = 4
 _EPSILON = float(np.finfo(np.float64).eps)
 _STILL = 1e-8
 """Newton step, as a share of the shell's size, up to which a residual can be due to rounding."""
@@ -102,6 +107,12 @@ class Potential:
                 total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
             return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
 
+    def dragged(self, x: Array, drag: float) -> Potential:
+        """The same potential with ``drag |y - x|^2 / 2`` added, in the norm of the mass."""
+        outer = np.zeros(self.shell.pattern.size) if self.quadratic is None else self.quadratic.copy()
+        outer[self.shell.pattern.diagonal] += drag * np.repeat(self.shell.mass, 3)
+        return replace(self, load=-self._outer(x)[1], origin=x, quadratic=outer)
+
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
@@ -156,6 +167,8 @@ class NewtonResult:
         Whether the exact Hessian at the end is positive definite; None where that was not found out.
     limited : bool
         Whether rounding keeps the residual above :data:`ACCEPTED`.
+    left_saddle : bool
+        Whether the way there led over a saddle, left along its unstable mode to the lower of both sides.
     """
 
     positions: Array
@@ -165,6 +178,7 @@ class NewtonResult:
     factor: Factor | None = None
     stable: bool | None = None
     limited: bool = False
+    left_saddle: bool = False
 
 
 def _moved(shell: Shell, x: Array, direction: Array, fraction: float = 1.0) -> Array:
@@ -257,54 +271,6 @@ def mixed_newton(
     return best
 
 
-def minimise(problem: Potential, start: Array, scale: float, limit: int = 200) -> NewtonResult:
-    """Newton with line search on the potential, its Hessian projected element by element where it is indefinite."""
-    x = start
-    value = problem.value(x)
-    residual, still = np.inf, False
-    for iteration in range(limit + 1):
-        gradient, hessian = problem.linearise(x, EXACT)
-        residual = float(np.linalg.norm(gradient)) / scale
-        if residual <= _GOAL or iteration == limit or not np.isfinite(residual):
-            break
-        factor = problem.definite_factor(hessian)
-        if factor is None:
-            factor = shifted_factor(problem, problem.linearise(x, PROJECTED)[1])
-            if factor is None:
-                break
-        direction = problem.step(factor, gradient)
-        still = float(np.abs(direction).max()) <= _STILL * problem.shell.size
-        still = still and residual <= rounding_residual(hessian, x, scale)
-        slope = float(direction @ gradient)
-        fraction = 1.0
-        while fraction > 1e-10:
-            trial, _, share = warped_step(problem.shell, x, fraction * direction, _LARGEST_TURN)
-            trial_value = problem.value(trial)
-            if np.isfinite(trial_value) and trial_value <= value + 1e-4 * share * fraction * slope:
-                break
-            fraction *= 0.5
-        else:
-            break
-        x, value = trial, trial_value
-    return NewtonResult(x, residual, iteration, bool(residual <= ACCEPTED or still))
-
-
-def shifted_factor(problem: Potential, hessian: sps.csc_array) -> Factor | None:
-    """Factor of a semi-definite Hessian, shifted by as little as makes it definite; None where nothing does.
-
-    A sheet of springs has no bending stiffness where it is flat: it needs the shift to leave its plane. A shell that
-    nothing holds is not shifted, or it would only fly away.
-    """
-    factor = problem.definite_factor(hessian)
-    diagonal = hessian.diagonal()
-    for share in _SHIFTS if problem.shell.clamped.any() else ():
-        if factor is not None:
-            break
-        hessian.setdiag(diagonal + share * diagonal.mean())  # keeps the pattern, which a sum may not
-        factor = problem.definite_factor(hessian)
-    return factor
-
-
 def is_minimum(problem: Potential, result: NewtonResult) -> bool:
     """Whether a converged result is a minimum: its exact Hessian, whose factor it then keeps, is positive definite."""
     if not result.converged:
@@ -314,65 +280,81 @@ def is_minimum(problem: Potential, result: NewtonResult) -> bool:
     return result.stable
 
 
-def lowest_curvature(problem: Potential, x: Array) -> tuple[float, Array]:
-    """Lowest of the Hessian's eigenvalues next to zero, as a share of its mean diagonal entry, and its direction (N,).
+def leave_saddle(problem: Potential, x: Array) -> tuple[Array, float]:
+    """The way down along the direction in which the potential curves down most, and a drag that steadies it.
 
-    SolverError or ArpackError where they cannot be found.
+    Both ways are tried. Steps are warped, so that they bend the shell, and double for as long as the potential falls:
+    the first valley is looked for, not the deepest one.
     """
-    _, hessian = problem.linearise(x, EXACT)
-    size = problem.shell.free_unknowns.size
-    if size < 30:  # Lanczos needs room
-        dense = hessian.toarray()
-        inner = dense[size:, :size]
-        values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
-    else:
-        start = np.random.default_rng(0).standard_normal(size)
-        factor = problem.factor(hessian)
-        inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
-        # With its inverse at hand, Lanczos asks nothing of the matrix itself but its shape.
-        values, vectors = spla.eigsh(inverse, k=3, sigma=0.0, OPinv=inverse, v0=start)
-    lowest = int(np.argmin(values))
-    return float(values[lowest]) / float(np.abs(hessian.diagonal()).mean()), vectors[:, lowest]
-
-
-def leave_saddle(problem: Potential, x: Array) -> Array:
-    """The lowest of a few moves along the direction in which the potential curves down most, both ways."""
+    shell = problem.shell
     try:
-        _, direction = lowest_curvature(problem, x)
-    except (SolverError, spla.ArpackError):
-        return x
-    direction *= problem.shell.size / float(np.abs(direction).max())
-    trials = [_moved(problem.shell, x, direction, sign * size) for size in (3e-2, 1e-2, 1e-3) for sign in (1, -1)]
-    return min([x, *trials], key=lambda trial: (not np.isfinite(value := problem.value(trial)), value))
+        lowest, direction = lowest_tangent_mode(shell, problem.linearise(x, EXACT)[1], problem.factoriser)
+    except SolverError:
+        return x, 0.0
+    direction *= shell.size / float(np.abs(direction).max())
+    best, least = x, problem.value(x)
+    for sign in (1.0, -1.0):
+        last = np.inf
+        for size in _ASIDE:
+            trial = warped_step(shell, x, sign * size * direction, _LARGEST_TURN)[0]
+            value = problem.value(trial)
+            if not value < last:
+                break
+            last = value
+            if value < least:
+                best, least = trial, value
+    return best, 2.0 * abs(lowest)
 
 
 def descend(problem: Potential, start: Array, scale: float) -> NewtonResult:
-    """Go downhill to a minimum: stretches of :func:`minimise`, each followed by a try of the faster mixed steps.
+    """Go downhill to a minimum, as the shell would move in a thick fluid; saddles on the way are left.
 
-    A mixed answer counts if it is a minimum that lies no higher than where the stretch had come to.
+    Steps of implicit Euler on ``drag M dx/dt = -grad V``, each solved by mixed Newton, whose number of iterations does
+    not feel the membrane; the drag falls with success, down to plain Newton steps, and grows where a step fails.
     """
-    x, iterations = start, 0
-    for _ in range(_STRETCHES):
-        result = minimise(problem, x, scale, limit=_STRETCH)
-        used = result.iterations
-        iterations += used
-        x, value = result.positions, problem.value(result.positions)
-        if not np.isfinite(result.residual):
-            break
-        if result.residual > _GOAL:
-            polished = mixed_newton(problem, x, scale, limit=15)
-            iterations += polished.iterations
-            if polished.converged and problem.value(polished.positions) <= value + 1e-9 * abs(value):
-                result = polished
-        if result.converged:
-            if is_minimum(problem, result):
+    shell = problem.shell
+    x, value = start, problem.value(start)
+    result = NewtonResult(x, np.inf, 0, False)
+    iterations, left = 0, 0
+    residual = float(np.linalg.norm(problem.residual(x)))
+    drag = residual / float(np.linalg.norm(shell.mass[shell.free])) / (_FIRST_MOVE * shell.size)
+    for _ in range(_DESCENT):
+        step = mixed_newton(problem.dragged(x, drag), x, scale, limit=12, goal=_LOOSE, stresses=_present(shell, x))
+        iterations += step.iterations
+        reached = problem.value(step.positions) if step.converged else np.inf
+        if not reached <= value:
+            drag *= 4.0
+            if not np.isfinite(drag):
                 break
-            result.converged = False
-            x = leave_saddle(problem, result.positions)
-        elif used < _STRETCH:
+            continue
+        x, value = step.positions, reached
+        drag *= 0.5 if step.iterations <= 5 else 1.0
+        residual = float(np.linalg.norm(problem.residual(x))) / scale
+        if residual > _NEAR:
+            continue
+        iterations += 1
+        if problem.definite_factor(problem.linearise(x, EXACT)[1]) is None and residual > _LOOSE:
+            continue
+        polished = mixed_newton(problem, x, scale, limit=15, stresses=_present(shell, x))
+        iterations += polished.iterations
+        if not polished.converged or problem.value(polished.positions) > value + 1e-9 * abs(value):
+            continue
+        result = polished
+        if is_minimum(problem, result) or left == _SADDLES:
             break
-    result.iterations = iterations
+        left += 1
+        x, drag = leave_saddle(problem, result.positions)
+        value = problem.value(x)
+    else:
+        result = NewtonResult(x, residual, iterations, False)
+    result.converged = result.converged and bool(result.stable)
+    result.iterations, result.left_saddle = iterations, left > 0
     return result
+
+
+def _present(shell: Shell, x: Array) -> list[Array]:
+    """Stresses of every element at ``x``: with them the first mixed step has the exact Hessian."""
+    return shell.predicted_stresses(x, np.zeros_like(x))
 
 
 def solve(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from modalshell.statics.newton import NewtonResult, Potential
@@ -38,6 +40,11 @@ def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResu
         moved.reshape(-1)[free] += problem.step(result.factor, out) * np.longdouble(scale)
     positions = (shell.rest_positions + best).astype(np.float64)
     limited = not residual <= ACCEPTED
-    return NewtonResult(
-        positions, residual, result.iterations + iteration, not limited, result.factor, result.stable, limited
+    return replace(
+        result,
+        positions=positions,
+        residual=residual,
+        iterations=result.iterations + iteration,
+        converged=not limited,
+        limited=limited,
     )

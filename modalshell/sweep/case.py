@@ -147,7 +147,7 @@ def run_case(task: Task) -> CaseResult:
         numba.set_num_threads(1)
         measures, positions = None, b""
         try:
-            built = scene.build(scene.build_shell(mesh))
+            built = scene.require_shell().build(scene.build_shell(mesh))
             building = watch()
             outcome, message, measures, last = _solved(built)
             positions = np.ascontiguousarray(last, dtype="<f8").tobytes()

@@ -84,5 +84,5 @@ class Plan:
         parts = {name: part for name, part in scene.content().items() if name != "model"}
         key += json.dumps(parts, sort_keys=True)
         if key not in self._checked:
-            scene.build_loading(scene.build_shell(mesh))
+            scene.require_shell().build_loading(scene.build_shell(mesh))
             self._checked.add(key)

@@ -19,7 +19,7 @@ from modalshell.motion.recorder import take_steps
 from modalshell.outcome import Outcome
 from modalshell.scene import Scene
 from modalshell.scene.models import model_tables
-from modalshell.scene.tables import Motion as MotionTable
+from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
@@ -87,9 +87,9 @@ class ViewSession:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.scene = scene
+        self.scene = scene.require_shell()
         self.shell = scene.build_shell()
-        self._built = scene.build(self.shell)
+        self._built = self.scene.build(self.shell)
         self._table = scene.motion or _STILL_SCENE_MOTION
         self._size = self.shell.size
         self.name = scene.model.spec.key

@@ -11,11 +11,12 @@ from typing import Any
 from modalshell.errors import ModalShellError, OptionError
 from modalshell.models.registry import models
 from modalshell.scene import Scene
+from modalshell.viewer.guard import guard
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
 from modalshell.viewer.stage import Shown, Stage, demand_opengl
 
 HOST = "127.0.0.1"
-"""Loopback only: whoever reaches the page can drive the session."""
+"""Loopback only, and with the secret of the printed address: whoever has both can drive the session."""
 
 _SHORTEST_PAUSE = 0.005
 """Wall time [s] in which the server hears its browsers between two frames, at least."""
@@ -42,6 +43,7 @@ class BrowserPage(ABC):
         self._state: Any = self._server.state
         self._state.trame__title = f"modalshell {name}"
         self._note = ""
+        self._secret = guard(self._server, HOST)
         self._server.controller.on_server_ready.add_task(self._run)
 
     def serve(self, port: int) -> None:
@@ -52,7 +54,7 @@ class BrowserPage(ABC):
         )
 
     def _print_address(self, **_: Any) -> None:
-        print(f"http://{HOST}:{self._server.port}/ (Ctrl+C ends)", flush=True)
+        print(f"http://{HOST}:{self._server.port}/?secret={self._secret} (Ctrl+C ends)", flush=True)
 
     def _fill_content(self, page: Any) -> None:
         page.title.set_text(self._state.trame__title)

@@ -16,7 +16,8 @@ from numpy.typing import DTypeLike
 
 import modalshell as ms
 from modalshell.crowd import LEVELS
-from modalshell.crowd.device import DeviceCrowd, DeviceFlock
+from modalshell.crowd.device import DeviceCrowd, DeviceSearch
+from modalshell.crowd.shell_crowd import ShellCrowd
 from modalshell.kernels.device import devices, warp
 from modalshell.modes import Basis
 from studies.benchmarks.timing import interleaved, one_blas_thread
@@ -96,7 +97,7 @@ def bent(instances: int, basis: Basis, random: np.random.Generator) -> Any:
     return q * (1.5 / np.linalg.norm((q @ basis.rotations.T).reshape(-1, 3), axis=1).max())
 
 
-def still(crowd: ms.Crowd, q: Any) -> None:
+def still(crowd: ShellCrowd, q: Any) -> None:
     """One step of all instances from the same state, to which they are put back."""
     crowd.rates = np.zeros_like(q)
     crowd.step(1.0 / 60.0, felt=(0.0, 0.0, -9.81))
@@ -156,7 +157,7 @@ def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> l
             single = ms.Crowd(basis, instances, dtype=precision)
             crowd = DeviceCrowd(basis, instances, dtype=precision, device=device)
             single.coordinates = crowd.coordinates = coordinates
-            near = DeviceFlock.random(boids, radius=ball(boids), dtype=precision, device=device)
+            near = ms.Flock.random(boids, radius=ball(boids), search=DeviceSearch(precision, device))
             out = np.empty((instances, crowd.vertices, 3), precision)
             calls: dict[str, Callable[[], object]] = {
                 "sums_kernels": kernels.neighbourhood,

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.crowd.device import DeviceCrowd, DeviceFlock
+from modalshell.crowd.device import DeviceCrowd, DeviceSearch
 from modalshell.kernels.device import devices, warp
 
 pytest.importorskip("warp", reason="Warp is not installed: pip install 'modalshell[gpu]'")
@@ -30,7 +30,7 @@ def basis():
 def test_sums_are_those_of_the_kernels(device, dtype, radius, angle):
     """Where all are neighbours, some and none; the cells wrap round, and two boids are in one place."""
     options = {"radius": radius, "seed": 1, "field_of_view": angle, "flock_position": (5.0, -7.0, 0.3)}
-    flock, other = ms.Flock.random(700, **options), DeviceFlock.random(700, **options, dtype=dtype, device=device)
+    flock, other = ms.Flock.random(700, **options), ms.Flock.random(700, **options, search=DeviceSearch(dtype, device))
     for boids in (flock, other):
         boids.positions[1] = boids.positions[0]
         boids.positions[2] = 900.0
@@ -48,7 +48,7 @@ def test_sums_are_those_of_the_kernels(device, dtype, radius, angle):
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_flock_flies_as_it_does_by_the_kernels(device):
     options = {"radius": 2.0, "seed": 3, "field_of_view": 200.0, "bounds": [(-2,) * 3, (2,) * 3]}
-    flock, other = ms.Flock.random(300, **options), DeviceFlock.random(300, **options, device=device)
+    flock, other = ms.Flock.random(300, **options), ms.Flock.random(300, **options, search=DeviceSearch(device=device))
     start = flock.positions
     for _ in range(20):
         flock.step(1.0 / 30.0)
@@ -60,9 +60,9 @@ def test_a_flock_flies_as_it_does_by_the_kernels(device):
 
 @pytest.mark.parametrize("device", DEVICES)
 def test_one_boid_and_what_is_not_finite(device):
-    alone = DeviceFlock([(0, 0, 2)], [(1, 0, 0)], device=device)
+    alone = ms.Flock([(0, 0, 2)], [(1, 0, 0)], search=DeviceSearch(device=device))
     assert not any(sums.any() for sums in alone.neighbourhood())
-    flock = DeviceFlock(np.zeros((2, 3)), np.eye(3)[:2], device=device)
+    flock = ms.Flock(np.zeros((2, 3)), np.eye(3)[:2], search=DeviceSearch(device=device))
     assert not flock.neighbourhood().counts.any()
     flock.directions[1] = np.nan
     flock.positions[1, 0] = 0.5
@@ -136,20 +136,15 @@ def test_what_is_not_finite_shows(basis, device):
 
 def test_bad_input(basis):
     for make in (
-        lambda: DeviceFlock([(0, 0, 0)], [(1, 0, 0)], device="gpu"),
+        lambda: DeviceSearch(device="gpu"),
         lambda: DeviceCrowd(basis, 2, device="gpu"),
     ):
         with pytest.raises(ms.OptionError, match=r"there is no such device: device must be one of cpu.*got 'gpu'"):
             make()
     with pytest.raises(ms.OptionError, match="float64 or float32"):
-        DeviceFlock([(0, 0, 0)], [(1, 0, 0)], np.int32, "cpu")
+        DeviceSearch(np.int32, "cpu")
     with pytest.raises(ms.OptionError, match="float64 or float32"):
         DeviceCrowd(basis, 2, dtype=np.int32, device="cpu")
-    for name, value in (("search", "grid"), ("threads", 2)):
-        with pytest.raises(ms.OptionError, match=f"takes no {name} .*{value}"):
-            DeviceFlock([(0, 0, 0)], [(1, 0, 0)], device="cpu", **{name: value})
-    with pytest.raises(ms.OptionError, match="directions must not be zero"):
-        DeviceFlock([(0, 0, 0)], [(0, 0, 0)], device="cpu")
     with pytest.raises(ms.OptionError, match="out must be"):
         DeviceCrowd(basis, 2, device="cpu").positions(out=np.empty((2, 3)))
 
@@ -174,6 +169,6 @@ def test_warp_is_loaded_only_when_used():
 def test_missing_warp_says_what_to_install(basis, monkeypatch):
     monkeypatch.setitem(sys.modules, "warp", None)
     with pytest.raises(ms.OptionError, match=r"pip install 'modalshell\[gpu\]'"):
-        DeviceFlock([(0, 0, 0)], [(1, 0, 0)])
+        DeviceSearch()
     with pytest.raises(ms.OptionError, match=r"pip install 'modalshell\[gpu\]'"):
         DeviceCrowd(basis, 2)

@@ -19,7 +19,7 @@ from fuzzing.drawing import without_pictures
 from fuzzing.expressions import expressions
 from fuzzing.harness import FEW, Escape, Input, LongWork, UncaughtException, few_steps
 from fuzzing.mutations import damaged, text_damage
-from modalshell.scene import parse_scene
+from modalshell.scene import FlockScene, parse_scene
 from modalshell.selection import select_vertices
 from modalshell.sweep import Sweep, load_sweep
 from modalshell.sweep.case import CaseResult, Task, run_case
@@ -199,8 +199,9 @@ def run(folder: Path, data: bytes, out: Path | None, sweep: bool) -> Any:
 
 def is_long_flight(scene: Any) -> bool:
     """Whether a scene asks for more birds, or a longer flight to warm up, than there is time for."""
-    flock, motion = scene.flock, scene.motion
-    return flock is not None and (flock.count > FEW or (motion is not None and flock.warm_up > FEW * motion.dt))
+    if not isinstance(scene, FlockScene):
+        return False
+    return scene.flock.count > FEW or scene.flock.warm_up > FEW * scene.motion.dt
 
 
 def run_few_cases(sweep: Any, **options: Any) -> Any:

@@ -119,7 +119,7 @@ def test_refuses(tmp_path, old, new, message):
 
 def test_a_flock_is_no_single_shell():
     with pytest.raises(ms.SceneError, match="about one shell"):
-        ms.load_scene(FILE).build()
+        ms.load_scene(FILE).require_shell()
 
 
 def test_the_command_reports(tmp_path, capsys):

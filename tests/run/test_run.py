@@ -175,7 +175,6 @@ def test_kills_at_random_times_from_start_to_results(tmp_path):
         {"model": "rsw", "path": MOVING},
         {"model": "rigid", "path": MOVING},
         {"model": 'md-rom"\ncubature = true\nmodes = 3#', "cells": 6, "path": MOVING},
-        {"model": 'mwts"\nwarp = "sum', "path": MOVING},
     ],
 )
 def test_stopped_runs_go_on_to_the_same_end(tmp_path, options):

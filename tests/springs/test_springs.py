@@ -334,12 +334,11 @@ def test_a_flat_sheet_hangs_although_it_has_no_bending_stiffness():
     assert answer.positions[:, 2].min() == pytest.approx(-1.0, abs=0.05)
 
 
-def test_a_stiff_flat_strip_is_let_swing_out_where_newton_fails():
+def test_a_stiff_flat_strip_without_bending_stiffness_finds_its_minimum():
     mesh = ms.flat_beam(cells=(20, 4))
     shell = ms.Shell(mesh, ms.Material(200.0, 10.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.06)
     model = ms.SpringSheet(shell, shell_springs(shell, 0.1))
     load = {"gravity": (0.0, 0.0, -2.0)}
-    assert not ms.DiscreteShell(model.shell).equilibrium(**load).converged
     answer = model.equilibrium(**load)
     assert answer.converged
     assert answer.residual < 1e-7

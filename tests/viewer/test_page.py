@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+import urllib.parse
 import urllib.request
 from io import BytesIO
 
@@ -51,7 +52,7 @@ def page_address(serve, scene_file):
 def test_page_is_served_on_loopback_alone(page_address):
     with urllib.request.urlopen(page_address, timeout=20) as answer:
         assert b"<html" in answer.read()
-    port = int(page_address.rstrip("/").rsplit(":", 1)[1])
+    port = urllib.parse.urlsplit(page_address).port
     if sys.platform.startswith("linux"):  # where all of 127.0.0.0/8 is this machine
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.2", port), timeout=5)

@@ -1,0 +1,142 @@
+"""The protocol of every run: whole results are kept, stored frames are gone on from, anything else is computed."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar, final
+
+from modalshell.atomic_io import read_record, write_record
+from modalshell.outcome import Outcome
+from modalshell.provenance import run_record
+from modalshell.run.folder import remove_leftovers, result_digest, run_identity
+from modalshell.run.frame_file import FrameFile
+from modalshell.scene import Scene
+from modalshell.shell import Shell
+from modalshell.typing import Progress
+
+
+@dataclass(frozen=True)
+class RunResult(ABC):
+    """What running a scene gave.
+
+    Attributes
+    ----------
+    files : list of Path
+        The results' files.
+    resumed : int
+        Frames that an earlier, stopped run had left.
+    """
+
+    files: list[Path]
+    resumed: int
+
+    @property
+    @abstractmethod
+    def outcome(self) -> Outcome:
+        """How the run ended."""
+
+    @property
+    @abstractmethod
+    def summary(self) -> str:
+        """One line on how it went."""
+
+
+Result = TypeVar("Result", bound=RunResult)
+
+
+class SceneRun(ABC, Generic[Result]):
+    """The run of a scene in a folder; what kinds of scenes do differently is abstract.
+
+    Parameters
+    ----------
+    scene : Scene
+        What to run.
+    shell : Shell
+        Its shell.
+    folder : Path
+        Where the results go.
+
+    Attributes
+    ----------
+    identity : dict of str
+        All that decides the frames.
+    formats : list of str
+        Of the results, ``npz`` first.
+    frames : int
+        Stored frames of the results, once these are computed or found.
+    """
+
+    def __init__(self, scene: Scene, shell: Shell, folder: Path) -> None:
+        self.folder, self.name, self.shell = folder, scene.name, shell
+        self.identity = run_identity(scene, shell)
+        self.formats: list[str] = list(dict.fromkeys(["npz", *scene.output.formats]))
+        self.frames = 0
+        self._content = scene.content()
+
+    @abstractmethod
+    def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
+        """Take up the results that this very run's ``record`` tells of; False where they must be computed again.
+
+        ``whole`` are the formats whose files are as they were written.
+        """
+
+    @abstractmethod
+    def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
+        """Compute to the end, from the start or from the last frame of ``file``; how many frames that held."""
+
+    @abstractmethod
+    def write(self, formats: list[str], on_step: Progress | None) -> None:
+        """Write the results in some formats."""
+
+    @abstractmethod
+    def record(self) -> dict[str, Any]:
+        """What the results' record says besides what all records do."""
+
+    @abstractmethod
+    def result(self, files: list[Path], resumed: int) -> Result:
+        """The results, all written."""
+
+    def path(self, suffix: str) -> Path:
+        """File of the results with a suffix."""
+        return self.folder / f"{self.name}.{suffix}"
+
+    @final
+    def run(self, restart: bool, on_step: Progress | None) -> Result:
+        """Do what is missing; see :func:`modalshell.run_scene`."""
+        with FrameFile(self.path("frames")) as file:
+            remove_leftovers(self.folder, self.name)
+            record = None if restart else read_record(self.path("json"))
+            whole = [] if record is None else self._whole_formats(record)
+            found = record is not None and record.get("identity") == self.identity and self.find_results(record, whole)
+            resumed = self.frames
+            if not found:
+                whole = []
+                if not restart:
+                    file.refuse_others(self.identity)  # before the work of building the model
+                resumed = self.compute(file, restart, on_step)
+                self.path("json").unlink(missing_ok=True)  # what another run has left is about to be replaced
+            missing = [suffix for suffix in self.formats if suffix not in whole]
+            if missing:
+                self.write(missing, on_step)
+                self._write_record([*whole, *missing])
+            if not found or not file.difference(self.identity):
+                file.remove()
+        return self.result([self.path(suffix) for suffix in (*self.formats, "json")], resumed)
+
+    def _whole_formats(self, record: dict[str, Any]) -> list[str]:
+        """Formats whose files are as they were written; records of earlier versions cannot tell."""
+        digests = record.get("digests", {})
+        return [suffix for suffix in digests if digests[suffix] == result_digest(self.folder, self.name, suffix)]
+
+    def _write_record(self, formats: list[str]) -> None:
+        document = {
+            "scene": self.name,
+            "identity": self.identity,
+            "formats": formats,
+            "digests": {suffix: result_digest(self.folder, self.name, suffix) for suffix in formats},
+            "frames": self.frames,
+            "record": run_record(self._content),
+        }
+        write_record(self.path("json"), document | self.record())

@@ -1,0 +1,183 @@
+"""The run of one shell: its equilibrium, or its motion, every stored frame of which goes to disk at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import FileFormatError, OptionError
+from modalshell.export import load_trajectory
+from modalshell.motion import Motion, Trajectory
+from modalshell.motion.recorder import Recorder, step_count
+from modalshell.outcome import Outcome
+from modalshell.run.frame_file import FrameFile
+from modalshell.run.protocol import RunResult, SceneRun
+from modalshell.run.results import write_results
+from modalshell.scene import BuiltScene, ShellScene
+from modalshell.scene.tables import MotionTable
+from modalshell.shell import Shell
+from modalshell.typing import Array, Progress
+
+_FAULT_BYTES = 64
+"""Bytes of a fault's name in a stored record."""
+_SNAPSHOT = "snapshot_"
+
+
+@final
+@dataclass(frozen=True)
+class SceneResult(RunResult):
+    """What running a scene of one shell gave.
+
+    Attributes
+    ----------
+    files : list of Path
+        The results' files.
+    resumed : int
+        Frames that an earlier, stopped run had left.
+    trajectory : Trajectory
+        The stored frames, mapped from the ``.npz`` file; one frame for an equilibrium.
+    """
+
+    trajectory: Trajectory
+
+    @property
+    def outcome(self) -> Outcome:
+        """How the motion or the equilibrium ended."""
+        return self.trajectory.outcome
+
+    @property
+    def summary(self) -> str:
+        """One line on how it went."""
+        run = self.trajectory
+        kept = f", {self.resumed} of them from an earlier run" if self.resumed else ""
+        return f"{run.outcome.with_message(run.message)}, {len(run.times)} frames in {run.seconds:.3g} s{kept}"
+
+
+@final
+class ShellRun(SceneRun[SceneResult]):
+    """The run of a scene of one shell."""
+
+    def __init__(self, scene: ShellScene, shell: Shell, folder: Path) -> None:
+        super().__init__(scene, shell, folder)
+        self._scene = scene
+        self._trajectory: Trajectory
+
+    def _take(self, run: Trajectory) -> None:
+        self._trajectory, self.frames = run, len(run.times)
+
+    def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:  # noqa: ARG002 (other formats are written from it)
+        """Take up the trajectory if its file is whole."""
+        try:
+            self._take(load_trajectory(self.path("npz"), verify=True))
+        except FileFormatError:
+            return False
+        return True
+
+    def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
+        """Find the equilibrium, or step to the end of the motion."""
+        scene = self._scene
+        built = scene.build(self.shell)
+        if scene.motion is None:
+            self._take(Trajectory.still(built.equilibrium(), self.shell, built.load(), scene.output.positions))
+            return 0
+        run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
+        self._take(run)
+        return resumed
+
+    def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
+        """Write the trajectory."""
+        write_results(self._trajectory, self.folder, self.name, formats)
+
+    def record(self) -> dict[str, Any]:
+        """How the motion ended, and its wall time."""
+        run = self._trajectory
+        return {"status": run.status, "message": run.message, "seconds": run.seconds}
+
+    def result(self, files: list[Path], resumed: int) -> SceneResult:
+        """The trajectory as it was written."""
+        return SceneResult(files, resumed, load_trajectory(files[0]))
+
+
+def _move(
+    built: BuiltScene,
+    table: MotionTable,
+    file: FrameFile,
+    identity: dict[str, str],
+    restart: bool,
+    on_step: Progress | None,
+) -> tuple[Trajectory, int]:
+    """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
+    motion = built.start_motion()
+    recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
+    file.begin(identity, _record_fields(motion, built.scene.output.positions), restart, _constants(built))
+    resumed = file.count
+    if resumed:
+        _resume(recorder, file.records(), file.path)
+    for _ in recorder.frames(on_step):
+        values: dict[str, Any] = {f"{_SNAPSHOT}{name}": array for name, array in motion.snapshot().items()}
+        values |= {"time": motion.time, "positions": motion.positions(), "energies": recorder.energies[-1]}
+        values |= {"fault": str(recorder.fault or "").encode(), "fault_time": recorder.fault_time}
+        file.append(values | {"seconds": recorder.seconds})
+    return recorder.trajectory(file.records()["positions"]), resumed
+
+
+def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
+    """NumPy fields of one stored frame: results, then the snapshot from which to go on."""
+    fields: list[tuple[Any, ...]] = [
+        ("time", "<f8"),
+        ("seconds", "<f8"),
+        ("energies", "<f8", (3,)),
+        ("fault", f"S{_FAULT_BYTES}"),
+        ("fault_time", "<f8"),
+        ("positions", np.dtype(precision).newbyteorder("<").str, motion.model.shell.rest_positions.shape),
+    ]
+    return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
+
+
+def _constants(built: BuiltScene) -> dict[str, NDArray[Any]]:
+    """What those who follow the run need beside its frames."""
+    shell = built.shell
+    return {
+        "rest_positions": np.asarray(shell.rest_positions, "<f8"),
+        "faces": np.asarray(shell.mesh.faces, "<i8"),
+        "held": np.asarray(shell.clamped, "?"),
+        "gravity": np.asarray(built.gravity or (0.0, 0.0, 0.0), "<f8"),
+    }
+
+
+def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
+    """Bring the recorder and its motion to the last record.
+
+    The last stored step is taken again: libraries may round otherwise where they find other threads, and the frames
+    would be those of no single run.
+    """
+    last, motion = records[-1], recorder.motion
+    motion.restore(_snapshot(records[-2:][0]))
+    while motion.count < _snapshot(last)["counts"][0]:
+        motion.advance()
+    found = motion.snapshot() | {"positions": motion.positions().astype(last["positions"].dtype)}
+    expected = _snapshot(last) | {"positions": last["positions"]}
+    if not all(np.array_equal(found[name], expected[name]) for name in expected):
+        raise OptionError(
+            f"the last step of {path} comes out otherwise than it did (other threads or libraries?), so that going on "
+            "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start anew"
+        )
+    fault = bytes(last["fault"]).decode()
+    recorder.resume(
+        np.array(records["time"]),
+        np.array(records["energies"]),
+        np.array(records["snapshot_constraint_residuals"]),
+        Outcome(fault) if fault else None,
+        float(last["fault_time"]),
+        float(last["seconds"]),
+    )
+
+
+def _snapshot(record: Any) -> dict[str, Array]:
+    """The arrays of :meth:`Motion.snapshot` in a record."""
+    names = [name for name in record.dtype.names if name.startswith(_SNAPSHOT)]
+    return {name.removeprefix(_SNAPSHOT): record[name] for name in names}

@@ -1,0 +1,109 @@
+"""Scenes from TOML files."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+from modalshell.errors import SceneError
+from modalshell.plugins import load_plugins
+from modalshell.scene import tables
+from modalshell.scene.flock import FlockTable
+from modalshell.scene.flock_scene import FlockScene
+from modalshell.scene.models import model_tables
+from modalshell.scene.parts import SHAPES, Shape
+from modalshell.scene.read import checked_table, chosen, read_toml, refuse_unknown_keys
+from modalshell.scene.scene import Scene, ShellScene
+from modalshell.scene.signatures import energies_table, loads_table
+
+_NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
+_REQUIRED = ("mesh", "material", "model")
+_TABLES = ("name", *_REQUIRED, "supports", "energies", "loads", "constraints", "motion", "flock", "output")
+
+
+def load_scene(path: str | os.PathLike[str]) -> Scene:
+    """Read a scene file.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file with the tables of :mod:`modalshell.scene.tables`.
+
+    Raises
+    ------
+    SceneError
+        For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
+        key's path, what was got and what is allowed. Values that depend on the mesh are checked by
+        :meth:`ShellScene.build`.
+    """
+    return parse_scene(Path(path), read_toml(Path(path)))
+
+
+def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
+    """The scene of plain tables as :func:`~modalshell.scene.read.read_toml` gives them, said to be from ``file``.
+
+    SceneError as :func:`load_scene`.
+    """
+    load_plugins()
+    refuse_unknown_keys(file, "", raw, _TABLES)
+    for name in _REQUIRED:
+        if name not in raw:
+            raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
+    name = raw.get("name", file.stem)
+    if not isinstance(name, str) or not re.fullmatch(_NAME, name):
+        allowed = "1 to 100 letters, digits, _ and -, a letter or digit first: it names the results' files"
+        raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
+    entries = raw.get("constraints", [])
+    if not isinstance(entries, list):
+        raise SceneError(f"{file}: constraints: must be a list of tables, [[constraints]] (got {entries!r:.60})")
+    optional: dict[str, Any] = {
+        key: checked_table(file, key, raw[key], kind)
+        for key, kind in (
+            ("supports", tables.Supports),
+            ("energies", energies_table()),
+            ("loads", loads_table()),
+            ("motion", tables.MotionTable),
+            ("flock", FlockTable),
+            ("output", tables.Output),
+        )
+        if key in raw
+    }
+    motion = optional.get("motion")
+    if motion is not None and motion.duration < motion.dt:
+        raise SceneError(
+            f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
+        )
+    model = chosen(file, "model", raw["model"], "name", model_tables())
+    declared: dict[str, Any] = optional | {
+        "name": name,
+        "file": file,
+        "mesh": _mesh_table(file, raw["mesh"]),
+        "material": _material_table(file, raw["material"]),
+        "model": checked_table(file, "model", raw["model"], model),
+    }
+    constraints = tuple(
+        checked_table(file, f"constraints[{index}]", entry, tables.Constrained) for index, entry in enumerate(entries)
+    )
+    if "flock" not in declared:
+        return ShellScene(**declared, constraints=constraints)
+    if motion is None:
+        raise SceneError(f"{file}: motion: missing; a flight needs it")
+    if constraints:
+        raise SceneError(f"{file}: constraints: a flock takes none")
+    return FlockScene(**declared)
+
+
+def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:
+    if isinstance(raw, dict) and ("file" in raw) == ("shape" in raw):
+        raise SceneError(f"{file}: mesh: must have either file or shape ({', '.join(SHAPES)}), and not both")
+    if isinstance(raw, dict) and "file" in raw:
+        return checked_table(file, "mesh", raw, tables.MeshFile)
+    return checked_table(file, "mesh", raw, chosen(file, "mesh", raw, "shape", SHAPES))
+
+
+def _material_table(file: Path, raw: Any) -> tables.Stiffnesses | tables.PhysicalSheet:
+    if isinstance(raw, dict) and not {"young", "poisson", "thickness"}.isdisjoint(raw):
+        return checked_table(file, "material", raw, tables.PhysicalSheet)
+    return checked_table(file, "material", raw, tables.Stiffnesses)

@@ -1,0 +1,84 @@
+"""The stiff V, whose straight branch turns unstable to twisting before it snaps: DS must answer with minima."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+import modalshell as ms
+from modalshell.modes import lowest_tangent_eigenvalue
+
+SCENE = Path(__file__).parents[2] / "studies" / "scenes" / "v_beam_stiff.toml"
+
+
+@pytest.fixture(scope="module")
+def shell():
+    material = ms.load_scene(SCENE).build_shell().material
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(40, 8))
+    return ms.Shell(mesh, material, mesh.vertices[:, 0] < 0.026)
+
+
+def check_minimum(shell, answer, gravity):
+    assert answer.outcome is ms.Outcome.CONVERGED, (gravity, answer.message)
+    assert answer.residual <= 1e-7
+    assert answer.stable
+    assert lowest_tangent_eigenvalue(shell, answer.positions) > 0.0, gravity
+    force = shell.force(answer.positions) + shell.gravity_force((0.0, 0.0, -gravity))
+    assert np.linalg.norm(force[shell.free]) <= 1e-6 * np.linalg.norm(shell.gravity_force((0.0, 0.0, -gravity)))
+
+
+def twist(shell, positions):
+    tip = np.flatnonzero(shell.rest_positions[:, 0] > 1.0 - 1e-9)
+    return abs(positions[tip[0], 2] - positions[tip[-1], 2])
+
+
+@pytest.mark.parametrize("gravity", [30.0, 42.0, 44.0])
+def test_the_stiff_v_has_a_stable_answer(shell, gravity):
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity))
+    check_minimum(shell, answer, gravity)
+    assert ("symmetry was broken" in answer.message) == (gravity > 41.5)
+    assert (twist(shell, answer.positions) > 0.01) == (gravity == 42.0)  # below it is straight, above it has snapped
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gravity", range(20, 71))
+def test_the_stiff_v_has_a_stable_answer_at_every_load(shell, gravity):
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity))
+    check_minimum(shell, answer, gravity)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gravity", range(20, 71))
+def test_the_stiff_v_of_the_scene_has_a_stable_answer_at_every_load(gravity):
+    fine = ms.load_scene(SCENE).build_shell()
+    check_minimum(fine, ms.DiscreteShell(fine).equilibrium(gravity=(0.0, 0.0, -gravity)), gravity)
+
+
+def test_the_lowest_eigenvalue_is_the_lowest_and_not_the_one_nearest_zero(shell):
+    """At the straight saddle one eigenvalue is far below zero, and the one nearest to it is positive."""
+    model = ms.DiscreteShell(shell)
+    straight = model.equilibrium(gravity=(0.0, 0.0, -40.0)).positions
+    rng = np.random.default_rng(0)
+    squeezed = straight + 1e-4 * rng.standard_normal(straight.shape) * ~shell.clamped[:, None]
+    root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+    for x in (straight, squeezed):
+        free = shell.free_unknowns
+        dense = shell.stiffness(x).toarray()[np.ix_(free, free)] / root / root[:, None]
+        expected = scipy.linalg.eigvalsh(dense, subset_by_index=(0, 0))[0]
+        assert lowest_tangent_eigenvalue(shell, x) == pytest.approx(expected, rel=1e-6)
+    assert expected < 0.0
+
+
+def test_a_straight_column_leaves_its_saddle_and_says_so():
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(20, 2), family="equilateral")
+    material = ms.Material.from_physical(young=1e9, poisson=0.0, thickness=1e-2, density=1000.0, mesh=mesh)
+    shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 0.08)
+    force = np.zeros_like(mesh.vertices)
+    tip = mesh.vertices[:, 0] > 1.0 - 1e-9
+    force[tip, 0] = -5.0 * np.pi**2 / 4.0 * 1e9 * 0.1 * 1e-6 / 12.0 / tip.sum()
+    answer = ms.DiscreteShell(shell).equilibrium(force=force)
+    assert answer.converged
+    assert answer.stable
+    assert "symmetry was broken" in answer.message
+    assert np.abs(answer.positions[tip, 2]).max() > 0.3
