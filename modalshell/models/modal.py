@@ -54,7 +54,7 @@ class ModalModel(Model):
         self.shell = basis.shell
         self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
         self._mass = np.repeat(self.shell.mass, 3)
-        self._size = self.shell.size
+        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
 
     @abstractmethod
     def displacement(self, q: Array) -> Array:
@@ -78,7 +78,7 @@ class ModalModel(Model):
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
         displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
-        return self.basis.modes.T @ (self._mass * displacement)
+        return np.asarray(self.basis.modes.T @ (self._mass * displacement))
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static answer, with or without constraints, from the model's own :meth:`_free_statics`."""
@@ -208,7 +208,7 @@ class ModalModel(Model):
     @staticmethod
     def _patch_rows(matrix: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the patch's vertices in a (3n, m) matrix."""
-        return matrix.reshape(-1, 3, matrix.shape[1])[vertices]
+        return np.asarray(matrix.reshape(-1, 3, matrix.shape[1])[vertices])
 
     def _constraints(self, targets: Sequence[ResolvedTarget], present: Array) -> Evaluate:
         """Residuals and Jacobian of all targets, positions as shares of the shell's size."""
@@ -234,7 +234,7 @@ class ModalModel(Model):
     def _residuals(self, targets: Sequence[ResolvedTarget], residual: Array) -> Array:
         """Length of each target's residual: [m] for positions, [rad] for orientations."""
         lengths = np.linalg.norm(residual.reshape(-1, 3), axis=1)
-        return lengths * [self._size if target.kind == "position" else 1.0 for target in targets]
+        return np.asarray(lengths * [self._size if target.kind == "position" else 1.0 for target in targets])
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy ``q^T Lambda q / 2`` [J]."""
@@ -246,4 +246,9 @@ class ModalModel(Model):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
-        return self.shell.rest_positions + self.displacement(state.coordinates)
+        return np.asarray(self.shell.rest_positions + self.displacement(state.coordinates))
+
+
+def as_modal(model: Model) -> ModalModel | None:
+    """``model`` if its unknowns are modal coordinates, else None."""
+    return model if isinstance(model, ModalModel) else None
