@@ -251,7 +251,7 @@ class _ShellOptions:
         mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
         thickness = self.thickness
         if thickness is None:
-            thickness = float(np.ptp(mesh.vertices, axis=0).max()) / 200.0
+            thickness = mesh.size / 200.0
         material = ms.Material.from_physical(
             young=self.young, poisson=self.poisson, thickness=thickness, density=self.density, mesh=mesh
         )
@@ -329,7 +329,7 @@ def modes(
     make_folder(out)
     basis = ms.solve_modes(built, count)
     table = Table("mode", "frequency [Hz]", "kind")
-    size = float(np.ptp(built.rest_positions, axis=0).max())
+    size = built.size
     views = []
     for k, frequency in enumerate(basis.frequencies):
         rigid = k < basis.rigid_modes

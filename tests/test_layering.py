@@ -36,7 +36,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "mesh": {"checks", "errors", "memory", "reading", "sharing"},
     "loads": {"checks", "errors", "mesh", "selection", "sharing", "typing"},
     "render": {"atomic_io", "checks", "errors", "typing"},
-    "study": {"atomic_io", "checks", "errors", "reading"},
+    "study": {"atomic_io", "checks", "errors"},
     "reproduce": {"atomic_io", "errors", "provenance", "study", "typing"},
     "shell": {"checks", "errors", "kernels", "loads", "memory", "mesh", "sharing", "typing", "work"},
     "constraints": {"checks", "errors", "kernels", "sharing", "shell", "typing"},

@@ -66,7 +66,7 @@ class Basis(ReadOnlyArrays):
     @property
     def frequencies(self) -> Array:
         """Natural frequencies (m,) [Hz]."""
-        return np.asarray(np.sqrt(self.eigenvalues) / (2.0 * np.pi))
+        return np.sqrt(self.eigenvalues) / (2.0 * np.pi)
 
     @property
     def count(self) -> int:

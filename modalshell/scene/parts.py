@@ -74,7 +74,7 @@ def spread_force(table: Force, mesh: TriangleMesh) -> Array:
     """The force (n, 3) [N] on every vertex, by its share of the selected area."""
     chosen = selected("where", table.where, mesh.vertices)
     share = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
-    return np.asarray(share[:, None] / share.sum() * np.array(table.total))
+    return share[:, None] / share.sum() * np.array(table.total)
 
 
 def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Constraint:
@@ -100,7 +100,7 @@ def _target(table: Constrained, origin: Array, moving: bool) -> Array | Callable
     if table.target is not None:
         if table.times is not None:
             raise OptionError("times need targets beside them, one entry each")
-        return np.asarray(origin + np.array(table.target))
+        return origin + np.array(table.target)
     if not moving:
         raise OptionError("targets that move need a [motion] table; give one target for an equilibrium")
     times, points = checked_keyframes(table.times, table.targets)
@@ -109,7 +109,7 @@ def _target(table: Constrained, origin: Array, moving: bool) -> Array | Callable
     def at(time: float) -> Array:
         inside = float(np.clip(time, times[0], times[-1]))
         if spline is not None:
-            return np.asarray(origin + spline(inside))
+            return origin + spline(inside)
         return np.array([origin[axis] + np.interp(inside, times, points[:, axis]) for axis in range(3)])
 
     return at
