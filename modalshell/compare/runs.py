@@ -228,7 +228,7 @@ def turn_at(positions: Array, mesh: TriangleMesh, vertex: int) -> float:
     def normal(points: Array) -> Array:
         corners = points[faces]
         total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
-        return np.asarray(total / max(float(np.linalg.norm(total)), 1e-300))
+        return total / max(float(np.linalg.norm(total)), 1e-300)
 
     before, after = normal(np.asarray(mesh.vertices)), normal(positions)
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after)))
