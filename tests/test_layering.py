@@ -107,6 +107,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "mesh",
         "models",
         "modes",
+        "motion",
         "outcome",
         "provenance",
         "render",
