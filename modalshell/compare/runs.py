@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
 """Frames timed at most and at least, and frames before them that are not timed."""
 _FRAME_BUDGET = 4e6
 """Counted cost [reference microseconds] after which no more frames are run: as many on every machine."""
+_STATICS_LIMIT = 20.0
+"""Counted cost of a rung's static answers over that of DS at all loads, from which the other loads are left out."""
 ANSWER_FRAMES = 600
 """Frames of the time to answer: ten seconds at sixty a second."""
 
@@ -166,9 +168,7 @@ def measure_row(
     shell, mesh = case.shell, case.shell.mesh
     model, preprocessing = candidate.build(factory)
     watch = Stopwatch()
-    answers = path.answers
-    if candidate.spec.key != TRUTH:
-        answers = [model.equilibrium(force=factor * case.load) for factor in path.factors]
+    answers = path.answers if candidate.spec.key == TRUTH else static_answers(model, case, path)
     statics = watch() if candidate.spec.key != TRUTH else sum(answer.seconds for answer in answers)
     errors: list[float | None] = []
     areas: list[float | None] = []
@@ -204,6 +204,20 @@ def measure_row(
     )
 
 
+def static_answers(model: Model, case: Case, path: LoadPath) -> list[Equilibrium]:
+    """Answers of ``model`` at the loads of ``path``; no more are sought once they cost many times those of DS."""
+    answers: list[Equilibrium] = []
+    cost = 0.0
+    for factor in path.factors:
+        if cost > _STATICS_LIMIT * path.cost:
+            answers.append(replace(answers[-1], outcome=Outcome.STOPPED))
+            continue
+        with counted() as work:
+            answers.append(model.equilibrium(force=factor * case.load))
+        cost += work.cost
+    return answers
+
+
 def area_difference(answer: Equilibrium, exact: Equilibrium, mesh: TriangleMesh) -> float:
     """Relative area of an answer less that of the exact one."""
     return measure.area_change(answer.positions, mesh) - measure.area_change(exact.positions, mesh)
@@ -216,7 +230,7 @@ def turn_at(positions: Array, mesh: TriangleMesh, vertex: int) -> float:
     def normal(points: Array) -> Array:
         corners = points[faces]
         total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
-        return np.asarray(total / max(float(np.linalg.norm(total)), 1e-300))
+        return total / max(float(np.linalg.norm(total)), 1e-300)
 
     before, after = normal(np.asarray(mesh.vertices)), normal(positions)
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after)))

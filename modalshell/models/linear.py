@@ -30,7 +30,7 @@ class LinearModal(ModalModel):
     def modal_force(self, q: Array, load: Array) -> Array:  # noqa: ARG002 (the same at every q)
         """Modal force ``Phi^T f`` (m,)."""
         count_read(self.basis.modes.nbytes)
-        return np.asarray(self.basis.modes.T @ load.ravel())
+        return self.basis.modes.T @ load.ravel()
 
     def modal_force_jacobian(self, q: Array, load: Array) -> Array:  # noqa: ARG002
         """Zero (m, m): the force is the same at every q."""

@@ -247,3 +247,8 @@ class ModalModel(Model):
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
         return np.asarray(self.shell.rest_positions + self.displacement(state.coordinates))
+
+
+def as_modal(model: Model) -> ModalModel | None:
+    """``model`` if its unknowns are modal coordinates, else None."""
+    return model if isinstance(model, ModalModel) else None

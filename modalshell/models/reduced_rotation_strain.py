@@ -206,7 +206,7 @@ def interpolation_triangles(features: Array) -> Index:
 def places(count: int) -> Index:
     """Where the six numbers of ``count`` triangles (count, 6) are in flattened tiles."""
     triangle = np.arange(count)[:, None]
-    return np.asarray(triangle // TILE * 6 * TILE + np.arange(6) * TILE + triangle % TILE)
+    return triangle // TILE * 6 * TILE + np.arange(6) * TILE + triangle % TILE
 
 
 def linear_part(modal: Array) -> Array:

@@ -79,7 +79,7 @@ class RotationStrain(TurnedTriangles):
     def turns_and_strains(self, triangles: NDArray[np.int64]) -> Array:
         """Columns of :func:`triangle_modes` (k, m, 6) of some triangles."""
         tiles = self._modal.reshape(-1, self.basis.count, 6, TILE)
-        return np.asarray(tiles[triangles // TILE, :, :, triangles % TILE])
+        return tiles[triangles // TILE, :, :, triangles % TILE]
 
     def _adjoint(self, load: Array) -> LoadAdjoint:
         fit, parts = self._fit.adjoint(load)

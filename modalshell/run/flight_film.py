@@ -103,7 +103,7 @@ class FlightFilm:
     def _distances(self) -> Array:
         """From the camera to the nearest that a vertex of each bird may be, at least a tenth of a bird."""
         away = np.linalg.norm(self._flight.flock.positions - self._eye, axis=1)
-        return np.asarray(np.maximum(away - self._radius, 0.1 * self._radius))
+        return np.maximum(away - self._radius, 0.1 * self._radius)
 
     def _note(self, distances: Array, shares: Array, gaps: Array) -> None:
         crowd = self._flight.crowd
