@@ -103,6 +103,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "atomic_io",
         "checks",
         "errors",
+        "integrators",
         "measure",
         "mesh",
         "models",
