@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from cyclopts import App, CycloptsError, Parameter
@@ -24,6 +24,7 @@ from modalshell.checks import shortened
 from modalshell.compare import MODES
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
+from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.outcome import Outcome
@@ -234,12 +235,20 @@ class _ShellOptions:
         poisson: Annotated[float, Parameter(help="Poisson's ratio.")] = 0.3,
         thickness: Annotated[float | None, Parameter(help="Thickness [m]; else 1/200 of the mesh's size.")] = None,
         density: Annotated[float, Parameter(help="Mass per volume [kg/m^3].")] = 1000.0,
+        component: Annotated[
+            Literal["largest", "all"] | int | None,
+            Parameter(
+                help="Part of a mesh in several: its number from 0 by falling area, largest, or all as they are."
+            ),
+        ] = None,
+        join: Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")] = None,
     ) -> None:
+        self.component, self.join = component, join
         self.clamp, self.young, self.poisson, self.thickness, self.density = clamp, young, poisson, thickness, density
 
     def build(self, path: Path) -> ms.Shell:
         """Load the mesh and make the shell."""
-        mesh = ms.load_mesh(path)
+        mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
         thickness = self.thickness
         if thickness is None:
             thickness = mesh.size / 200.0
@@ -252,6 +261,8 @@ class _ShellOptions:
             if not clamped.any():
                 low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
                 raise OptionError(f"--clamp {self.clamp!r} holds no vertex; the mesh reaches from {low} to {high}")
+        if self.component != "all":
+            refuse_loose_parts(mesh, np.zeros(len(mesh.vertices), bool) if clamped is None else clamped)
         return ms.Shell(mesh, material, clamped)
 
 

@@ -14,6 +14,7 @@ from modalshell.checks import checked_times, checked_vectors
 from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
+from modalshell.mesh.parts import chosen_part
 from modalshell.motion import SupportPath
 from modalshell.provenance import repository_file
 from modalshell.scene.signatures import Built, signature_table
@@ -45,7 +46,7 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     file = folder / table.file
     if not file.exists() and table.file.startswith("meshes/"):
         file = repository_file(table.file)
-    return load_mesh(file)
+    return chosen_part(load_mesh(file), table.component, table.join)
 
 
 def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh) -> Material:
