@@ -108,6 +108,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "mesh",
         "models",
         "modes",
+        "motion",
         "outcome",
         "provenance",
         "render",
