@@ -208,7 +208,7 @@ def _faults(rows: list[Measurement], refused: dict[str, str], error: float) -> l
 def _spread(measured: Tradeoff) -> float:
     """Largest distance between answers of two rungs under the whole load, in lengths."""
     answers = [row.positions for row in measured.rows if row.converged and row.candidate.spec.pictured]
-    size = float(np.ptp(measured.case.shell.rest_positions, axis=0).max())
+    size = measured.case.shell.size
     pairs = combinations(answers, 2)
     return max((float(np.linalg.norm(a - b, axis=1).max()) / size for a, b in pairs), default=0.0)
 

@@ -125,7 +125,7 @@ def find_jump(
 
     ``missed`` says that DS found no answer at some load in between.
     """
-    size = float(np.ptp(model.shell.rest_positions, axis=0).max())
+    size = model.shell.size
 
     def apart(one: Array, other: Array) -> float:
         return float(np.linalg.norm(one - other, axis=1).max()) / size

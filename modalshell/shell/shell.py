@@ -136,7 +136,7 @@ class Shell(ReadOnlyArrays):
     @property
     def size(self) -> float:
         """Longest side of the box around the rest shape [m]."""
-        return float(np.ptp(self.rest_positions, axis=0).max())
+        return self.mesh.size
 
     def centred(self) -> tuple[Shell, Array]:
         """The same shell about the origin, and where its origin was (3,) [m]; itself where it is near the origin.

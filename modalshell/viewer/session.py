@@ -91,7 +91,7 @@ class ViewSession:
         self.shell = scene.build_shell()
         self._built = self.scene.build(self.shell)
         self._table = scene.motion or _STILL_SCENE_MOTION
-        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+        self._size = self.shell.size
         self.name = scene.model.spec.key
         self.modes = int(getattr(scene.model, "modes", 8))
         self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.free_unknowns.size)
@@ -112,7 +112,7 @@ class ViewSession:
     @property
     def faces(self) -> NDArray[np.integer]:
         """Triangles (T, 3)."""
-        return np.asarray(self.shell.mesh.faces)
+        return self.shell.mesh.faces
 
     @property
     def held(self) -> NDArray[np.bool_]:
