@@ -127,10 +127,18 @@ def write_record(path: str | os.PathLike[str], document: dict[str, Any]) -> Path
 def read_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
     """What :func:`write_record` wrote; None where the file is missing, damaged or another one."""
     try:
-        document = json.loads(read_text(path))
-        return document if document.pop(_DIGEST) == _document_digest(document) else None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return checked_record(path)
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         return None
+
+
+def checked_record(path: str | os.PathLike[str], *, bare: bool = False) -> dict[str, Any]:
+    """The same; any exception of JSON or the system where it is not whole. ``bare`` takes a file without a digest."""
+    document: dict[str, Any] = json.loads(read_text(path))
+    stored = document.pop(_DIGEST, None)
+    if stored != _document_digest(document) and not (bare and stored is None):
+        raise ValueError("it is not as it was written: the digest differs")
+    return document
 
 
 def _document_digest(document: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from cyclopts import App, CycloptsError, Parameter
@@ -24,6 +24,8 @@ from modalshell.checks import shortened
 from modalshell.compare import MODES
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
+from modalshell.memory import available_memory, gigabytes
+from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.outcome import Outcome
@@ -149,14 +151,24 @@ def sweep(
     *,
     out: Annotated[Path | None, Parameter(help="Folder of the results instead of the sweep's own.")] = None,
     workers: Annotated[int | None, Parameter(help="Processes; one for each core without it.")] = None,
-    cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, as tcp://10.0.0.1:8786.")] = None,
+    cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, tcp:// or tls://.")] = None,
+    certificates: Annotated[
+        tuple[Path, Path, Path] | None, Parameter(help="Files for tls://: authority, certificate, key.")
+    ] = None,
     time_limit: Annotated[float | None, Parameter(help="Seconds after which a case is given up.")] = None,
     retry: Annotated[bool, Parameter(help="Also do again what failed or took too long.")] = False,
 ) -> None:
     """Run a grid of scenes, or what is missing of it, and sum up what each found."""
     with _progress(f"{file.stem} cases") as on_step:
         found = ms.run_sweep(
-            file, out=out, workers=workers, cluster=cluster, time_limit=time_limit, retry=retry, on_step=on_step
+            file,
+            out=out,
+            workers=workers,
+            cluster=cluster,
+            certificates=certificates,
+            time_limit=time_limit,
+            retry=retry,
+            on_step=on_step,
         )
     counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
     print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
@@ -234,15 +246,23 @@ class _ShellOptions:
         poisson: Annotated[float, Parameter(help="Poisson's ratio.")] = 0.3,
         thickness: Annotated[float | None, Parameter(help="Thickness [m]; else 1/200 of the mesh's size.")] = None,
         density: Annotated[float, Parameter(help="Mass per volume [kg/m^3].")] = 1000.0,
+        component: Annotated[
+            Literal["largest", "all"] | int | None,
+            Parameter(
+                help="Part of a mesh in several: its number from 0 by falling area, largest, or all as they are."
+            ),
+        ] = None,
+        join: Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")] = None,
     ) -> None:
+        self.component, self.join = component, join
         self.clamp, self.young, self.poisson, self.thickness, self.density = clamp, young, poisson, thickness, density
 
     def build(self, path: Path) -> ms.Shell:
         """Load the mesh and make the shell."""
-        mesh = ms.load_mesh(path)
+        mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
         thickness = self.thickness
         if thickness is None:
-            thickness = float(np.ptp(mesh.vertices, axis=0).max()) / 200.0
+            thickness = mesh.size / 200.0
         material = ms.Material.from_physical(
             young=self.young, poisson=self.poisson, thickness=thickness, density=self.density, mesh=mesh
         )
@@ -252,6 +272,8 @@ class _ShellOptions:
             if not clamped.any():
                 low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
                 raise OptionError(f"--clamp {self.clamp!r} holds no vertex; the mesh reaches from {low} to {high}")
+        if self.component != "all":
+            refuse_loose_parts(mesh, np.zeros(len(mesh.vertices), bool) if clamped is None else clamped)
         return ms.Shell(mesh, material, clamped)
 
 
@@ -318,7 +340,7 @@ def modes(
     make_folder(out)
     basis = ms.solve_modes(built, count)
     table = Table("mode", "frequency [Hz]", "kind")
-    size = float(np.ptp(built.rest_positions, axis=0).max())
+    size = built.size
     views = []
     for k, frequency in enumerate(basis.frequencies):
         rigid = k < basis.rigid_modes
@@ -360,6 +382,13 @@ def main(arguments: list[str] | None = None) -> None:
         if debug:
             raise
         print(f"modalshell: {shortened(str(error), _LONGEST_MESSAGE)}", file=sys.stderr)
+        sys.exit(2)
+    except MemoryError as error:
+        if debug:
+            raise
+        told = f"{error}; " if str(error) else ""
+        advice = f"{told}{gigabytes(available_memory())} are free: take a coarser mesh, fewer modes or frames"
+        print(f"modalshell: out of memory: {advice}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("modalshell: stopped", file=sys.stderr)

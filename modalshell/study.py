@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from dataclasses import dataclass, field
@@ -12,15 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.atomic_io import digest, read_npz, write_npz, write_text
+from modalshell.atomic_io import checked_record, digest, read_npz, write_npz, write_record
 from modalshell.checks import shortened
 from modalshell.errors import FileFormatError
-from modalshell.reading import read_text
 
 Table = list[dict[str, str]]
 """A table of a study's page: the cells of each row by their headings."""
 
-_DIGEST = "sha256"
+_ARRAYS = "arrays"
+"""Key of the arrays' digest in the JSON file."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +49,9 @@ class StudyResult:
         # As they read back: tuples as lists, NumPy's numbers as Python's.
         content = json.loads(json.dumps(content, default=_plain, allow_nan=False))
         arrays = {name: np.asarray(array) for name, array in self.arrays.items()}
-        text = json.dumps(content | {_DIGEST: _digest(content, arrays)}, indent=1)
         stem = Path(folder) / self.name
-        return [write_npz(stem.with_suffix(".npz"), **arrays), write_text(stem.with_suffix(".json"), text + "\n")]
+        document = content | {_ARRAYS: digest(arrays)}
+        return [write_npz(stem.with_suffix(".npz"), **arrays), write_record(stem.with_suffix(".json"), document)]
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str], name: str) -> StudyResult:
@@ -62,23 +61,16 @@ class StudyResult:
         """
         stem = Path(folder) / name
         try:
-            document = json.loads(read_text(stem.with_suffix(".json")))
+            document = checked_record(stem.with_suffix(".json"), bare=True)
             arrays = read_npz(stem.with_suffix(".npz"))
-            stored = document.pop(_DIGEST, None)
+            if document.pop(_ARRAYS, None) not in (None, digest(arrays)):
+                raise ValueError("its JSON and NPZ are not those that were written together: the digest differs")
             if set(document) != {"study", "record", "findings"}:
                 raise ValueError(f"its JSON has the keys {', '.join(document)}")
-            if stored is not None and stored != _digest(document, arrays):
-                raise ValueError("its JSON and NPZ are not those that were written together: the digest differs")
             return cls(name, document["findings"], arrays, document["record"])
         except Exception as error:  # OS, JSON, zip and key errors all mean the same to the user
             text = shortened(str(error))
             raise FileFormatError(f"no readable result of study {name!r} in {Path(folder)}: {text}") from error
-
-
-def _digest(content: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> str:
-    """SHA-256 over a result's JSON content and its arrays."""
-    text = json.dumps(content, sort_keys=True) + digest(arrays)
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _plain(value: Any) -> Any:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
+from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.modal import ModalIntegrator
 from modalshell.models import CoarseMesh, Damping, Model
+from modalshell.models.factory import ModelFactory
+from modalshell.scene.models import model_tables
 from studies.integrator_drift import SummedWarp
-
-AnyModel = TypeVar("AnyModel", bound=Model)
 
 LENGTH, CELLS, FLEXURE, DENSITY, MODES = 1.0, (12, 2), 0.05, 0.2, 4
 RIGIDITY = 5.0 * FLEXURE
@@ -65,15 +67,18 @@ class IntegratedModel:
     theory: str = "implicit"
 
 
-def modal(kind: Callable[..., AnyModel], shell: ms.Shell, **options: Any) -> AnyModel:
-    """A model on the modes of a shell."""
-    return kind(ms.solve_modes(shell, MODES), **options)
+def built(spec: ms.ModelSpec, options: dict[str, Any], shell: ms.Shell) -> Model:
+    """The model of a record on a strip, trained up to Gamma = 30, allowed to go beyond its stable step."""
+    load = shell.gravity_force(replace(BASE, gamma=30.0).gravity)
+    factory = ModelFactory(shell, lambda: load, lambda _: coarse_mesh(shell))
+    common = {"modes": MODES, "rank": 12, "allow_unstable_step": True}
+    known = model_tables()[spec.key].__struct_fields__
+    return factory.build(spec, {name: value for name, value in common.items() if name in known} | options)
 
 
-def reduced(shell: ms.Shell, integrator: str) -> Model:
-    """Reduced RSW, trained on gravity up to Gamma = 30."""
-    loads = [replace(BASE, gamma=gamma).gravity for gamma in (0.3, 1.0, 3.0, 10.0, 30.0)]
-    return ms.ReducedRotationStrain.trained(modal(ms.RotationStrain, shell, integrator=integrator), loads, rank=12)
+def summed(shell: ms.Shell, integrator: str) -> Model:
+    """MWTS with the summed warp, which no scene knows."""
+    return SummedWarp(ms.solve_modes(shell, MODES), integrator=integrator)
 
 
 def coarse_mesh(shell: ms.Shell) -> CoarseMesh:
@@ -87,55 +92,38 @@ def coarse_mesh(shell: ms.Shell) -> CoarseMesh:
     return CoarseMesh(ms.TriangleMesh(vertices, mesh.faces), f"{along}x{CELLS[1]}")
 
 
-def coarse(shell: ms.Shell) -> Model:
-    """DS on such a mesh."""
-    return ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, coarse_mesh(shell).mesh))
+THEORY = {"implicit_midpoint": "midpoint", "explicit": "explicit", "verlet": "explicit"}
+"""Theory of the limits of integrators that are not implicit Euler."""
 
 
-MODAL = (("implicit_euler", "implicit Euler", "implicit"), ("implicit_midpoint", "midpoint", "midpoint"))
-"""Integrators of the models on modes: the name, in words, and the theory of their limits."""
-FULL = {
-    "implicit": ("implicit Euler", "implicit"),
-    "linear_implicit": ("linearised implicit Euler", "implicit"),
-    "explicit": ("explicit Euler", "explicit"),
-    "verlet": ("Verlet", "explicit"),
-}
-"""The same of DS and the sheet of springs."""
+def registered() -> Iterator[IntegratedModel]:
+    """Every registered model with every integrator."""
+    for spec in ms.models().values():
+        name = spec.name.replace(",", "")
+        if spec.builder is ms.RigidShell:
+            yield IntegratedModel(f"{name}, free and spinning", partial(built, spec, {}), "rigid")
+        elif "integrator" in model_tables()[spec.key].__struct_fields__:
+            rules = (ModalIntegrator if spec.on_modes else FullIntegrator).known
+            for key, rule in rules.items():
+                make = partial(built, spec, {"integrator": key})
+                yield IntegratedModel(f"{name}, {rule.name}", make, THEORY.get(key, "implicit"))
+        else:
+            yield IntegratedModel(f"{name}, implicit Euler", partial(built, spec, {}))
 
 
-def full(name: str, kind: Callable[..., Model]) -> list[IntegratedModel]:
-    """The rows of a model in which every vertex is an unknown, allowed to go beyond its stable step."""
-    return [
-        IntegratedModel(f"{name}, {words}", partial(kind, integrator=integrator, allow_unstable_step=True), theory)
-        for integrator, (words, theory) in FULL.items()
-    ]
-
-
-ON_MODES: dict[str, Callable[..., Model]] = {
-    "LMA": partial(modal, ms.LinearModal),
-    "MWTS": partial(modal, ms.ModalWarping),
-    "MWTS sum": partial(modal, SummedWarp),
-    "MWTS consistent": partial(modal, ms.ModalWarping, consistent_force=True),
-    "RSW": partial(modal, ms.RotationStrain),
-    "reduced RSW": reduced,
-}
 ROWS = (
+    *registered(),
     *(
-        IntegratedModel(f"{name}, {words}", partial(make, integrator=integrator), theory)
-        for name, make in ON_MODES.items()
-        for integrator, words, theory in MODAL
+        IntegratedModel(f"MWTS sum, {rule.name}", partial(summed, integrator=key), THEORY.get(key, "implicit"))
+        for key, rule in ModalIntegrator.known.items()
     ),
-    IntegratedModel("MD-ROM, implicit Euler", partial(ms.ModalDerivatives, count=MODES)),
-    IntegratedModel("MD-ROM with cubature, implicit Euler", partial(ms.ModalDerivatives, count=MODES, cubature=True)),
-    IntegratedModel("rigid, free and spinning", ms.RigidShell, "rigid"),
-    IntegratedModel("coarse DS, implicit Euler", coarse),
-    *full("springs", ms.SpringSheet),
+    IntegratedModel("MD-ROM with cubature, implicit Euler", partial(built, ms.models()["md-rom"], {"cubature": True})),
     IntegratedModel(
-        "springs, linearised implicit Euler by CG", partial(ms.SpringSheet, integrator="linear_implicit", solver="cg")
+        "springs, linearised implicit Euler by CG",
+        partial(built, ms.models()["springs"], {"integrator": "linear_implicit", "solver": "cg"}),
     ),
-    *full("DS", ms.DiscreteShell),
 )
-"""Every model with every integrator; a further one is one more line."""
+"""Every model with every integrator, and variants that move otherwise."""
 
 
 @cache

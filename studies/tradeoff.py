@@ -22,6 +22,7 @@ from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
 from modalshell.models.registry import TRUTH
 from modalshell.motion import Motion
+from modalshell.motion.recorder import take_steps
 from modalshell.provenance import repository_file, run_record
 from modalshell.study import StudyResult, Table
 from modalshell.timings import Stopwatch
@@ -103,8 +104,7 @@ def snap_row(case: Case, candidate: Candidate) -> dict[str, Any]:
     motion = Motion(model, dt=case.dt, force=case.load, damping=SNAP_DAMPING)
     steps = round(SNAP_TIME / case.dt)
     watch = Stopwatch()
-    for _ in range(steps):
-        motion.advance()
+    for _ in take_steps(motion, steps):
         last = motion.positions()
     return {
         "label": candidate.label,

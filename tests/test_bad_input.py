@@ -343,7 +343,10 @@ def test_a_flight_whose_record_is_none_is_flown_again(tmp_path, junk):
     assert ms.run_scene(tmp_path / "beam.toml", out=tmp_path).resumed == 0
 
 
-@pytest.mark.parametrize(("old", "new"), [(b'"rest_positions"', b'"rest_posiMions"'), (b"'positions'", b"'posiMions'")])
+HEADER_CHANGES = [(b'"rest_positions"', b'"rest_posiMions"'), (rb"\"positions\"", rb"\"posiMions\"")]
+
+
+@pytest.mark.parametrize(("old", "new"), HEADER_CHANGES)
 def test_frames_with_a_damaged_header_are_not_followed(tmp_path, old, new):
     def stop(*_):
         raise KeyboardInterrupt

@@ -21,6 +21,7 @@ from modalshell.compare.runs import Measurement
 from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
+from modalshell.outcome import Outcome
 from modalshell.scene import Scene
 from modalshell.scene.write import toml_table, write_scene_with
 from modalshell.shell import Shell
@@ -30,6 +31,9 @@ NEAR_TIE = 1.25
 """Counted costs of frames within this factor of the cheapest are ties, which go to the simplest rung."""
 RATE_MARGIN = 1.2
 """Measured frames a second over those asked, from which a rung is fast enough: measured times scatter by this much."""
+
+_WORDS: dict[str, str] = {Outcome.STOPPED: "its static answers cost many times those of DS"}
+"""Outcomes of static answers that a reader of advice would not understand."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +154,7 @@ def refusals(measured: Tradeoff) -> dict[str, str]:
     for row in measured.rows:
         if row.missed:
             wrong = [status for status in row.statuses if status != "converged"]
-            refused[row.label] = wrong[0] if wrong else f"its motion {row.motion}"
+            refused[row.label] = _WORDS.get(wrong[0], wrong[0]) if wrong else f"its motion {row.motion}"
         elif row.candidate.spec.quadratic and measured.path.snap is not None:
             refused[row.label] = "the shell snaps, which an elastic energy quadratic in rest modes cannot"
     return refused
@@ -204,7 +208,7 @@ def _faults(rows: list[Measurement], refused: dict[str, str], error: float) -> l
 def _spread(measured: Tradeoff) -> float:
     """Largest distance between answers of two rungs under the whole load, in lengths."""
     answers = [row.positions for row in measured.rows if row.converged and row.candidate.spec.pictured]
-    size = float(np.ptp(measured.case.shell.rest_positions, axis=0).max())
+    size = measured.case.shell.size
     pairs = combinations(answers, 2)
     return max((float(np.linalg.norm(a - b, axis=1).max()) / size for a, b in pairs), default=0.0)
 

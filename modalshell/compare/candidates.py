@@ -69,14 +69,16 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
         left_out["more modes"] = f"the shell has {most} free unknowns"
     found: list[Candidate] = []
     for key, spec in models().items():
+        keys = model_tables()[key].__struct_fields__
         if spec.needs == "coarse mesh":
             for mesh in case.coarse:
                 found.append(Candidate(spec, mesh.name, {} if mesh.cells is None else {"cells": mesh.cells}, mesh))
             if not case.coarse:
                 left_out[spec.name] = "needs coarser meshes of the surface: a shape with more cells, or coarse="
-        elif "modes" in model_tables()[key].__struct_fields__:
+        elif "modes" in keys:
+            kept = {"integrator": case.integrator} if case.integrator and spec.on_modes and "integrator" in keys else {}
             own = [count for count in counts if spec.most_modes is None or count <= spec.most_modes] or counts[:1]
-            found += [Candidate(spec, str(count), {"modes": count}) for count in own]
+            found += [Candidate(spec, str(count), {"modes": count} | kept) for count in own]
         else:
             found.append(Candidate(spec))
     return found, left_out

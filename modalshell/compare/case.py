@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind
 from modalshell.errors import OptionError
+from modalshell.integrators.modal import ImplicitEuler
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh, Damping
 from modalshell.models.coarse_discrete_shell import drawn_to_supports
@@ -43,6 +44,8 @@ class Case:
         Coarser meshes to run discrete shells on.
     note : str
         How the load came about, where that has to be said.
+    integrator : str or None
+        Key of the rule by which models on modes step; their own default without it.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Case:
     damping: Damping = field(default_factory=Damping)
     coarse: Sequence[CoarseMesh] = ()
     note: str = ""
+    integrator: str | None = None
 
     def __post_init__(self) -> None:
         if loose := rigid_motions(self.shell).shape[1]:
@@ -94,6 +98,7 @@ def scene_case(scene: ShellScene) -> Case:
     shell = scene.build_shell()
     load, note = scene.largest_load(shell)
     motion = scene.motion
+    rule = scene.model.options.get("integrator") if scene.model.spec.on_modes else None
     return Case(
         scene.name,
         shell,
@@ -102,4 +107,5 @@ def scene_case(scene: ShellScene) -> Case:
         Damping(*motion.damping) if motion else Damping(),
         scene_coarse_meshes(scene.mesh, scene.material, shell),
         note,
+        None if rule == ImplicitEuler.key else rule,
     )

@@ -12,6 +12,7 @@ from modalshell.models import DiscreteShell, Equilibrium
 from modalshell.modes import lowest_tangent_eigenvalue, solve_modes
 from modalshell.shell import Shell
 from modalshell.typing import Array
+from modalshell.work import counted
 
 _SINGULAR = 0.03
 """Lowest eigenvalue about a deformed state, over that at rest, below which the tangent counts as singular."""
@@ -58,6 +59,8 @@ class LoadPath:
         Lowest eigenvalue at rest [1/s^2].
     snap : Snap or None
         The first one, if there is any.
+    cost : float
+        Counted cost of the answers [reference microseconds].
     """
 
     factors: tuple[float, ...]
@@ -65,6 +68,7 @@ class LoadPath:
     tangents: list[float | None]
     lowest: float
     snap: Snap | None
+    cost: float = 0.0
 
     @property
     def known(self) -> list[int]:
@@ -81,9 +85,11 @@ def follow_loads(
     answers: list[Equilibrium] = []
     tangents: list[float | None] = []
     snap: Snap | None = None
-    last, last_factor, missed = shell.rest_positions, 0.0, False
+    last, last_factor, missed, cost = shell.rest_positions, 0.0, False, 0.0
     for factor in factors:
-        answer = model.equilibrium(force=factor * load, start=last if last_factor else None)
+        with counted() as work:
+            answer = model.equilibrium(force=factor * load, start=last if last_factor else None)
+        cost += work.cost
         answers.append(answer)
         tangents.append(tangent_ratio(shell, answer, lowest))
         if answer.converged:
@@ -99,7 +105,7 @@ def follow_loads(
             on_load()
     if missed and snap is None:
         snap = Snap(last_factor, float(factors[-1]), "DS finds no equilibrium there")
-    return LoadPath(tuple(float(factor) for factor in factors), answers, tangents, lowest, snap)
+    return LoadPath(tuple(float(factor) for factor in factors), answers, tangents, lowest, snap, cost)
 
 
 def tangent_ratio(shell: Shell, answer: Equilibrium, lowest: float) -> float | None:
@@ -119,7 +125,7 @@ def find_jump(
 
     ``missed`` says that DS found no answer at some load in between.
     """
-    size = float(np.ptp(model.shell.rest_positions, axis=0).max())
+    size = model.shell.size
 
     def apart(one: Array, other: Array) -> float:
         return float(np.linalg.norm(one - other, axis=1).max()) / size

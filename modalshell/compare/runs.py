@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
+from modalshell.motion import Motion
+from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.outcome import Outcome
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
@@ -24,6 +26,8 @@ _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
 """Frames timed at most and at least, and frames before them that are not timed."""
 _FRAME_BUDGET = 4e6
 """Counted cost [reference microseconds] after which no more frames are run: as many on every machine."""
+_STATICS_LIMIT = 20.0
+"""Counted cost of a rung's static answers over that of DS at all loads, from which the other loads are left out."""
 ANSWER_FRAMES = 600
 """Frames of the time to answer: ten seconds at sixty a second."""
 
@@ -57,7 +61,7 @@ class Measurement:
         Lowest frequency about the last state that DS knows, over that of DS at rest; 0 where that state is unstable,
         None for rungs that cannot tell.
     motion : str
-        Outcome of the timed motion.
+        Outcome of the timed motion, with what else is to be said of it.
     missed : bool
         Whether the rung has no answer at a load where DS has one, or its motion left the finite numbers.
     positions : ndarray, shape (n, 3)
@@ -164,9 +168,7 @@ def measure_row(
     shell, mesh = case.shell, case.shell.mesh
     model, preprocessing = candidate.build(factory)
     watch = Stopwatch()
-    answers = path.answers
-    if candidate.spec.key != TRUTH:
-        answers = [model.equilibrium(force=factor * case.load) for factor in path.factors]
+    answers = path.answers if candidate.spec.key == TRUTH else static_answers(model, case, path)
     statics = watch() if candidate.spec.key != TRUTH else sum(answer.seconds for answer in answers)
     errors: list[float | None] = []
     areas: list[float | None] = []
@@ -176,14 +178,14 @@ def measure_row(
         errors.append(measure.displacement_error(answer.positions, exact.positions, shell) if both else None)
         areas.append(area_difference(answer, exact, mesh) if both else None)
         turns.append(turn_at(answer.positions, mesh, tip) if answer.converged else None)
-    frame_ms, work, motion, finite = timed_frames(model, case)
+    frame_ms, work, motion, told = timed_frames(model, case)
     known = path.known
     frequency = None
     if known and answers[known[-1]].converged:
         factor = path.factors[known[-1]]
         found = model.tangent_eigenvalue(answers[known[-1]], factor * case.load)
         frequency = None if found is None else float(np.sqrt(max(found, 0.0) / path.lowest))
-    missed = any(not answers[k].converged for k in known) or not finite
+    missed = any(not answers[k].converged for k in known) or motion is Outcome.DIVERGED
     return Measurement(
         candidate,
         preprocessing,
@@ -195,11 +197,25 @@ def measure_row(
         turns,
         [answer.status for answer in answers],
         frequency,
-        motion,
+        motion.with_message(told),
         missed,
         answers[-1].positions,
         None if outside is None else measure.displacement_error(answers[-1].positions, outside, shell),
     )
+
+
+def static_answers(model: Model, case: Case, path: LoadPath) -> list[Equilibrium]:
+    """Answers of ``model`` at the loads of ``path``; no more are sought once they cost many times those of DS."""
+    answers: list[Equilibrium] = []
+    cost = 0.0
+    for factor in path.factors:
+        if cost > _STATICS_LIMIT * path.cost:
+            answers.append(replace(answers[-1], outcome=Outcome.STOPPED))
+            continue
+        with counted() as work:
+            answers.append(model.equilibrium(force=factor * case.load))
+        cost += work.cost
+    return answers
 
 
 def area_difference(answer: Equilibrium, exact: Equilibrium, mesh: TriangleMesh) -> float:
@@ -214,34 +230,28 @@ def turn_at(positions: Array, mesh: TriangleMesh, vertex: int) -> float:
     def normal(points: Array) -> Array:
         corners = points[faces]
         total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
-        return np.asarray(total / max(float(np.linalg.norm(total)), 1e-300))
+        return total / max(float(np.linalg.norm(total)), 1e-300)
 
     before, after = normal(np.asarray(mesh.vertices)), normal(positions)
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(before, after)), before @ after)))
 
 
-def timed_frames(model: Model, case: Case) -> tuple[float, Work, str, bool]:
+def timed_frames(model: Model, case: Case) -> tuple[float, Work, Outcome, str]:
     """Median time [ms] and mean counted work of a frame in motion from rest under the whole load.
 
-    Also how that went, in words, and whether it stayed finite.
+    Also the outcome of that motion, and what else is to be said of it.
     """
-    state = model.start_motion()
+    damping = case.damping.mass_factor, case.damping.stiffness_factor
+    motion = Motion(model, dt=case.dt, force=case.load, damping=damping)
+    recorder = Recorder(motion, _UNTIMED + _FRAMES)
     times: list[float] = []
-    failed = 0
-    finite = True
-    with np.errstate(over="ignore", invalid="ignore"), counted() as work:
-        for count in range(1, _UNTIMED + _FRAMES + 1):
-            begin, began = time.perf_counter(), time.process_time()
-            state, converged = model.step(state, case.dt, case.load, case.damping)
-            positions = model.positions(state)
+    with counted() as work:
+        begin, began = time.perf_counter(), time.process_time()
+        for _ in take_steps(motion, recorder.total):
+            motion.positions()
             # On a busy machine the processor's time is the smaller one, with several threads the wall's.
             times.append(min(time.perf_counter() - begin, time.process_time() - began))
-            failed += not converged
-            if not np.isfinite(positions.sum()):
-                finite = False
+            if motion.count >= _UNTIMED + _FEWEST and work.cost > _FRAME_BUDGET:
                 break
-            if count >= _UNTIMED + _FEWEST and work.cost > _FRAME_BUDGET:
-                break
-    motion = f"{failed} of {count} steps did not converge" if failed else "completed"
-    motion = motion if finite else f"diverged at frame {count}"
-    return 1000.0 * float(np.median(times[_UNTIMED:] or [np.inf])), work.per(count), motion, finite
+            begin, began = time.perf_counter(), time.process_time()
+    return 1000.0 * float(np.median(times[_UNTIMED:] or [np.inf])), work.per(motion.count), *recorder.verdict()

@@ -224,7 +224,7 @@ def outside_positions(truth: ArrayLike | str | os.PathLike[str], shell: Shell) -
                 f"{file}: holds another mesh ({len(mesh.vertices)} vertices, the scene's has {count}, or other "
                 "triangles): save the solution on the scene's own mesh, its vertices in the same order"
             )
-        return np.asarray(mesh.vertices)
+        return mesh.vertices
     try:
         positions = np.asarray(read_npz(file)["positions"], dtype=np.float64)
     except Exception as error:  # OS, zip and key errors all mean the same to the user

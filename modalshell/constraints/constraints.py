@@ -133,7 +133,7 @@ def nearest_branch(rotation_vector: Array, present: Array) -> Array:
     axis = rotation_vector / length
     if abs(angle) >= 1e-12:
         angle += 2.0 * math.pi * round((float(axis @ present) - angle) / (2.0 * math.pi))
-    return np.asarray(axis * angle)
+    return axis * angle
 
 
 class HeldPatch:
@@ -157,9 +157,9 @@ class HeldPatch:
         """Positions (k, 3) [m] of the patch's vertices at ``time`` [s], or ``share`` of the way there from rest."""
         center = self._center + share * (self.position.at(time) - self._center)
         if self.orientation is None:
-            return np.asarray(center + self._arms)
+            return center + self._arms
         turn = Rotation.from_rotvec(share * self.orientation.at(time))
-        return np.asarray(center + turn.apply(self._arms))
+        return center + turn.apply(self._arms)
 
 
 def held_patches(constraints: Sequence[Constraint], shell: Shell) -> list[HeldPatch]:

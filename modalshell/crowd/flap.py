@@ -71,4 +71,4 @@ class Flap:
         gravity = checked_number("gravity", gravity, above=0.0, unit="m/s^2")
         factor = np.minimum(np.linalg.norm(loads, axis=1) / gravity, self.largest_load_factor)
         beat = np.sin(2.0 * np.pi * self.frequency * time + shift)
-        return np.asarray((factor * beat)[:, None] * self._force)
+        return (factor * beat)[:, None] * self._force

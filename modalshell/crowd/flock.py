@@ -47,7 +47,7 @@ class Rules(NamedTuple):
     @property
     def direction(self) -> Array:
         """Sum of all rules (N, 3)."""
-        return np.asarray(np.sum(self, axis=0))
+        return np.sum(self, axis=0)
 
 
 @final
@@ -185,7 +185,7 @@ class Flock:
         fade = part**3 * (part * (6.0 * part - 15.0) + 10.0)  # [perlin2002]
         first = knot.astype(np.int64) % _NOISE_PERIOD
         begin, end = self._knots[first], self._knots[(first + 1) % _NOISE_PERIOD]
-        return np.asarray(self.speed * (1.0 + self.speed_variation * (begin + fade * (end - begin))))
+        return self.speed * (1.0 + self.speed_variation * (begin + fade * (end - begin)))
 
     def neighbourhood(self) -> Neighbourhood:
         """Sums over every boid's neighbours now."""
@@ -240,4 +240,4 @@ class Flock:
 def unit(vectors: Array) -> Array:
     """Vectors (N, 3) over their lengths; zero stays zero."""
     lengths = np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
-    return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0)[:, None])
+    return vectors / np.where(lengths > 0.0, lengths, 1.0)[:, None]

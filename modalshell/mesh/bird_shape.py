@@ -71,4 +71,4 @@ def paper_bird(
 def _along(fraction: FloatArray, part: FloatArray, length: float) -> FloatArray:
     """Place x [m] at fractions of the chord, at fractions ``part`` of the wing."""
     trailing, leading = np.interp(part, _STATIONS, _TRAILING), np.interp(part, _STATIONS, _LEADING)
-    return np.asarray(length * (trailing + fraction * (leading - trailing)))
+    return length * (trailing + fraction * (leading - trailing))

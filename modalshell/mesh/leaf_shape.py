@@ -74,7 +74,7 @@ def half_outline(s: FloatArray) -> FloatArray:
     # (1 - u)(b + 4 a u) with a chosen so that its maximum over the blade is 1.
     a = (16.0 - 8.0 * b + np.sqrt((16.0 - 8.0 * b) ** 2 - 64.0 * b**2)) / 32.0
     u = np.clip((s - STALK_LENGTH) / (1.0 - STALK_LENGTH), 0.0, 1.0)
-    return np.asarray((1.0 - u) * (b + 4.0 * a * u))
+    return (1.0 - u) * (b + 4.0 * a * u)
 
 
 def _half_blade(length: float, half_width: float, along: int, rows: int, family: str) -> tuple[FloatArray, IntArray]:

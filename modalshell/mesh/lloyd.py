@@ -47,7 +47,7 @@ def _cell_centroids(points: FloatArray, others: FloatArray) -> FloatArray:
         area += np.bincount(cell, part, len(points))
         for axis in (0, 1):
             moment[:, axis] += np.bincount(cell, part * (a + b + p)[:, axis] / 3.0, len(points))
-    return np.asarray(moment / area[:, None])
+    return moment / area[:, None]
 
 
 def delaunay_faces(points: FloatArray, sliver: float) -> IntArray:
@@ -62,4 +62,4 @@ def signed_areas(points: FloatArray, faces: IntArray) -> FloatArray:
     """Signed areas [m^2] of plane triangles, shape (T,), positive when counter-clockwise."""
     a, b, c = points[faces[:, 0]], points[faces[:, 1]], points[faces[:, 2]]
     u, v = b - a, c - a
-    return np.asarray(0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]))
+    return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])

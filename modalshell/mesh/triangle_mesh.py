@@ -124,6 +124,11 @@ class TriangleMesh(ReadOnlyArrays):
         return float(self.face_areas.sum())
 
     @cached_property
+    def size(self) -> float:
+        """Largest extent along an axis at rest [m]."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
+    @cached_property
     def boundary_vertices(self) -> IntArray:
         """Vertices on the boundary, sorted, shape (b,)."""
         return read_only(np.unique(self.edges[self.edge_faces[:, 1] < 0]))

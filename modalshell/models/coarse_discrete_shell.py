@@ -92,7 +92,7 @@ class CoarseDiscreteShell(Model):
         self.shell = checked_kind("shell", shell, Shell)
         self.coarse = DiscreteShell(checked_kind("coarse", coarse, Shell))
         mesh, under = shell.mesh, coarse.mesh
-        size = float(np.ptp(mesh.vertices, axis=0).max())
+        size = mesh.size
         below, vertex_shares, distance = closest_points(under, mesh.vertices)
         if distance.max() > _APART * size:
             worst = int(distance.argmax())
@@ -134,9 +134,7 @@ class CoarseDiscreteShell(Model):
         """Coarse positions from the fine displacements, averaged with the same weights."""
         moved = positions - self.shell.rest_positions
         weights = self.handed_down(np.ones_like(moved))
-        return np.asarray(
-            self.coarse.shell.rest_positions + self.handed_down(moved) / np.where(weights > 0, weights, 1.0)
-        )
+        return self.coarse.shell.rest_positions + self.handed_down(moved) / np.where(weights > 0, weights, 1.0)
 
     def carried_up(self, positions: Array) -> Array:
         """Fine positions (n, 3) [m] from coarse ones."""
@@ -164,7 +162,7 @@ class CoarseDiscreteShell(Model):
         three = 0.5 * length * across
         right_side = self._to_rows @ np.concatenate([-two - three, two, three])
         centres = np.array([share @ carried[vertices] for vertices, share in fit.floating]).reshape(-1, 3)
-        return np.asarray(self.shell.rest_positions + fit.displacement(right_side, centres))
+        return self.shell.rest_positions + fit.displacement(right_side, centres)
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State of the coarse shell at rest."""
@@ -303,7 +301,7 @@ def _barycentric(corners: Array, points: Array) -> Array:
     determinant = aa * bb - ab**2
     shares = np.stack([(bb * ra - ab * rb) / determinant, (aa * rb - ab * ra) / determinant], axis=-1)
     whole = np.concatenate([1.0 - shares.sum(axis=-1, keepdims=True), shares], axis=-1).clip(0.0, None)
-    return np.asarray(whole / whole.sum(axis=-1, keepdims=True))
+    return whole / whole.sum(axis=-1, keepdims=True)
 
 
 def _frames(positions: Array, faces: Index) -> Array:
@@ -346,4 +344,4 @@ def _interpolated(quaternions: Array, strains: Array, mean: sps.csr_array, share
     corner_strain = (mean @ strains.reshape(-1, 9)).reshape(-1, 3, 3, 3)
     turn = turn * np.where(np.sum(turn * turn[:, :1], axis=2, keepdims=True) < 0.0, -1.0, 1.0)
     rotation = Rotation.from_quat(np.einsum("tk,tkq->tq", shares, turn)).as_matrix()
-    return np.asarray(rotation @ np.einsum("tk,tkij->tij", shares, corner_strain))
+    return rotation @ np.einsum("tk,tkij->tij", shares, corner_strain)

@@ -22,7 +22,7 @@ class LinearModal(ModalModel):
 
     name = "LMA"
 
-    def displacement(self, q: Array) -> Array:
+    def raw_displacement(self, q: Array) -> Array:
         """Displacements ``Phi q`` (n, 3) [m]."""
         count_read(self.basis.modes.nbytes)
         return np.asarray(self.basis.modes @ q).reshape(-1, 3)
@@ -30,7 +30,7 @@ class LinearModal(ModalModel):
     def modal_force(self, q: Array, load: Array) -> Array:  # noqa: ARG002 (the same at every q)
         """Modal force ``Phi^T f`` (m,)."""
         count_read(self.basis.modes.nbytes)
-        return np.asarray(self.basis.modes.T @ load.ravel())
+        return self.basis.modes.T @ load.ravel()
 
     def modal_force_jacobian(self, q: Array, load: Array) -> Array:  # noqa: ARG002
         """Zero (m, m): the force is the same at every q."""

@@ -98,7 +98,7 @@ class ModalDerivatives(Model):
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Coordinates (r,) of the mass-weighted projection of ``positions`` (n, 3)."""
         displacement = self.shell.checked_positions(positions) - self.shell.rest_positions
-        return np.asarray((self.shell.mass[:, None] * displacement).ravel() @ self._vectors)
+        return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:  # noqa: ARG002
         push = load.ravel() @ self._vectors
@@ -158,4 +158,4 @@ class ModalDerivatives(Model):
 
     def _positions(self, z: Array) -> Array:
         count_read(self._vectors.nbytes)
-        return np.asarray(self.shell.rest_positions + (self._vectors @ z).reshape(-1, 3))
+        return self.shell.rest_positions + (self._vectors @ z).reshape(-1, 3)

@@ -116,14 +116,14 @@ class RigidShell(Model):
         if not self._free:
             return self.shell.rest_positions.copy()
         z = state.coordinates
-        return np.asarray(Rotation.from_rotvec(z[3:]).apply(self._arms) + self._centre + z[:3])
+        return Rotation.from_rotvec(z[3:]).apply(self._arms) + self._centre + z[:3]
 
     def angular_momentum(self, state: MotionState) -> Array:
         """Angular momentum (3,) about the centre of mass [kg m^2/s], in the world's frame."""
         if not self._free:
             return np.zeros(3)
         attitude = Rotation.from_rotvec(state.coordinates[3:]).as_matrix()
-        return np.asarray(attitude @ self._inertia() @ attitude.T @ state.rates[3:])
+        return attitude @ self._inertia() @ attitude.T @ state.rates[3:]
 
     def elastic_energy(self, state: MotionState) -> float:  # noqa: ARG002 (the same in every state)
         """Zero: it does not deform."""
@@ -140,7 +140,7 @@ class RigidShell(Model):
         return np.zeros(6 if self._free else 0)
 
     def _inertia(self) -> Array:
-        return np.asarray(np.trace(self._moments) * np.eye(3) - self._moments)
+        return np.trace(self._moments) * np.eye(3) - self._moments
 
     def _increment(self, impulse: Array, guess: Array) -> tuple[Array, bool]:
         """Turn c (3,) [rad] of a step, in the body's frame, whose discrete momentum is ``impulse``; by Newton."""

@@ -63,7 +63,7 @@ class RotationStrain(TurnedTriangles):
         self._shape = tiled(shape).reshape(-1, 12 * TILE)
         self._corners = tiled(fit.slots, fill=fit.rows - 1)
 
-    def displacement(self, q: Array) -> Array:
+    def raw_displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the fitted surface."""
         count_read(self._modal.nbytes + self._shape.nbytes)
         right_side = np.empty((self._fit.rows, 3))
@@ -72,14 +72,14 @@ class RotationStrain(TurnedTriangles):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
-        out = self.displacement(state.coordinates)
+        out = self.raw_displacement(state.coordinates)
         out += self.shell.rest_positions
         return out
 
     def turns_and_strains(self, triangles: NDArray[np.int64]) -> Array:
         """Columns of :func:`triangle_modes` (k, m, 6) of some triangles."""
         tiles = self._modal.reshape(-1, self.basis.count, 6, TILE)
-        return np.asarray(tiles[triangles // TILE, :, :, triangles % TILE])
+        return tiles[triangles // TILE, :, :, triangles % TILE]
 
     def _adjoint(self, load: Array) -> LoadAdjoint:
         fit, parts = self._fit.adjoint(load)

@@ -77,7 +77,7 @@ class ModalWarping(ModalModel):
         count_read(self.basis.rotations.nbytes)
         return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
 
-    def displacement(self, q: Array) -> Array:
+    def raw_displacement(self, q: Array) -> Array:
         """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
         count_read(self.basis.modes.nbytes)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
@@ -110,7 +110,7 @@ class ModalWarping(ModalModel):
         count_read(self.basis.modes.nbytes)
         rotated = np.empty_like(load)
         rotations.rotate(self.rotation_vectors(q), load, -1.0, rotated)
-        return np.asarray(self.basis.modes.T @ rotated.ravel())
+        return self.basis.modes.T @ rotated.ravel()
 
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
@@ -129,7 +129,7 @@ class ModalWarping(ModalModel):
         mixed, curvature = np.empty((2, *load.shape, 3))
         rotations.warped_work_curvature(w, linear, load, mixed, curvature)
         by_modes = self.basis.modes.T @ self._turned(mixed)
-        return np.asarray(by_modes + by_modes.T + self.basis.rotations.T @ self._turned(curvature))
+        return by_modes + by_modes.T + self.basis.rotations.T @ self._turned(curvature)
 
     def modal_force_jacobian(self, q: Array, load: Array) -> Array:
         """Derivatives ``dp/dq`` (m, m) of the modal force; not symmetric unless the force is consistent."""
@@ -137,7 +137,7 @@ class ModalWarping(ModalModel):
             return self.work_curvature(q, load)
         blocks = np.empty((*load.shape, 3))
         rotations.rotated_load_jacobian(self.rotation_vectors(q), load, blocks)
-        return np.asarray(self.basis.modes.T @ self._turned(blocks))
+        return self.basis.modes.T @ self._turned(blocks)
 
     def _turned(self, blocks: Array) -> Array:
         """Derivatives by w (n, 3, 3) at every vertex as derivatives by q (3n, m)."""
@@ -180,14 +180,14 @@ class ModalWarping(ModalModel):
         """Out-of-balance ``y - p / sqrt(lambda)``."""
         rotated = np.empty_like(load)
         rotations.rotate((self._rotations @ (y / root)).reshape(-1, 3), load, -1.0, rotated)
-        return np.asarray(y - (self._modes.T @ rotated.ravel()) / root)
+        return y - (self._modes.T @ rotated.ravel()) / root
 
     def _jacobian(self, y: Array, load: Array, root: Array) -> Array:
         """Jacobian of :meth:`_balance` (elastic modes, elastic modes); not symmetric."""
         q = np.zeros(self.basis.count)
         q[self._elastic] = y / root
         slope = self.modal_force_jacobian(q, load)[self._elastic, self._elastic]
-        return np.asarray(np.eye(root.size) - slope / root[:, None] / root)
+        return np.eye(root.size) - slope / root[:, None] / root
 
     def _stable(self, y: Array, load: Array, root: Array) -> bool:
         """Whether heavily damped motion returns to y: all eigenvalues of the Jacobian have positive real part."""

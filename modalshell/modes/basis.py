@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ import numpy as np
 
 from modalshell.atomic_io import read_npz, write_npz
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
-from modalshell.errors import FileFormatError
+from modalshell.errors import FileFormatError, ModalShellWarning
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
@@ -64,7 +66,7 @@ class Basis(ReadOnlyArrays):
     @property
     def frequencies(self) -> Array:
         """Natural frequencies (m,) [Hz]."""
-        return np.asarray(np.sqrt(self.eigenvalues) / (2.0 * np.pi))
+        return np.sqrt(self.eigenvalues) / (2.0 * np.pi)
 
     @property
     def count(self) -> int:
@@ -143,7 +145,8 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     Basis
         Modes with a fixed start vector and sign convention, so that results repeat. None is missing, of repeated
         eigenvalues neither; where ``count`` cuts such an eigenvalue in two, a ModalShellWarning says so, and as many
-        orthonormal modes of its eigenspace are returned as there is room for.
+        orthonormal modes of its eigenspace are returned as there is room for. A ModalShellWarning says where a mesh in
+        several parts has some that nothing holds: six modes each are their rigid motions.
 
     Raises
     ------
@@ -154,6 +157,8 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     """
     checked_kind("shell", shell, Shell)
     count = checked_count("count", count)
+    if fault := loose_parts_fault(shell.mesh, shell.clamped):
+        warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
     Factoriser(backend)  # refuses an unknown back end before any work
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
     modes = np.zeros((shell.rest_positions.size, count))

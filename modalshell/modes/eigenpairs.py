@@ -117,7 +117,7 @@ def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     solve = inner.solve
 
     def product(vectors: Array) -> Array:
-        return np.asarray(own @ vectors - coupling.T @ solve(coupling @ vectors))
+        return own @ vectors - coupling.T @ solve(coupling @ vectors)
 
     return spla.LinearOperator(own.shape, matvec=product, matmat=product, dtype=np.float64)
 
@@ -271,7 +271,7 @@ def _lowest(
     size = root.size
 
     def project(vectors: Array) -> Array:
-        return np.asarray(vectors - known @ (known.T @ vectors))
+        return vectors - known @ (known.T @ vectors)
 
     inverse = spla.LinearOperator(
         (size, size), matvec=lambda b: project(root * solver.solve(root * np.ravel(b))), dtype=np.float64

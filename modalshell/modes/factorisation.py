@@ -128,7 +128,7 @@ class _SuperLU(Factor):
 
     def _solve(self, right_side: Array) -> Array:
         if self._order is None:
-            return np.asarray(self._factor.solve(np.ascontiguousarray(right_side)))
+            return self._factor.solve(np.ascontiguousarray(right_side))
         solution = np.empty_like(right_side)
         solution[self._order] = self._factor.solve(np.ascontiguousarray(right_side[self._order]))
         return solution

@@ -13,7 +13,7 @@ def cross_matrices(vectors: Array) -> Array:
     """Skew matrices [v] (..., 3, 3) with ``[v] a = v x a`` of vectors (..., 3)."""
     skew = np.zeros((*vectors.shape, 3))
     skew[..., 0, 1], skew[..., 0, 2], skew[..., 1, 2] = -vectors[..., 2], vectors[..., 1], -vectors[..., 0]
-    return np.asarray(skew - np.swapaxes(skew, -1, -2))
+    return skew - np.swapaxes(skew, -1, -2)
 
 
 def triangle_rotations(mesh: TriangleMesh) -> Array:
@@ -25,7 +25,7 @@ def triangle_rotations(mesh: TriangleMesh) -> Array:
     corners = mesh.vertices[mesh.faces]
     skew = cross_matrices(corners - corners.mean(axis=1, keepdims=True))
     normal = np.einsum("tkji,tkjl->til", skew, skew)
-    return np.asarray(np.linalg.solve(normal[:, None], skew))
+    return np.linalg.solve(normal[:, None], skew)
 
 
 def rotation_matrix(mesh: TriangleMesh) -> sps.csr_array:

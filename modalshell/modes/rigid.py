@@ -48,7 +48,7 @@ def rigid_motions(shell: Shell) -> Array:
         return np.empty((shell.free_unknowns.size, 0))
     root_mass = np.sqrt(np.repeat(shell.mass[shell.free], 3))[:, None]
     orthonormal, _ = np.linalg.qr(root_mass * np.hstack(columns))
-    return np.asarray(orthonormal / root_mass)
+    return orthonormal / root_mass
 
 
 class RigidFreeSolver:
@@ -86,4 +86,4 @@ class RigidFreeSolver:
         balanced = right_side - self._mass * (self._rigid @ (self._rigid.T @ right_side))
         solution = np.zeros_like(balanced)
         solution[self._kept] = self.factor.solve(balanced[self._kept])
-        return np.asarray(solution - self._rigid @ (self._rigid.T @ (self._mass * solution)))
+        return solution - self._rigid @ (self._rigid.T @ (self._mass * solution))

@@ -163,7 +163,7 @@ class Recorder:
             found[Outcome.RUNS_AWAY] = "its energy grows on and on, far beyond the work of the load"
         elif self._cycles():
             found[Outcome.CYCLING] = "the motion does not settle although it is damped"
-        size = float(np.ptp(motion.model.shell.rest_positions, axis=0).max())
+        size = motion.model.shell.size
         missed = float(np.max(self.residuals, initial=0.0))
         if missed > CONSTRAINT_MET * max(size, 1.0):
             found[Outcome.CONSTRAINTS_MISSED] = f"constraints were missed by up to {missed:.2e}"

@@ -168,7 +168,7 @@ class Motion:
         placed = placed.copy()
         for patch in self._patches:
             placed[patch.vertices] = patch.at(time)
-        return np.asarray(placed[shell.clamped])
+        return placed[shell.clamped]
 
 
 def _resolved(constraint: Constraint, time: float, pose: Pose | None) -> ResolvedTarget:

@@ -45,11 +45,11 @@ class Pose:
 
     def to_world(self, positions: Array) -> Array:
         """Positions (n, 3) [m] of the shell's frame in the world."""
-        return np.asarray((positions - self.pivot) @ self.rotation.T + self.pivot + self.translation)
+        return (positions - self.pivot) @ self.rotation.T + self.pivot + self.translation
 
     def to_shell(self, positions: Array) -> Array:
         """Positions (n, 3) [m] of the world in the shell's frame."""
-        return np.asarray((positions - self.pivot - self.translation) @ self.rotation + self.pivot)
+        return (positions - self.pivot - self.translation) @ self.rotation + self.pivot
 
     def shell_load(self, load: Array, mass: Array, positions: Array, velocities: Array) -> Array:
         """Load (n, 3) [N] in the shell's frame: the world's ``load`` and the inertial ones.
@@ -60,7 +60,7 @@ class Pose:
         arm = positions - self.pivot
         felt = self.acceleration + np.cross(self.turn_acceleration, arm)
         felt = felt + np.cross(self.turn_rate, np.cross(self.turn_rate, arm) + 2.0 * velocities)
-        return np.asarray(load @ self.rotation - mass[:, None] * felt)
+        return load @ self.rotation - mass[:, None] * felt
 
 
 def turn_rates(vector: Array, first: Array, second: Array) -> tuple[Array, Array]:

@@ -159,6 +159,4 @@ def _hessian_slope(shell: Shell, direction: Array, step: float) -> sps.csr_array
 def _edge_changes(shell: Shell, fields: Array) -> Array:
     """Change of every edge vector over its length (edges, k) for displacement fields (n, 3, k)."""
     ends = shell.mesh.edges
-    return np.asarray(
-        np.linalg.norm(fields[ends[:, 1]] - fields[ends[:, 0]], axis=1) / shell.mesh.edge_lengths[:, None]
-    )
+    return np.linalg.norm(fields[ends[:, 1]] - fields[ends[:, 0]], axis=1) / shell.mesh.edge_lengths[:, None]

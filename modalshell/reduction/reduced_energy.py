@@ -71,7 +71,7 @@ class ReducedEnergy:
     def positions(self, z: Array) -> Array:
         """Positions (k, 3) [m] of the touched vertices."""
         count_read(self._vectors.nbytes)
-        return np.asarray(self._rest + (self._vectors @ z).reshape(-1, 3))
+        return self._rest + (self._vectors @ z).reshape(-1, 3)
 
     def value(self, z: Array) -> float:
         """Energy [J]; not finite at collapsed elements."""

@@ -122,7 +122,7 @@ class RasteriserPainter:
             unit = np.array(direction) / np.linalg.norm(direction)
             light += diffuse * power * np.maximum(local @ unit, 0.0)
         colors = vertex_colors(surface, self._scalar_colors)[faces]
-        return np.asarray(np.clip(colors * light[..., None], 0.0, 1.0))
+        return np.clip(colors * light[..., None], 0.0, 1.0)
 
     def __enter__(self) -> Self:
         """Open."""

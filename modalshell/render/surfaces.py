@@ -130,4 +130,4 @@ def line_color(surface: ShadedSurface) -> NDArray[np.float64]:
 
 def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0))
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)

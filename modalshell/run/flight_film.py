@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from modalshell.crowd import LEVELS, Flight
 from modalshell.models import RotationStrain
 from modalshell.scene.flock import FlockTable
-from modalshell.timings import Stopwatch
 from modalshell.typing import Array
 
 
@@ -32,14 +31,12 @@ class FlightReport:
         That distance, largest over all frames [m].
     largest_pixels : float
         The same as it is seen: over the distance of its bird times the focal length [pixels].
-    strains_gap : float
-        Largest distance of a vertex by RSW from its place by MWTS, among the birds where RSW was blended in [m].
     strains_jump_pixels : float
         Largest motion that a change of RSW's share caused between two frames [pixels].
     switches : int
         How often a bird changed its level.
-    seconds_steps, seconds_positions : float
-        Time spent in stepping boids and shells, and in levels and positions of stored frames [s].
+    seconds_steps : float
+        Time spent in stepping boids and shells [s].
     """
 
     birds: int
@@ -48,11 +45,9 @@ class FlightReport:
     allowed_pixels: float
     largest_error: float
     largest_pixels: float
-    strains_gap: float
     strains_jump_pixels: float
     switches: int
     seconds_steps: float
-    seconds_positions: float
 
 
 class FlightFilm:
@@ -77,8 +72,8 @@ class FlightFilm:
         self._out = np.empty((crowd.count, crowd.vertices, 3), crowd.dtype)
         self._before: dict[str, NDArray[Any]] = {}
         self._counts, self._frames = np.zeros(len(LEVELS) + 1), 0
-        self._errors = {"metres": 0.0, "pixels": 0.0, "gap": 0.0, "jump": 0.0}
-        self._switches, self._seconds = 0, 0.0
+        self._errors = {"metres": 0.0, "pixels": 0.0, "jump": 0.0}
+        self._switches = 0
 
     def choose_levels(self) -> None:
         """Levels of detail at the present state."""
@@ -86,7 +81,6 @@ class FlightFilm:
 
     def positions(self) -> NDArray[Any]:
         """Vertex positions (B, n, 3) [m] at the present state; overwritten by the next call."""
-        watch = Stopwatch()
         flock, crowd = self._flight.flock, self._flight.crowd
         frames, distances = self._flight.frames, self._distances()
         out = crowd.positions(frames, flock.positions, self._out)
@@ -96,21 +90,19 @@ class FlightFilm:
             part = np.clip(3.0 - 2.0 * distances / self._detail.strains_within, 0.0, 1.0)
             shares = part**2 * (3.0 - 2.0 * part)
             gaps = crowd.blend_strains(self._strains, shares, out, frames, flock.positions)
-        self._seconds += watch()
         self._note(distances, shares, gaps)
         return out
 
     def _distances(self) -> Array:
         """From the camera to the nearest that a vertex of each bird may be, at least a tenth of a bird."""
         away = np.linalg.norm(self._flight.flock.positions - self._eye, axis=1)
-        return np.asarray(np.maximum(away - self._radius, 0.1 * self._radius))
+        return np.maximum(away - self._radius, 0.1 * self._radius)
 
     def _note(self, distances: Array, shares: Array, gaps: Array) -> None:
         crowd = self._flight.crowd
         errors = crowd.level_errors()
         jumps = np.abs(shares - self._before.get("shares", shares)) * np.maximum(gaps, self._before.get("gaps", gaps))
-        found = {"metres": errors, "pixels": self._focal * errors / distances, "gap": gaps}
-        found["jump"] = self._focal * jumps / distances
+        found = {"metres": errors, "pixels": self._focal * errors / distances, "jump": self._focal * jumps / distances}
         self._errors = {name: max(value, float(found[name].max())) for name, value in self._errors.items()}
         self._switches += int((crowd.levels != self._before.get("levels", crowd.levels)).sum())
         self._before = {"levels": crowd.levels.copy(), "shares": shares, "gaps": gaps}
@@ -128,9 +120,7 @@ class FlightFilm:
             allowed_pixels=self._detail.pixels,
             largest_error=self._errors["metres"],
             largest_pixels=self._errors["pixels"],
-            strains_gap=self._errors["gap"],
             strains_jump_pixels=self._errors["jump"],
             switches=self._switches,
             seconds_steps=seconds_steps,
-            seconds_positions=self._seconds,
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
 from modalshell.motion import Motion, Trajectory
-from modalshell.motion.recorder import Recorder, step_count
+from modalshell.motion.recorder import Recorder, step_count, take_steps
 from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
@@ -157,8 +158,7 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
     """
     last, motion = records[-1], recorder.motion
     motion.restore(_snapshot(records[-2:][0]))
-    while motion.count < _snapshot(last)["counts"][0]:
-        motion.advance()
+    deque(take_steps(motion, int(_snapshot(last)["counts"][0])), maxlen=0)
     found = motion.snapshot() | {"positions": motion.positions().astype(last["positions"].dtype)}
     expected = _snapshot(last) | {"positions": last["positions"]}
     if not all(np.array_equal(found[name], expected[name]) for name in expected):

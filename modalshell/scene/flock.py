@@ -106,4 +106,4 @@ def build_target(table: TargetTable) -> Callable[[float], Array]:
     """The target's place at a time; before the first and after the last keyframe it stays."""
     times, points = checked_keyframes(table.times, table.points)
     spline = CubicSpline(times, points)
-    return lambda time: np.asarray(spline(np.clip(time, times[0], times[-1])))
+    return lambda time: spline(np.clip(time, times[0], times[-1]))

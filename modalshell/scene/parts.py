@@ -14,6 +14,7 @@ from modalshell.checks import checked_times, checked_vectors
 from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
+from modalshell.mesh.parts import chosen_part
 from modalshell.motion import SupportPath
 from modalshell.provenance import repository_file
 from modalshell.scene.signatures import Built, signature_table
@@ -45,7 +46,7 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     file = folder / table.file
     if not file.exists() and table.file.startswith("meshes/"):
         file = repository_file(table.file)
-    return load_mesh(file)
+    return chosen_part(load_mesh(file), table.component, table.join)
 
 
 def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh) -> Material:
@@ -73,7 +74,7 @@ def spread_force(table: Force, mesh: TriangleMesh) -> Array:
     """The force (n, 3) [N] on every vertex, by its share of the selected area."""
     chosen = selected("where", table.where, mesh.vertices)
     share = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
-    return np.asarray(share[:, None] / share.sum() * np.array(table.total))
+    return share[:, None] / share.sum() * np.array(table.total)
 
 
 def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Constraint:
@@ -99,7 +100,7 @@ def _target(table: Constrained, origin: Array, moving: bool) -> Array | Callable
     if table.target is not None:
         if table.times is not None:
             raise OptionError("times need targets beside them, one entry each")
-        return np.asarray(origin + np.array(table.target))
+        return origin + np.array(table.target)
     if not moving:
         raise OptionError("targets that move need a [motion] table; give one target for an equilibrium")
     times, points = checked_keyframes(table.times, table.targets)
@@ -108,7 +109,7 @@ def _target(table: Constrained, origin: Array, moving: bool) -> Array | Callable
     def at(time: float) -> Array:
         inside = float(np.clip(time, times[0], times[-1]))
         if spline is not None:
-            return np.asarray(origin + spline(inside))
+            return origin + spline(inside)
         return np.array([origin[axis] + np.interp(inside, times, points[:, axis]) for axis in range(3)])
 
     return at

@@ -18,6 +18,7 @@ from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.parts import refuse_loose_parts
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, solve_modes
@@ -101,6 +102,9 @@ class Scene(ABC):
         if self.supports is not None:
             with located(self.file, "supports", self.supports):
                 held = held_vertices(selected("clamped", self.supports.clamped, mesh.vertices), len(mesh.vertices))
+        if isinstance(self.mesh, tables.MeshFile) and self.mesh.component != "all":
+            with located(self.file, "supports", self.mesh):
+                refuse_loose_parts(mesh, np.zeros(len(mesh.vertices), bool) if held is None else held)
         energies = []
         for path, entry in energy_entries(self.energies):
             with located(self.file, path, entry):

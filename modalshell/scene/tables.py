@@ -32,6 +32,10 @@ class MeshFile(Table, frozen=True):
     """``[mesh]``: a file, relative to the scene file; ``meshes/...`` also finds those that come with the package."""
 
     file: str
+    component: Literal["largest", "all"] | Annotated[int, Meta(ge=0)] | None = None
+    """Part of a file in several: its number from 0 by falling area, "largest", or "all" though some are not held."""
+    join: Annotated[float, Meta(gt=0)] | None = None
+    """Distance [m] up to which vertices are merged, to join parts that touch."""
 
 
 class Stiffnesses(Table, frozen=True):

@@ -92,4 +92,4 @@ def lowest_stable_stretch(mesh: TriangleMesh, shear: Array) -> Array:
     slack = np.where(gradient == 0, 0.0, np.inf)
     compliance = np.where(spring > 0, gradient**2 / np.where(spring > 0, spring, 1.0), slack)
     with np.errstate(divide="ignore"):
-        return np.asarray(-1.0 / compliance.sum(axis=1))
+        return -1.0 / compliance.sum(axis=1)

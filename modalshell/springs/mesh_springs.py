@@ -109,4 +109,4 @@ def _far_distances(mesh: TriangleMesh, change: float) -> Array:
     cosine = np.clip(np.einsum("hx,hx->h", arm_2, arm_3) / (height_2 * height_3), -1.0, 1.0)
     opening = np.arccos(cosine) + np.array([0.0, change, -change])[:, None]
     squared = height_2**2 + height_3**2 - 2.0 * height_2 * height_3 * np.cos(opening) + (offset_2 - offset_3) ** 2
-    return np.asarray(np.sqrt(squared))
+    return np.sqrt(squared)

@@ -82,7 +82,7 @@ def least_potential(model: Workable, load: Array, start: Array | None) -> Static
 
     def hessian(y: Array) -> Array:
         q[elastic] = y / root
-        return np.asarray(np.eye(root.size) - model.work_curvature(q, load)[elastic, elastic] / root[:, None] / root)
+        return np.eye(root.size) - model.work_curvature(q, load)[elastic, elastic] / root[:, None] / root
 
     push = model.work(q, load)[1][elastic] / root
     # A load that no mode feels at rest may buckle the shell all the same: it needs a scale that is not rounding.

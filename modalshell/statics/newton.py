@@ -85,7 +85,7 @@ class Potential:
 
     def residual(self, x: Array) -> Array:
         """Gradient on the free unknowns (N,) [N]."""
-        return np.asarray((self.shell.energy_gradient(x)[1] + self._outer(x)[1]).ravel()[self.shell.free_unknowns])
+        return (self.shell.energy_gradient(x)[1] + self._outer(x)[1]).ravel()[self.shell.free_unknowns]
 
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, sps.csc_array]:
         """Gradient (N,) on the free unknowns, and Hessian with the energy's internal unknowns after them."""

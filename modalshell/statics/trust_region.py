@@ -114,7 +114,7 @@ def _step(slopes: Array, curvatures: Array, radius: float) -> Array:
     if lowest > 0.0:
         newton = -slopes / curvatures
         if np.linalg.norm(newton) <= radius:
-            return np.asarray(newton)
+            return newton
     # p(shift) = -slopes / (curvatures + shift) shrinks as the shift grows from -lowest on: bisect |p| = radius.
     floor = max(0.0, -lowest)
     low, high = floor, floor + float(np.linalg.norm(slopes)) / radius
@@ -133,4 +133,4 @@ def _step(slopes: Array, curvatures: Array, radius: float) -> Array:
     if lowest <= 0.0 and missing > 1e-6 * radius**2:
         # The slope has no part along the lowest curvature: fill the ball along it, towards either side.
         step[0] += np.copysign(np.sqrt(step[0] ** 2 + missing) - abs(step[0]), step[0])
-    return np.asarray(step)
+    return step

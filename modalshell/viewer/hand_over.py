@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from modalshell.models.modal import ModalModel
+from modalshell.models.modal import ModalModel, as_modal
 from modalshell.motion import Motion
 from modalshell.typing import Array
 
@@ -31,9 +31,10 @@ def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tup
     model : ModalModel
         The model that goes on.
     """
-    if before is not None and isinstance(before.model, ModalModel) and type(before.model) is type(model):
+    last = None if before is None else as_modal(before.model)
+    if before is not None and last is not None and type(last) is type(model):
         mass = np.repeat(model.shell.mass, 3)
-        transfer = model.basis.modes.T @ (mass[:, None] * before.model.basis.modes)
+        transfer = model.basis.modes.T @ (mass[:, None] * last.basis.modes)
         return transfer @ before.state.coordinates, transfer @ before.state.rates
     coordinates = nearest_coordinates(model, positions)
     return coordinates, np.zeros_like(coordinates)
@@ -48,7 +49,7 @@ def nearest_coordinates(model: ModalModel, positions: Array) -> Array:
     wanted = positions - model.shell.rest_positions
 
     def misfit(coordinates: Array) -> Array:
-        return np.asarray(weight * (model.displacement(coordinates) - wanted).ravel())
+        return weight * (model.raw_displacement(coordinates) - wanted).ravel()
 
     q = model.coordinates_of(positions)
     left = misfit(q)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import LoadError, ModalShellError, OptionError
 from modalshell.models import Model
-from modalshell.models.modal import ModalModel
+from modalshell.models.modal import as_modal
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
@@ -91,14 +91,15 @@ class ViewSession:
         self.shell = scene.build_shell()
         self._built = self.scene.build(self.shell)
         self._table = scene.motion or _STILL_SCENE_MOTION
-        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+        self._size = self.shell.size
         self.name = scene.model.spec.key
         self.modes = int(getattr(scene.model, "modes", 8))
         self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.free_unknowns.size)
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
         self.gravity_limit = gravity_limit(self.gravity)
         model = self._built.model
-        self._basis: Basis | None = model.basis if isinstance(model, ModalModel) else None
+        modal = as_modal(model)
+        self._basis: Basis | None = None if modal is None else modal.basis
         self._models: dict[str, tuple[int, Model]] = {self.name: (self.modes, model)}
         self.playing, self.frame_milliseconds, self._owed = False, 0.0, 0.0
         self._begin(self._new_motion(model, None))
@@ -111,7 +112,7 @@ class ViewSession:
     @property
     def faces(self) -> NDArray[np.integer]:
         """Triangles (T, 3)."""
-        return np.asarray(self.shell.mesh.faces)
+        return self.shell.mesh.faces
 
     @property
     def held(self) -> NDArray[np.bool_]:
@@ -293,9 +294,9 @@ class ViewSession:
         start, rates, path = None, None, self._built.path
         if before is not None and model.in_shell_frame:
             start = self.positions if path is None else path.at(before.time).to_shell(self.positions)
-            if isinstance(model, ModalModel):
-                coordinates, rates = hand_over(None if self._diverged else before, start, model)
-                start = self.shell.rest_positions + (model.basis.modes @ coordinates).reshape(-1, 3)
+            if (modal := as_modal(model)) is not None:
+                coordinates, rates = hand_over(None if self._diverged else before, start, modal)
+                start = self.shell.rest_positions + (modal.basis.modes @ coordinates).reshape(-1, 3)
         motion = Motion(
             model,
             dt=self._table.dt,

@@ -9,10 +9,10 @@ from scenes import held, strip
 import modalshell as ms
 from modalshell.cli import main
 from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
-from modalshell.compare.candidates import candidates
+from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.path import find_jump
-from modalshell.compare.runs import turn_at
+from modalshell.compare.runs import static_answers, turn_at
 from modalshell.models.coarse_discrete_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import lowest_tangent_eigenvalue
@@ -156,6 +156,18 @@ def test_work_is_counted_alike_every_time(bent):
     assert rows["DS"].work.factorisations >= 1.0
     assert 0.0 < rows["coarse DS 24 triangles"].elements < rows["DS"].elements
     assert rows["DS"].answer_seconds > rows["DS"].preprocessing
+
+
+def test_rungs_with_costly_answers_are_stopped(bent):
+    costly = next(row for row in bent.rows if row.label == "MD-ROM 4")
+    model = costly.candidate.build(case_factory(bent.case))[0]
+    free = static_answers(model, bent.case, bent.path)
+    assert not any(answer.outcome is ms.Outcome.STOPPED for answer in free)
+    stopped = static_answers(model, bent.case, replace(bent.path, cost=1e-3))
+    assert stopped[0].outcome is free[0].outcome
+    assert [answer.outcome for answer in stopped[1:]] == [ms.Outcome.STOPPED]
+    row = replace(costly, statuses=["converged", "stopped"], missed=True)
+    assert choose(replace(bent, rows=[row]), 0.02, 60.0).refused["MD-ROM 4"].endswith("many times those of DS")
 
 
 def test_advice_says_when_none_meets_it(bent):

@@ -110,7 +110,7 @@ def results() -> tuple[Saved, ...]:
 
         def flown(at: Path) -> Any:
             result = ms.run_scene(at / "birds.toml", out=at)
-            report = replace(result.report, seconds_steps=0.0, seconds_positions=0.0)
+            report = replace(result.report, seconds_steps=0.0)
             return [report, read_npz(at / "birds.npz")]
 
         def followed(at: Path) -> Any:

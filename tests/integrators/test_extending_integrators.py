@@ -1,5 +1,6 @@
 """An integrator of another package takes one file: a class with a key, which scenes then know."""
 
+import json
 import sys
 
 import numpy as np
@@ -27,8 +28,10 @@ class ExponentialEuler(ModalIntegrator, key="exponential"):
     """Order one in forces that turn, exact without them; for damping below the critical one."""
 
     name = "exponential Euler"
+    steps = 0
 
     def step(self, q, v, force, stiffness, damp, h):
+        ExponentialEuler.steps += 1
         rest = force(q) / stiffness
         decay, omega = 0.5 * damp, np.sqrt(stiffness - 0.25 * damp**2)
         shrunk, cosine, sine = np.exp(-decay * h), np.cos(omega * h), np.sin(omega * h) / omega
@@ -89,6 +92,17 @@ def test_an_integrator_of_another_package_runs_by_scene(scene_file, tmp_path):
     expected = basis.shell.rest_positions + (q @ basis.modes.T).reshape(len(t), -1, 3)
     np.testing.assert_allclose(run.positions, expected, rtol=0, atol=1e-12)
     assert np.abs(run.positions - basis.shell.rest_positions).max() > 0.01
+
+
+@pytest.mark.usefixtures("toy")
+def test_the_frames_of_a_tradeoff_are_stepped_by_it(scene_file, tmp_path):
+    file = scene_file(SOFT, ('"mwts"', '"mwts"\nintegrator = "exponential"'))
+    assert command("tradeoff", file, "--modes", "4", "--out", tmp_path / "out") == 0
+    rows = json.loads((tmp_path / "out" / "scene_tradeoff.json").read_text())["findings"]["rows"]
+    on_modes = [row["motion"] for row in rows if row["label"] in ("LMA 4", "MWTS 4", "MWTS, consistent 4", "RSW 4")]
+    assert on_modes == ["completed"] * 4
+    # At least four frames each, and two that are not timed.
+    assert sys.modules["toy_rule"].ExponentialEuler.steps >= 6 * len(on_modes)
 
 
 @pytest.mark.usefixtures("toy")

@@ -355,6 +355,7 @@ def shells_with_rigid_modes():
 
 @pytest.mark.parametrize("turn", [1e-6, 0.7, 2.5])
 @pytest.mark.parametrize("case", ["free", "two parts", "one part held", "hinged"])
+@pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
 def test_rigid_modes_move_parts_rigidly(case, turn):
     shell = shells_with_rigid_modes()[case]
     basis = solve_modes(shell, 18)

@@ -66,11 +66,11 @@ class ModalIntegrator(Integrator):
 
     def amplification(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Array:
         """Factor (k,) by which the slower part of free motion shrinks in a step."""
-        return np.asarray(np.abs(self.multipliers(stiffness, damp, h)).max(axis=1))
+        return np.abs(self.multipliers(stiffness, damp, h)).max(axis=1)
 
     def frequency(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Array:
         """Angular frequency (k,) [rad/s] with which steps of ``h`` oscillate; zero for motion that creeps."""
-        return np.asarray(np.abs(np.angle(self.multipliers(stiffness, damp, h))).max(axis=1) / h)
+        return np.abs(np.angle(self.multipliers(stiffness, damp, h))).max(axis=1) / h
 
     def decay_rate(self, stiffness: Array, damp: Array, h: float) -> float:
         """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""

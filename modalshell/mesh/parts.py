@@ -1,0 +1,90 @@
+"""The connected parts of a mesh: choosing one, joining those that touch, and finding those that nothing holds."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from modalshell.checks import checked_count, checked_number
+from modalshell.errors import MeshError, SupportError
+from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.mesh.triangle_mesh import TriangleMesh
+from modalshell.mesh.welding import drop_unused
+
+Component = Literal["largest", "all"] | int
+"""Which part of a mesh is taken: that of the largest area, all, or the N-th, counted from 0 by falling area."""
+_NEAR = 1e-3
+"""Gap between parts, as a share of the mesh's size, up to which joining them is proposed."""
+
+
+def chosen_part(mesh: TriangleMesh, component: Component | None = None, join: float | None = None) -> TriangleMesh:
+    """The mesh with vertices at most ``join`` [m] apart merged, and of its parts the one that is asked for.
+
+    Raises
+    ------
+    MeshError
+        If there is no such part, or joining leaves no valid mesh.
+    OptionError
+        If ``join`` is no positive number, or ``component`` is none.
+    """
+    if join is not None:
+        mesh = mesh.weld(checked_number("join", join, above=0.0, unit="m"))
+    if component is None or component == "all":
+        return mesh
+    labels = mesh.components
+    order = _by_area(mesh)
+    number = 0 if component == "largest" else checked_count("component", component, at_least=0)
+    if number >= len(order):
+        raise MeshError(f"component must be 'largest', 'all' or a number from 0 to {len(order) - 1} (got {number})")
+    if len(order) == 1:
+        return mesh
+    return TriangleMesh(*drop_unused(mesh.vertices, mesh.faces[labels[mesh.faces[:, 0]] == order[number]]))
+
+
+def refuse_loose_parts(mesh: TriangleMesh, held: NDArray[np.bool_]) -> None:
+    """SupportError if parts of a mesh in several are not held: they would only fall, and take the modes with them."""
+    if fault := loose_parts_fault(mesh, held):
+        raise SupportError(fault)
+
+
+def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_]) -> str:
+    """How many parts of a mesh in several are not held, and what can be done, in words; "" if there are none."""
+    labels = mesh.components
+    count = int(labels.max()) + 1
+    loose = np.setdiff1d(labels, labels[held])
+    if count == 1 or loose.size == 0:
+        return ""
+    first = int(np.flatnonzero(labels == loose[0])[0])
+    return (
+        f"{loose.size} of {count} parts of the mesh are not held (one of them has vertex {first}, counted from 0) and "
+        "would only fall; take one part (component 'largest', or its number from 0 by falling area), "
+        f"{_joining(mesh)}hold each of them, or ask for all as they are (component 'all')"
+    )
+
+
+def _by_area(mesh: TriangleMesh) -> IntArray:
+    """Labels of the parts, the largest first."""
+    areas = np.bincount(mesh.components[mesh.faces[:, 0]], weights=mesh.face_areas)
+    return np.argsort(-areas, kind="stable")
+
+
+def _joining(mesh: TriangleMesh) -> str:
+    """The distance to join parts by, in words, if one is small, is enough, and leaves a valid mesh; else nothing."""
+    labels = mesh.components
+    gaps = [_gap(mesh.vertices, labels == part) for part in range(int(labels.max()) + 1)]
+    distance = 1.01 * max(gaps) + 1e-12 * float(np.ptp(mesh.vertices, axis=0).max())
+    if distance > _NEAR * np.ptp(mesh.vertices, axis=0).max():
+        return ""
+    distance = float(f"{1.1 * distance:.1e}")
+    try:
+        return f"join what touches (join {distance:g} [m]), " if mesh.weld(distance).components.max() == 0 else ""
+    except MeshError:
+        return ""
+
+
+def _gap(vertices: FloatArray, inside: NDArray[np.bool_]) -> float:
+    """Distance from a part to the nearest vertex of another."""
+    return float(np.min(cKDTree(vertices[~inside]).query(vertices[inside])[0]))
