@@ -27,8 +27,8 @@ from modalshell.sweep import load_sweep
 Build = Callable[..., Any]
 
 RECORDS = {"Advice", "Basis", "Damping", "Equilibrium", "FlightResult", "Model", "Outcome", "Scene", "SceneResult"}
-RECORDS |= {"SweepResult", "Tradeoff", "Trajectory"}
-"""Plain records that the package fills itself; they hold what they are given."""
+RECORDS |= {"ModelSpec", "SweepResult", "Tradeoff", "Trajectory", "models"}
+"""Plain records that the package fills itself; they hold what they are given. And ``models()``, which takes nothing."""
 FILES = {"load_mesh", "save_mesh", "load_scene", "load_trajectory", "save_trajectory", "run_scene", "RunFollower"}
 """Their input is files: see the other surfaces."""
 SLOW = {"tradeoff", "advise"}
