@@ -24,6 +24,7 @@ from modalshell.checks import shortened
 from modalshell.compare import MODES
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError, OptionError
+from modalshell.memory import available_memory, gigabytes
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
@@ -150,14 +151,24 @@ def sweep(
     *,
     out: Annotated[Path | None, Parameter(help="Folder of the results instead of the sweep's own.")] = None,
     workers: Annotated[int | None, Parameter(help="Processes; one for each core without it.")] = None,
-    cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, as tcp://10.0.0.1:8786.")] = None,
+    cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, tcp:// or tls://.")] = None,
+    certificates: Annotated[
+        tuple[Path, Path, Path] | None, Parameter(help="Files for tls://: authority, certificate, key.")
+    ] = None,
     time_limit: Annotated[float | None, Parameter(help="Seconds after which a case is given up.")] = None,
     retry: Annotated[bool, Parameter(help="Also do again what failed or took too long.")] = False,
 ) -> None:
     """Run a grid of scenes, or what is missing of it, and sum up what each found."""
     with _progress(f"{file.stem} cases") as on_step:
         found = ms.run_sweep(
-            file, out=out, workers=workers, cluster=cluster, time_limit=time_limit, retry=retry, on_step=on_step
+            file,
+            out=out,
+            workers=workers,
+            cluster=cluster,
+            certificates=certificates,
+            time_limit=time_limit,
+            retry=retry,
+            on_step=on_step,
         )
     counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
     print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
@@ -371,6 +382,13 @@ def main(arguments: list[str] | None = None) -> None:
         if debug:
             raise
         print(f"modalshell: {shortened(str(error), _LONGEST_MESSAGE)}", file=sys.stderr)
+        sys.exit(2)
+    except MemoryError as error:
+        if debug:
+            raise
+        told = f"{error}; " if str(error) else ""
+        advice = f"{told}{gigabytes(available_memory())} are free: take a coarser mesh, fewer modes or frames"
+        print(f"modalshell: out of memory: {advice}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("modalshell: stopped", file=sys.stderr)

@@ -107,9 +107,9 @@ class SummedWarp(ModalModel):
         super().__init__(basis, integrator=integrator)
         self.closed = ms.ModalWarping(basis, integrator=integrator)
 
-    def displacement(self, q: np.ndarray) -> np.ndarray:
+    def raw_displacement(self, q: np.ndarray) -> np.ndarray:
         """Displacements (n, 3) [m] of the closed form, which every motion starts from."""
-        return self.closed.displacement(q)
+        return self.closed.raw_displacement(q)
 
     def modal_force(self, q: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Modal force (m,) of the closed form."""
@@ -118,7 +118,7 @@ class SummedWarp(ModalModel):
     def start_motion(self, positions: np.ndarray | None = None) -> MotionState:
         """Modal state at rest."""
         state = super().start_motion(positions)
-        return MotionState(state.coordinates, state.rates, SummedDisplacement(self.displacement(state.coordinates)))
+        return MotionState(state.coordinates, state.rates, SummedDisplacement(self.raw_displacement(state.coordinates)))
 
     def step(
         self, state: MotionState, dt: float, load: np.ndarray, damping: Damping, held: np.ndarray | None = None

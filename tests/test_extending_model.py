@@ -23,8 +23,8 @@ class ScaledModal(LinearModal):
         super().__init__(basis, integrator=integrator)
         self.factor = factor
 
-    def displacement(self, q):
-        return self.factor * super().displacement(q)
+    def raw_displacement(self, q):
+        return self.factor * super().raw_displacement(q)
 '''
 RECORD = '''
 """The record of the model."""

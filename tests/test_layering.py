@@ -194,6 +194,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "compare",
         "doctor",
         "errors",
+        "memory",
         "mesh",
         ROOT,
         "models",

@@ -185,3 +185,17 @@ def test_links_are_not_written_through(tmp_path, scene_file):
             ms.run_scene(scene, out=out, **options)
     assert mine.read_text() == "mine"
     assert Path(out / "scene.frames").is_symlink()
+
+
+@pytest.mark.parametrize("told", ["Unable to allocate 22.4 GiB for an array", ""])
+def test_memory_that_runs_out_is_one_line(told, monkeypatch, capsys):
+    def no_memory(_path):
+        raise MemoryError(told)
+
+    monkeypatch.setattr("modalshell.cli.ms.load_mesh", no_memory)
+    with pytest.raises(SystemExit) as caught:
+        main(["modes", "mesh.obj"])
+    assert caught.value.code == 2
+    assert re.fullmatch(
+        rf"modalshell: out of memory: {told}.* are free: take a coarser mesh.*\n", capsys.readouterr().err
+    )

@@ -144,7 +144,7 @@ class ShellCrowd(ABC):
         turns, moves = self._poses(rotations, translations)
         gaps = np.zeros(self.count)
         for b in np.flatnonzero(share):
-            shape = self.basis.shell.rest_positions + model.displacement(self.coordinates[b])
+            shape = self.basis.shell.rest_positions + model.raw_displacement(self.coordinates[b])
             gap = shape @ turns[b].reshape(3, 3).T + moves[b] - out[b]
             gaps[b] = np.linalg.norm(gap, axis=1).max()
             out[b] += share[b] * gap

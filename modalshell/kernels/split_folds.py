@@ -33,6 +33,29 @@ def _relative(x: Any, hinge: Any) -> Any:
 
 
 @njit(**_options)
+def colour_triangles(neighbours: Any, colours: Any) -> None:
+    """Colour triangles 0 and 1 so that few neighbours (T, 3; -1 where there is none) share theirs; colours start at -1.
+
+    In order of the list each takes the colour that fewer of its neighbours have; then triangles change theirs as long
+    as that parts more neighbours than it joins.
+    """
+    for _ in range(50):
+        changed = False
+        for triangle in range(colours.size):
+            balance = 0
+            for k in range(3):
+                other = neighbours[triangle, k]
+                if other >= 0 and colours[other] >= 0:
+                    balance += 1 if colours[other] == 1 else -1
+            best = 0 if balance > 0 else 1
+            if colours[triangle] < 0 or (balance != 0 and best != colours[triangle]):
+                colours[triangle] = best
+                changed = True
+        if not changed:
+            break
+
+
+@njit(**_options)
 def fold_angles(x: Any, hinges: Any, rest: Any, change: Any, slopes: Any) -> None:
     """Write theta - theta0 in (-pi, pi] into ``change`` (H,) and d theta / d x_1, x_2, x_3 into ``slopes`` (H, 9)."""
     for hinge in range(hinges.shape[0]):
@@ -134,7 +157,6 @@ def add_bending(
     triangles: Any,
     folds: Any,
     places: Any,
-    weights: Any,
     shares: Any,
     moments: Any,
     slots: Any,
@@ -145,24 +167,21 @@ def add_bending(
     """Add ``sum_T J^T K_T J`` and its coupling to the fold shares to ``data``.
 
     ``triangles`` (T, 6) holds the corners and the vertices across each edge, ``folds`` (T, 3) the hinge at each edge
-    (or -1), ``places`` (T, 3, 4) where its vertices stand among the six, ``weights`` and ``shares`` (T, 3) the factors
-    of its fold angle and fold share, ``moments`` (T, 3, 3) is K_T.
+    (or -1), ``places`` (T, 3, 4) where its vertices stand among the six, ``shares`` (T, 3) the factors of the fold
+    shares, ``moments`` (T, 3, 3) is K_T. Triangles without hinges are passed over.
     """
     rows = np.empty((3, 6, 3))
     stressed = np.empty((3, 6, 3))
     for triangle in range(triangles.shape[0]):
+        if folds[triangle, 0] < 0 and folds[triangle, 1] < 0 and folds[triangle, 2] < 0:
+            continue
         rows[:] = 0.0
         for k in range(3):
             hinge = folds[triangle, k]
             if hinge < 0:
                 continue
-            weight = weights[triangle, k]
             for axis in range(3):
-                g1, g2, g3 = (
-                    weight * slopes[hinge, axis],
-                    weight * slopes[hinge, 3 + axis],
-                    weight * slopes[hinge, 6 + axis],
-                )
+                g1, g2, g3 = slopes[hinge, axis], slopes[hinge, 3 + axis], slopes[hinge, 6 + axis]
                 rows[k, places[triangle, k, 0], axis] = -(g1 + g2 + g3)
                 rows[k, places[triangle, k, 1], axis] = g1
                 rows[k, places[triangle, k, 2], axis] = g2

@@ -22,7 +22,7 @@ class LinearModal(ModalModel):
 
     name = "LMA"
 
-    def displacement(self, q: Array) -> Array:
+    def raw_displacement(self, q: Array) -> Array:
         """Displacements ``Phi q`` (n, 3) [m]."""
         count_read(self.basis.modes.nbytes)
         return np.asarray(self.basis.modes @ q).reshape(-1, 3)

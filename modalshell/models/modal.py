@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_kind
+from modalshell.checks import checked_kind, checked_vectors
 from modalshell.constraints.constraints import Constraint, nearest_branch
 from modalshell.constraints.manipulation import Evaluate, meet
 from modalshell.errors import OptionError, SolverError
@@ -56,9 +56,13 @@ class ModalModel(Model):
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
 
+    def displacement(self, q: ArrayLike) -> Array:
+        """Vertex displacements (n, 3) [m] at modal coordinates ``q`` (m,); OptionError if these are not finite."""
+        return self.raw_displacement(checked_vectors("q", q, (self.basis.count,), OptionError))
+
     @abstractmethod
-    def displacement(self, q: Array) -> Array:
-        """Vertex displacements (n, 3) [m] at modal coordinates q (m,)."""
+    def raw_displacement(self, q: Array) -> Array:
+        """Displacements as of :meth:`displacement`, without input checks."""
 
     @abstractmethod
     def modal_force(self, q: Array, load: Array) -> Array:
@@ -95,7 +99,7 @@ class ModalModel(Model):
         else:
             found = self._free_statics(load, begin)
         return Equilibrium(
-            self.shell.rest_positions + self.displacement(found.q),
+            self.shell.rest_positions + self.raw_displacement(found.q),
             found.outcome,
             found.message,
             found.iterations,
@@ -246,7 +250,7 @@ class ModalModel(Model):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
-        return np.asarray(self.shell.rest_positions + self.displacement(state.coordinates))
+        return np.asarray(self.shell.rest_positions + self.raw_displacement(state.coordinates))
 
 
 def as_modal(model: Model) -> ModalModel | None:

@@ -77,7 +77,7 @@ class ReducedRotationStrain(TurnedTriangles):
                 f"training needs coordinates that move the shell (got at most {np.abs(samples).max():g} in size)"
             )
         root_mass = np.sqrt(np.repeat(shell.mass, 3))
-        full = np.array([model.displacement(q).ravel() for q in samples])
+        full = np.array([model.raw_displacement(q).ravel() for q in samples])
         wanted, shapes = principal((full - samples @ basis.modes.T) * root_mass, rank)
         shapes = shapes / root_mass
 
@@ -99,7 +99,7 @@ class ReducedRotationStrain(TurnedTriangles):
         self._map[:, places(len(picked)).ravel()] = regression
         linear = basis.modes - shapes.T @ (self._map @ linear_part(modal))
         self._expansion = np.ascontiguousarray(np.hstack([linear, shapes.T]))
-        reduced = np.array([self.displacement(q).ravel() for q in samples])
+        reduced = np.array([self.raw_displacement(q).ravel() for q in samples])
         errors, lengths = (np.linalg.norm(moved * root_mass, axis=1) for moved in (reduced - full, full))
         self.training_error = float((errors[lengths > 0.0] / lengths[lengths > 0.0]).max())
 
@@ -159,7 +159,7 @@ class ReducedRotationStrain(TurnedTriangles):
             mixed += aside * sizes * rng.standard_normal(factors.shape)
         return cls(model, np.vstack([answers, mixed.reshape(-1, answers.shape[1])]), rank=rank)
 
-    def displacement(self, q: Array) -> Array:
+    def raw_displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the reduced surface."""
         count_read(self._modal.nbytes + self._map.nbytes + self._expansion.nbytes)
         sampled = np.empty((1, 6 * TILE))
@@ -169,7 +169,7 @@ class ReducedRotationStrain(TurnedTriangles):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
-        out = self.displacement(state.coordinates)
+        out = self.raw_displacement(state.coordinates)
         out += self.shell.rest_positions
         return out
 

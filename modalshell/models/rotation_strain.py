@@ -63,7 +63,7 @@ class RotationStrain(TurnedTriangles):
         self._shape = tiled(shape).reshape(-1, 12 * TILE)
         self._corners = tiled(fit.slots, fill=fit.rows - 1)
 
-    def displacement(self, q: Array) -> Array:
+    def raw_displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the fitted surface."""
         count_read(self._modal.nbytes + self._shape.nbytes)
         right_side = np.empty((self._fit.rows, 3))
@@ -72,7 +72,7 @@ class RotationStrain(TurnedTriangles):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
-        out = self.displacement(state.coordinates)
+        out = self.raw_displacement(state.coordinates)
         out += self.shell.rest_positions
         return out
 

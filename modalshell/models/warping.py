@@ -77,7 +77,7 @@ class ModalWarping(ModalModel):
         count_read(self.basis.rotations.nbytes)
         return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
 
-    def displacement(self, q: Array) -> Array:
+    def raw_displacement(self, q: Array) -> Array:
         """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
         count_read(self.basis.modes.nbytes)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.extended import Extended
@@ -62,6 +63,10 @@ class ElasticEnergy(ABC):
 
     def shifted(self, origin: Array) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
         """The same energy of positions from which ``origin`` (3,) [m] has been taken."""
+        return self
+
+    def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:  # noqa: ARG002 (of those whose clamps are their own)
+        """The same energy where the vertices ``held`` (n,) are held."""
         return self
 
     @abstractmethod

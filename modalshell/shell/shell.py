@@ -120,9 +120,11 @@ class Shell(ReadOnlyArrays):
         return self._energy.elements
 
     def holding(self, vertices: ArrayLike) -> Shell:
-        """The same shell, with the same energies, that also holds ``vertices`` (bool (n,) or indices)."""
+        """The same shell, with the same energy of what can move, that holds ``vertices`` too (bool (n,) or indices)."""
         further = copy.copy(self)
-        further._hold(self.clamped | held_vertices(vertices, len(self.clamped)))
+        held = self.clamped | held_vertices(vertices, len(self.clamped))
+        further._energy = self._energy.holding(held)
+        further._hold(held)
         return further
 
     def with_elements(self, elements: list[ElementSet]) -> Shell:

@@ -73,29 +73,40 @@ class SplitFoldEnergy(ElasticEnergy):
         Held vertices: their edges are clamped.
     further : list of ElementSet
         Further energies, which are added.
+    held : ndarray of bool, shape (n,), optional
+        Vertices held by constraints besides: triangles of them do not bend, and are clamps of their neighbours, but
+        single rows of them leave the slope free.
     """
 
     def __init__(
-        self, mesh: TriangleMesh, material: Isotropic, clamped: NDArray[np.bool_], further: list[ElementSet]
+        self,
+        mesh: TriangleMesh,
+        material: Isotropic,
+        clamped: NDArray[np.bool_],
+        further: list[ElementSet],
+        held: NDArray[np.bool_] | None = None,
     ) -> None:
+        self._parts = mesh, material, clamped, further
+        self._origin = np.zeros(3)
+        held = clamped if held is None else held
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
-        self._held: NDArray[np.bool_] = np.asarray(clamped[mesh.faces].all(axis=1))
-        folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, float(stiffness.mean()))
+        self._held: NDArray[np.bool_] = np.asarray(held[mesh.faces].all(axis=1))
+        folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, held, float(stiffness.mean()))
         self._shares = _Shares(folds)
         self._edges = np.ascontiguousarray(mesh.edges)
         self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
         angles = np.zeros(len(mesh.hinges))
         rest = np.asarray(mesh.vertices)
         kernels.fold_angles(rest, np.asarray(mesh.hinges), np.zeros_like(angles), angles, np.empty((angles.size, 9)))
-        self._membrane = membrane_elements(mesh, stiffness, poisson, clamped, angles)
+        self._membrane = membrane_elements(mesh, stiffness, poisson, held, angles)
         self._tension = membrane_matrix(self._membrane, len(self._edges))
         state = self._measured(rest)
         self._rest_angles, self._rest_squares = state.folds, state.stretches
 
     def _points(self, x: Array) -> Array:
-        return np.vstack([x, self._folds.ghosts]) if len(self._folds.ghosts) else np.ascontiguousarray(x)
+        return np.vstack([x, self._folds.ghosts])
 
     def _measured(self, x: Array) -> _State:
         points, hinges = self._points(x), self._folds.hinges
@@ -168,11 +179,11 @@ class SplitFoldEnergy(ElasticEnergy):
     def bending(self, x: Array) -> tuple[Array, Array]:
         """Bending moments conjugate to each triangle's folds, and energies [J]: (T, 3) [N m] and (T,).
 
-        Zero in triangles whose vertices are all clamped.
+        Zero in triangles whose vertices are all held.
         """
         folds, delta = self._folds, self._measured(x).folds
         shares = -self._shares.solve(self._shares.coupling @ delta)
-        gamma = folds.weights * np.append(delta, 0.0)[folds.folds]
+        gamma = np.append(delta, 0.0)[folds.folds]
         gamma += folds.shares * np.append(shares, 0.0)[folds.share_index]
         moments, energies = np.zeros((len(self._held), 3)), np.zeros(len(self._held))
         moments[~self._held] = np.einsum("tkl,tl->tk", folds.moments, gamma)
@@ -235,7 +246,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """Entries of the first, positive semi-definite part of the Hessian."""
         folds, strides = self._folds, pattern.strides
         data = np.zeros(pattern.size)
-        factors = (folds.weights, folds.shares, folds.moments)
+        factors = (folds.shares, folds.moments)
         tables = (folds.triangles, folds.folds, folds.places)
         kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
         for e, place in zip(self._membrane, slots[3:5], strict=True):
@@ -263,8 +274,13 @@ class SplitFoldEnergy(ElasticEnergy):
     def shifted(self, origin: Array) -> ElasticEnergy:
         """The same energy with its ghosts moved as the positions are."""
         other = copy.copy(self)
+        other._origin = self._origin + origin
         other._folds = replace(self._folds, ghosts=self._folds.ghosts - origin)
         return other
+
+    def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:
+        """The same energy with the vertices ``held`` (n,) held, its clamped ones among them."""
+        return SplitFoldEnergy(*self._parts, held).shifted(self._origin)
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""

@@ -1,8 +1,8 @@
 r"""Bending by split folds: a Kirchhoff plate whose curvatures are the fold angles of the mesh.
 
 Each interior edge e has its fold angle :math:`\delta_e = \theta_e - \theta_{0,e}` and one fold share :math:`f_e`
-without mass: :math:`\gamma_{T,e} = \delta_e / 2 \pm f_e` is the part of the fold that belongs to the triangle on its
-left (+) or right (-). A triangle's curvature is then
+without mass, which parts the fold between its triangles: :math:`\gamma_{T,e} = \delta_e - f_e` belongs to one,
+:math:`\gamma_{T',e} = f_e` to the other. A triangle's curvature is then
 :math:`\kappa_T = \sum_k (l_k / A_T) \gamma_{T,k} n_k n_k^T`, and its energy
 :math:`\gamma_T^T K_T \gamma_T / 2` with
 
@@ -10,7 +10,9 @@ left (+) or right (-). A triangle's curvature is then
 
 The energy is least for the shares at which the bending moment across each edge is continuous (the elements of Morley
 and of Hellan, Herrmann and Johnson). The shares follow linearly from the fold angles, so the bending energy is
-:math:`\delta^T H \delta / 2` with one constant matrix H.
+:math:`\delta^T H \delta / 2` with one constant matrix H. Which of the triangles is the first is free: triangles are
+coloured so that neighbours differ where possible, and folds count in those of one colour, so that positions are coupled
+across every other triangle only and factors stay sparse.
 
 Edges: a free edge has no moment, so its fold is condensed out of K_T. At a clamped edge the whole fold belongs to the
 one free triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the
@@ -26,6 +28,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.kernels.split_folds import colour_triangles
 from modalshell.mesh import TriangleMesh
 from modalshell.typing import Array, Index
 
@@ -42,13 +45,13 @@ class SplitFolds:
     hinges : ndarray of int64, shape (H, 4)
         Hinges that carry energy, in the order of the flexure kernel.
     triangles : ndarray of int64, shape (B, 6)
-        Corners of every triangle that can bend, and the vertices across each edge; -1 where there is none.
+        Corners of every triangle that can bend, and the vertices across the edges of its hinges; else -1.
     folds : ndarray of int64, shape (B, 3)
-        Hinge at the edge opposite each corner; -1 at free edges.
+        Hinge at the edge opposite each corner, whose fold angle counts in this triangle; -1 where none does.
     places : ndarray of int64, shape (B, 3, 4)
         Where each hinge's vertices stand among the triangle's six.
-    weights, shares : ndarray, shape (B, 3)
-        Factors of the fold angle and of the fold share in gamma.
+    shares : ndarray, shape (B, 3)
+        Factors of the fold share in gamma.
     share_index : ndarray of int64, shape (B, 3)
         Fold share at each edge; -1 where there is none.
     moments : ndarray, shape (B, 3, 3)
@@ -62,7 +65,6 @@ class SplitFolds:
     triangles: Index
     folds: Index
     places: Index
-    weights: Array
     shares: Array
     share_index: Index
     moments: Array
@@ -79,7 +81,7 @@ class SplitFolds:
             entries = (factors.ravel()[used], (rows[used], columns.ravel()[used]))
             return sps.csr_array(sps.coo_array(entries, shape=(3 * count, size)))
 
-        by_fold = selection(self.folds, self.weights, len(self.hinges))
+        by_fold = selection(self.folds, np.ones(self.folds.shape), len(self.hinges))
         by_share = selection(self.share_index, self.shares, self.share_count)
         stressed = blocks @ by_fold
         return (
@@ -90,7 +92,12 @@ class SplitFolds:
 
 
 def split_folds(
-    mesh: TriangleMesh, rigidity: Array, poisson: Array, clamped: NDArray[np.bool_], scale: float
+    mesh: TriangleMesh,
+    rigidity: Array,
+    poisson: Array,
+    clamped: NDArray[np.bool_],
+    held_vertices: NDArray[np.bool_],
+    scale: float,
 ) -> SplitFolds:
     """Split folds of a mesh.
 
@@ -101,12 +108,14 @@ def split_folds(
     rigidity, poisson : ndarray, shape (T,)
         Bending stiffness D [N m] and Poisson's ratio of every triangle.
     clamped : ndarray of bool, shape (n,)
-        Held vertices; an edge is clamped where both ends are.
+        Vertices held by supports; an edge is clamped where both ends are.
+    held_vertices : ndarray of bool, shape (n,)
+        All held vertices; triangles of them do not bend.
     scale : float
         Diagonal entry that the shares' stiffness is scaled to [N/m], near those of the positions.
     """
     faces = mesh.faces
-    held: NDArray[np.bool_] = np.asarray(clamped[faces].all(axis=1))
+    held: NDArray[np.bool_] = np.asarray(held_vertices[faces].all(axis=1))
     bending = np.flatnonzero(~held)
     corners = faces[bending]
     # Edge k lies opposite corner k and runs from corner k + 1 to corner k + 2.
@@ -119,6 +128,7 @@ def split_folds(
     ghost = held_edge & ~against_held
     free = (across < 0) & ~ghost
     split = ~free & ~ghost & ~against_held
+    whole = _takes_fold(held, bending, np.where(split, across, -1), left)
 
     number = np.full(len(mesh.edges), -1)
     used = np.unique(edges[split | against_held])
@@ -133,7 +143,7 @@ def split_folds(
     ghost_index = len(mesh.vertices) + np.arange(triangle.size)
     hinges = np.vstack([real, np.column_stack([first, second, apex, ghost_index])]).astype(np.int64)
 
-    folds = np.where(split | against_held, number[edges], -1)
+    folds = np.where((split & whole) | against_held, number[edges], -1)
     folds[triangle, k] = used.size + np.arange(triangle.size)
     places, opposite = _places(hinges, folds, left | ghost)
     share_number = np.full(len(mesh.edges), -1)
@@ -145,19 +155,29 @@ def split_folds(
     diagonal = np.zeros(shared.size)
     np.add.at(diagonal, share_index[split], np.einsum("tkk->tk", moments)[split])
     shares = np.zeros(split.shape)
-    shares[split] = np.where(left, 1.0, -1.0)[split] * np.sqrt(scale / diagonal[share_index[split]])
+    shares[split] = np.where(whole, -1.0, 1.0)[split] * np.sqrt(scale / diagonal[share_index[split]])
     return SplitFolds(
         ghosts=ghosts,
         hinges=np.ascontiguousarray(hinges),
         triangles=np.ascontiguousarray(np.hstack([corners, opposite])),
         folds=np.ascontiguousarray(folds),
         places=places,
-        weights=np.where(split, 0.5, np.where(free, 0.0, 1.0)),
         shares=shares,
         share_index=np.ascontiguousarray(share_index),
         moments=moments,
         share_count=int(shared.size),
     )
+
+
+def _takes_fold(held: NDArray[np.bool_], bending: Index, across: Index, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether each fold angle counts in this triangle (B, 3), and not in the one ``across``, whose is the share."""
+    number = np.full(held.size, -1)
+    number[bending] = np.arange(bending.size)
+    neighbours = np.where(across >= 0, number[across], -1)
+    colours = np.full(bending.size, -1)
+    colour_triangles(neighbours, colours)
+    own, other = colours[:, None], colours[neighbours]
+    return np.where(own == other, left, own > other)
 
 
 def _mirror_images(points: Array, first: Index, second: Index, apex: Index) -> Array:

@@ -61,16 +61,16 @@ def lead(
         moved[vertices] = target - x[vertices]
         try:
             gradient, hessian = problem.linearise(x, EXACT)
-            tangent = shell.energy_gradient_hessian(x, EXACT)[2]
-            pull = shell.pattern.product(tangent, moved.ravel())
+            tangent = held.energy_gradient_hessian(x, EXACT)[2]
+            pull = held.pattern.product(tangent, moved.ravel())
             direction = problem.step(problem.factor(hessian), gradient + pull[held.free_unknowns])
             iterations += 1
             moved.reshape(-1)[held.free_unknowns] = direction
-            reaction = float(np.linalg.norm(shell.pattern.product(tangent, moved.ravel()).reshape(-1, 3)[vertices]))
+            reaction = float(np.linalg.norm(held.pattern.product(tangent, moved.ravel()).reshape(-1, 3)[vertices]))
             scale = max(problem.scale, reaction, 1e-300)
             guess, _, fraction = warped_step(shell, x, moved.ravel()[shell.free_unknowns], _STEP_TURN)
             guess[vertices] = target
-            result = mixed_newton(problem, guess, scale, limit=25, stresses=shell.predicted_stresses(x, moved))
+            result = mixed_newton(problem, guess, scale, limit=25, stresses=held.predicted_stresses(x, moved))
             iterations += result.iterations
             solved = fraction > 0.999 and is_minimum(problem, result)
         except SolverError:

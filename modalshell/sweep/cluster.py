@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import os
 import re
 from collections.abc import Generator, Sequence
+from pathlib import Path
 from typing import Any
 
 from modalshell.checks import shortened, shown
@@ -19,28 +21,44 @@ _AHEAD = 4
 """Cases that the scheduler holds for each thread of its workers: their meshes are not all sent at once."""
 
 
-def connect(address: str) -> Any:
+def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None = None) -> Any:
     """A client of the scheduler at ``address``, such as ``tcp://10.0.0.1:8786``.
+
+    Whoever reaches a scheduler can run code on it and on its workers, for it unpickles what it is sent: it belongs on
+    127.0.0.1, on a network of its own, or behind TLS, ``tls://10.0.0.1:8786`` with ``certificates``: the files of the
+    authority, of this machine's certificate and of its key.
 
     Raises
     ------
     OptionError
-        If dask.distributed is not installed.
+        If dask.distributed is not installed, or certificates are no three files, or not for ``tls://``.
     WorkerError
         If no scheduler answers there within a few seconds, or it has no workers.
     """
     if importlib.util.find_spec("distributed") is None:
         raise OptionError("a cluster needs dask.distributed: pip install 'modalshell[cluster]'")
-    from distributed import Client
+    from distributed import Client, Security
 
+    security = None
+    if certificates is not None:
+        files = [Path(file) for file in certificates]
+        missing = [str(file) for file in files if not file.is_file()]
+        if len(files) != 3 or missing or not address.startswith("tls://"):
+            got = f"no file {missing[0]}" if missing else f"{len(files)} files for {shown(address)}"
+            raise OptionError(
+                f"certificates must be the files of authority, certificate and key, for tls:// (got {got})"
+            )
+        names = dict(zip(("tls_ca_file", "tls_client_cert", "tls_client_key"), map(str, files), strict=True))
+        security = Security(require_encryption=True, **names)
     try:
         if not re.search(r"://|:\d+$", address):
             raise ValueError("the address names no port")
-        client = Client(address, timeout=_SECONDS, set_as_default=False)
+        client = Client(address, timeout=_SECONDS, set_as_default=False, security=security)
     except Exception as error:  # AssertionError too, from addresses of other protocols
         raise WorkerError(
-            f"no scheduler of dask.distributed answers at {shown(address)}: start one with 'dask scheduler' and give "
-            f"its address, such as tcp://10.0.0.1:8786 ({type(error).__name__}: {shortened(str(error))})"
+            f"no scheduler of dask.distributed answers at {shown(address)}: start one with 'dask scheduler --host "
+            "127.0.0.1', or with TLS where others reach it (it unpickles, and so runs, what it is sent), and give its "
+            f"address, such as tcp://127.0.0.1:8786 ({type(error).__name__}: {shortened(str(error))})"
         ) from error
     try:
         client.wait_for_workers(1, timeout=_SECONDS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,6 +69,7 @@ def run_sweep(
     out: str | os.PathLike[str] | None = None,
     workers: int | None = None,
     cluster: str | None = None,
+    certificates: Sequence[str | os.PathLike[str]] | None = None,
     time_limit: float | None = None,
     retry: bool = False,
     on_step: Progress | None = None,
@@ -90,6 +91,8 @@ def run_sweep(
         Processes on this machine, each on one thread; one for each core without it.
     cluster : str, optional
         Address of a scheduler of dask.distributed that computes the cases instead.
+    certificates : sequence of path, optional
+        Files of the authority, the certificate and the key of a ``tls://`` cluster.
     time_limit : float, optional
         Seconds after which a case is given up and recorded as stopped (not on a cluster).
     retry : bool
@@ -121,6 +124,8 @@ def run_sweep(
         checked_number("time_limit", time_limit, above=0.0, at_most=_LONGEST_LIMIT, unit="s")
     if cluster is not None and (time_limit is not None or workers is not None):
         raise OptionError("workers and a time limit are for this machine: leave them out with a cluster")
+    if certificates is not None and cluster is None:
+        raise OptionError(f"certificates are for a cluster: give its address tls://... (got {shown(certificates)})")
     if cluster is not None and not isinstance(cluster, str):
         raise OptionError(f"cluster must be a scheduler's address, as tcp://10.0.0.1:8786 (got {shown(cluster)})")
     value = checked_value(declared.output.value, declared.truth is not None, MEASURES, declared.file)
@@ -134,7 +139,7 @@ def run_sweep(
         before = len(found)
         missing = [task for digest, task in plan.tasks.items() if digest not in found]
         try:
-            with closing(_results(missing, count, cluster, time_limit)) as results:
+            with closing(_results(missing, count, cluster, certificates, time_limit)) as results:
                 for result in results:
                     store.write(result)
                     found[result.digest] = result
@@ -148,14 +153,18 @@ def run_sweep(
 
 
 def _results(
-    missing: list[Task], workers: int, cluster: str | None, time_limit: float | None
+    missing: list[Task],
+    workers: int,
+    cluster: str | None,
+    certificates: Sequence[str | os.PathLike[str]] | None,
+    time_limit: float | None,
 ) -> Generator[CaseResult, None, None]:
     if not missing:
         return
     if cluster is None:
         yield from run_locally(missing, workers, time_limit)
     else:
-        with connect(cluster) as client:
+        with connect(cluster, certificates) as client:
             yield from run_on_cluster(missing, client)
 
 

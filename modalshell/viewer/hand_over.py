@@ -49,7 +49,7 @@ def nearest_coordinates(model: ModalModel, positions: Array) -> Array:
     wanted = positions - model.shell.rest_positions
 
     def misfit(coordinates: Array) -> Array:
-        return weight * (model.displacement(coordinates) - wanted).ravel()
+        return weight * (model.raw_displacement(coordinates) - wanted).ravel()
 
     q = model.coordinates_of(positions)
     left = misfit(q)

@@ -137,13 +137,14 @@ def test_homogenised_bending_constants(family, poisson):
     """D11, D22, D12 and D66 of the middle of a sheet, whose vertices a constant curvature leaves in balance."""
     mesh = sheet(length=1.0, width=1.0, cells=(30, 26) if family == "equilateral" else (30, 30), family=family)
     count = len(mesh.faces)
-    folds = split_folds(mesh, np.ones(count), np.full(count, poisson), np.zeros(len(mesh.vertices), bool), 1.0)
+    none = np.zeros(len(mesh.vertices), dtype=bool)
+    folds = split_folds(mesh, np.ones(count), np.full(count, poisson), none, none, 1.0)
     by_fold, coupling, own = (matrix.toarray() for matrix in folds.matrices())
     x, y, _ = mesh.vertices.T
     fields = np.column_stack([0.5 * x**2, 0.5 * y**2, x * y])
     angles = hinge_operator(mesh) @ fields
     shares = -np.linalg.solve(own, coupling @ angles)
-    gamma = folds.weights[:, :, None] * np.where(folds.folds[:, :, None] >= 0, angles[folds.folds], 0.0)
+    gamma = np.where(folds.folds[:, :, None] >= 0, angles[folds.folds], 0.0)
     gamma += folds.shares[:, :, None] * np.where(folds.share_index[:, :, None] >= 0, shares[folds.share_index], 0.0)
     middle = np.flatnonzero((np.abs(mesh.vertices[mesh.faces].mean(axis=1)[:, :2] - (0.5, 0.0)) < 0.15).all(axis=1))
     density = np.einsum("tki,tkl,tlj->ij", gamma[middle], folds.moments[middle], gamma[middle])

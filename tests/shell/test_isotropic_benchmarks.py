@@ -1,0 +1,257 @@
+"""Shells of shell theory against elastica, plates, published large deflections and finite elements."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modalshell import (
+    DiscreteShell,
+    Isotropic,
+    OrientationConstraint,
+    PositionConstraint,
+    Shell,
+    TriangleMesh,
+    cylinder_panel,
+    flat_beam,
+    sheet,
+    solve_modes,
+    v_beam,
+)
+
+DATA = json.loads((Path(__file__).parents[1] / "data" / "shell_theory.json").read_text(encoding="utf-8"))
+FAMILIES = ["union-jack", "equilateral", "lloyd", "delaunay"]
+THREE = ["union-jack", "equilateral", "delaunay"]
+
+
+def clamped_at_start(mesh, material):
+    return Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1e-9)
+
+
+def trapezoidal(mesh, vertices):
+    """Vertices of a line along y in order, and their shares of its length."""
+    y = mesh.vertices[vertices, 1]
+    order = np.argsort(y)
+    gaps = np.diff(y[order])
+    shares = np.zeros(len(vertices))
+    shares[:-1] += 0.5 * gaps
+    shares[1:] += 0.5 * gaps
+    return vertices[order], shares
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_heavy_elastica(family):
+    mesh = flat_beam(length=0.3, width=0.05, cells=(48, 8), family=family)
+    model = DiscreteShell(clamped_at_start(mesh, Isotropic(1e9, 0.0, 1e-3, 1000.0)))
+    tip = np.flatnonzero(mesh.vertices[:, 0] > 0.3 - 1e-9)
+    for load, drop, reach in DATA["elastica"]:
+        gravity = load * 1e9 * 1e-9 / (12.0 * 1.0 * 0.3**3)
+        state = model.equilibrium(gravity=(0.0, 0.0, -gravity))
+        assert state.converged
+        assert state.stable
+        along, _, up = state.positions[tip].mean(axis=0)
+        assert -up / 0.3 == pytest.approx(drop, abs=1.2e-3)
+        assert along / 0.3 == pytest.approx(reach, abs=1.2e-3)
+
+
+@pytest.mark.parametrize("family", THREE)
+def test_cantilever_under_end_shear(family):
+    mesh = flat_beam(length=10.0, width=1.0, cells=(40, 4), family=family)
+    model = DiscreteShell(clamped_at_start(mesh, Isotropic(1.2e6, 0.0, 0.1, 1.0)))
+    tip, shares = trapezoidal(mesh, np.flatnonzero(mesh.vertices[:, 0] > 10.0 - 1e-9))
+    force, start = np.zeros_like(mesh.vertices), None
+    for share, back, up in DATA["end_shear"]:
+        force[tip, 2] = 4.0 * share * shares
+        state = model.equilibrium(force=force, start=start)
+        assert state.converged
+        start = state.positions
+        moved = shares @ (state.positions - mesh.vertices)[tip]
+        assert -moved[0] == pytest.approx(back, abs=0.003 * 3.286)
+        assert moved[2] == pytest.approx(up, abs=0.003 * 6.698)
+
+
+def rolled(flat, radius):
+    angle = flat[:, 0] / radius
+    return np.column_stack([radius * np.sin(angle), flat[:, 1], radius * (1.0 - np.cos(angle))])
+
+
+@pytest.mark.parametrize("radii", [(np.inf, 1.0), (2.0, 1.0), (1.0, -2.0)])
+@pytest.mark.parametrize("poisson", [0.0, 0.3])
+@pytest.mark.parametrize("family", ["union-jack", "equilateral"])
+def test_cylinders_are_exact(family, poisson, radii):
+    """Energy that a longer and wider sheet stores in what it has more of, so that its free edges play no part."""
+
+    def energy(columns, rows):
+        flat = flat_beam(length=0.05 * columns, width=0.05 * rows, cells=(columns, rows), family=family)
+        rest = flat.vertices if np.isinf(radii[0]) else rolled(flat.vertices, radii[0])
+        shell = Shell(TriangleMesh(rest, flat.faces), Isotropic(1e6, poisson, 0.02, 1.0))
+        return shell.energy(rolled(flat.vertices, radii[1]))
+
+    added = energy(40, 24) - energy(20, 24) - energy(40, 12) + energy(20, 12)
+    change = 1.0 / radii[1] - 1.0 / radii[0]
+    exact = 1e6 * 0.02**3 / 12.0 / (1.0 - poisson**2) * change**2 / 2.0 * (20 * 0.05) * (12 * 0.05)
+    assert added == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_strip_bends_to_half_a_ring():
+    """Sze, Liu, Lo, 3.2, with the turn prescribed: every vertex on the circle within 0.02 % of the length."""
+    length, cells, turn = 12.0, 72, np.pi
+    mesh = flat_beam(length=length, width=1.0, cells=(cells, 6))
+    model = DiscreteShell(clamped_at_start(mesh, Isotropic(1.2e6, 0.0, 0.1, 1.0)))
+    free = length * (1.0 - 1.0 / cells)
+    radius = free / turn
+    bent = np.minimum(mesh.vertices[:, 0], free)
+    exact = rolled(np.column_stack([bent, mesh.vertices[:, 1]]), radius)
+    exact[:, 0] += np.cos(bent / radius) * (mesh.vertices[:, 0] - bent)
+    exact[:, 2] += np.sin(bent / radius) * (mesh.vertices[:, 0] - bent)
+    tip = np.flatnonzero(mesh.vertices[:, 0] > free - 1e-6)
+    state = model.equilibrium(
+        constraints=[
+            PositionConstraint(tip, exact[tip].mean(axis=0)),
+            OrientationConstraint(tip, (0.0, -turn, 0.0)),
+        ]
+    )
+    assert state.converged
+    assert np.linalg.norm(state.positions - exact, axis=1).max() < 2e-4 * length
+
+
+def plate(family, cells, poisson):
+    columns = cells if family != "equilateral" else round(cells * 2 / np.sqrt(3))
+    mesh = sheet(length=1.0, width=1.0, cells=(columns, cells), family=family)
+    unit = np.sqrt(1e9 * 1e-6 / (12.0 * (1.0 - poisson**2) * 1000.0))
+    return mesh, Isotropic(1e9, poisson, 1e-3, 1000.0), unit
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_simply_supported_plate(family):
+    mesh, material, unit = plate(family, 24, 0.3)
+    shell = Shell(mesh, material).holding(mesh.boundary_vertices)  # held, and free to turn
+    lowest = np.sqrt(solve_modes(shell, 1).eigenvalues[0]) / unit
+    assert lowest == pytest.approx(2.0 * np.pi**2, rel=0.01)
+
+
+def check_plate(family, supports, poisson, cells, tolerance):
+    mesh, material, unit = plate(family, cells, poisson)
+    clamped = mesh.vertices[:, 0] < 1e-9 if supports == "CFFF" else None
+    basis = solve_modes(Shell(mesh, material, clamped=clamped), 7 if supports == "CFFF" else 13)
+    assert basis.rigid_modes == (0 if supports == "CFFF" else 6)
+    measured = np.sqrt(basis.eigenvalues[basis.rigid_modes :]) / unit
+    np.testing.assert_allclose(measured, DATA["plates"][f"{supports} {poisson:g}"], rtol=tolerance)
+
+
+@pytest.mark.parametrize("supports", ["CFFF", "FFFF"])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_plate_frequencies_at_24_cells(family, supports):
+    check_plate(family, supports, 0.3, 24, 0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poisson", [0.0, 0.3])
+@pytest.mark.parametrize("supports", ["CFFF", "FFFF"])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_plate_frequencies(family, supports, poisson):
+    check_plate(family, supports, poisson, 44, 0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("poisson", [0.0, 0.3])
+@pytest.mark.parametrize("family", THREE)
+def test_panel_frequencies(family, poisson):
+    mesh = cylinder_panel(length=0.3, radius=0.6, angle=np.degrees(0.5), cells=(44, 44), family=family)
+    basis = solve_modes(clamped_at_start(mesh, Isotropic(1e9, poisson, 1e-3, 1000.0)), 7)
+    np.testing.assert_allclose(basis.frequencies, DATA["panel_frequencies"][f"{poisson:g}"], rtol=0.02)
+
+
+def panel(family):
+    return cylinder_panel(length=0.3, radius=0.3, angle=np.degrees(0.5), cells=(44, 22), family=family), 0.3
+
+
+def swept_plate(family):
+    flat = flat_beam(length=0.3, width=0.1, cells=(36, 12), family=family)
+    tip = np.array(DATA["statics"]["swept plate"]["points"])
+    x, y, _ = flat.vertices.T
+    across = (tip[2] - tip[0]) / 0.1
+    along = tip[1] / 0.3
+    return TriangleMesh(np.outer(x, along) + np.outer(y, across), flat.faces), 0.0
+
+
+def v_shape(family):
+    columns = 180 if family != "equilateral" else 156
+    return v_beam(length=0.3, width=0.02, fold=150.0, cells=(columns, 12), family=family), 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "family", "tolerance"),
+    [
+        ("panel", "union-jack", 0.02),
+        ("panel", "equilateral", 0.01),
+        ("panel", "delaunay", 0.01),
+        ("swept plate", "union-jack", 0.015),
+        ("swept plate", "equilateral", 0.015),
+        ("swept plate", "delaunay", 0.015),
+        ("V up", "union-jack", 0.025),
+        ("V up", "equilateral", 0.02),
+        ("V up", "delaunay", 0.02),
+        ("V down", "union-jack", 0.025),
+        ("V down", "equilateral", 0.02),
+        ("V down", "delaunay", 0.02),
+    ],
+)
+def test_deflections_of_finite_elements(case, family, tolerance):
+    """Displacements of the tip's corners and middle, as shares of the largest of them."""
+    mesh, height = {"panel": panel, "swept plate": swept_plate, "V up": v_shape, "V down": v_shape}[case](family)
+    reference = DATA["statics"][case]
+    points = np.array(reference["points"]) + np.array([0.0, 0.0, height])
+    distances = np.linalg.norm(mesh.vertices[:, None] - points, axis=2)
+    assert distances.min(axis=0).max() < 1e-6
+    chosen = distances.argmin(axis=0)
+    held = np.isclose(mesh.vertices[:, 0], 0.0) if case != "swept plate" else mesh.vertices @ sweep(points) < 1e-9
+    model = DiscreteShell(Shell(mesh, Isotropic(1e9, reference["poisson"], 1e-3, 1000.0), clamped=held))
+    start = None
+    for gravity, displacements in reference["loads"]:
+        state = model.equilibrium(gravity=gravity * np.array(reference["direction"]), start=start)
+        assert state.converged
+        start = state.positions
+        error = np.linalg.norm(state.positions[chosen] - mesh.vertices[chosen] - displacements, axis=1)
+        assert error.max() < tolerance * np.linalg.norm(displacements, axis=1).max()
+
+
+def sweep(points):
+    """Direction (3,) in the plate's plane normal to its clamped side, which is parallel to its tip."""
+    side = points[2] - points[0]
+    normal = np.cross(side, (0.0, 0.0, 1.0))
+    return normal / np.linalg.norm(normal)
+
+
+@pytest.mark.parametrize("fold", [20.0, 18.0])
+def test_sharp_folds_converge(fold):
+    """Rest folds of 160 and 162 degrees between neighbouring triangles."""
+    mesh = v_beam(length=0.3, width=0.04, fold=fold, cells=(40, 8), family="delaunay")
+    shell = clamped_at_start(mesh, Isotropic(1e9, 0.3, 1e-3, 1000.0))
+    for gravity in ((0.0, 0.0, -20.0), (0.0, 20.0, 0.0)):
+        state = DiscreteShell(shell).equilibrium(gravity=gravity)
+        assert state.converged
+        assert state.stable
+    free = Shell(mesh, Isotropic(1e9, 0.3, 1e-3, 1000.0))
+    assert solve_modes(free, 7).rigid_modes == 6
+    # A fold opens like two plates that meet at it: halving the cells changes little.
+    finer = v_beam(length=0.3, width=0.04, fold=fold, cells=(80, 16), family="delaunay")
+    lowest = [solve_modes(clamped_at_start(m, shell.material), 2).frequencies for m in (mesh, finer)]
+    np.testing.assert_allclose(*lowest, rtol=0.05)
+
+
+def test_energy_of_a_fold_grows_as_its_square_up_to_162_degrees():
+    triangles = TriangleMesh([[0, 0, 0], [1, 0, 0], [0.4, 0.8, 0], [0.6, -0.7, 0]], [[0, 1, 2], [1, 0, 3]])
+    shell = Shell(triangles, Isotropic(1e6, 0.3, 0.01, 1.0))
+
+    def energy(degrees):
+        x = np.array(triangles.vertices)
+        angle = np.radians(degrees)
+        x[2, 1:] = 0.8 * np.cos(angle), 0.8 * np.sin(angle)
+        return shell.energy(x) / angle**2
+
+    for degrees in (60.0, 120.0, 162.0, -162.0):
+        assert energy(degrees) == pytest.approx(energy(1.0), rel=1e-9)
