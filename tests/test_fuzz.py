@@ -68,7 +68,7 @@ def test_many_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
 def test_every_public_name_and_command_is_fuzzed():
     tried = {target.name.split(".")[0].split(",")[0] for target in arrays.targets()}
     errors = {name for name in ms.__all__ if name.endswith(("Error", "Warning"))}
-    assert set(ms.__all__) <= tried | errors | arrays.RECORDS | arrays.FILES
+    assert set(ms.__all__) <= tried | errors | arrays.RECORDS | arrays.FILES | arrays.NO_INPUT
     assert {"simulate", "modes", "run", "sweep", "doctor", "tradeoff"} <= set(command_line.commands())
     assert "--clamp" in command_line.commands()["simulate"]
 
