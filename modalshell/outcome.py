@@ -27,6 +27,8 @@ class Outcome(StrEnum):
     """Finished, but farther from the reference than asked."""
     OUT_OF_REACH = "out of reach"
     """Statics: no state of the model meets the constraints."""
+    DISTORTED = "distorted"
+    """Motion: the surface area doubled or halved, or triangles folded over, which no modal model can describe."""
     CYCLING = "cycling"
     """Motion: damped motion under a constant load does not settle."""
     UNSTABLE = "unstable"

@@ -147,7 +147,7 @@ def outcome(row: models.IntegratedModel, scene: models.StripScene) -> str:
         static = truth is not None
         if not static and classify(run, truth) in (Outcome.INACCURATE, Outcome.STEPS_NOT_CONVERGED):
             finer = follow(model, scene, 0.5 * scene.step, 2 * count)
-            if finer.outcome.succeeded:
+            if finer.outcome.succeeded or finer.outcome is Outcome.DISTORTED:
                 truth = models.tip_displacement(finer.positions[-1], finer.rest_positions)
     except ModalShellError:
         return str(Outcome.REFUSED)

@@ -68,7 +68,7 @@ def test_many_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
 def test_every_public_name_and_command_is_fuzzed():
     tried = {target.name.split(".")[0].split(",")[0] for target in arrays.targets()}
     errors = {name for name in ms.__all__ if name.endswith(("Error", "Warning"))}
-    assert set(ms.__all__) <= tried | errors | arrays.RECORDS | arrays.FILES
+    assert set(ms.__all__) <= tried | errors | arrays.RECORDS | arrays.FILES | arrays.NO_INPUT
     assert {"simulate", "modes", "run", "sweep", "doctor", "tradeoff"} <= set(command_line.commands())
     assert "--clamp" in command_line.commands()["simulate"]
 
@@ -181,6 +181,10 @@ def evaluated(monkeypatch):
     monkeypatch.setattr(selection, "select_vertices", select)
 
 
+def special_files(monkeypatch):
+    monkeypatch.setattr(mesh_io, "read_regular", lambda file: file.open("rb").read(1 << 20))
+
+
 def believed_headers(monkeypatch):
     monkeypatch.setattr(sys.modules["modalshell.run.follow"], "_fault", lambda *_: "")
 
@@ -191,6 +195,7 @@ def believed_headers(monkeypatch):
         (crash, "mesh_files", UncaughtException),
         (hang, "mesh_files", Hang),
         (hang_that_swallows, "mesh_files", Hang),
+        (special_files, "mesh_files", Hang),
         (short_message, "mesh_files", UselessMessage),
         (not_a_number, "arrays", SilentNonFinite),
         (unchecked_files, "saved", HalfRead),

@@ -16,9 +16,10 @@ from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
+from modalshell.models.distortion import distortion
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
-from modalshell.statics.least_potential import Statics
+from modalshell.statics.least_potential import WOUND_UP, Statics
 from modalshell.typing import Array, Index
 
 CONSTRAINT_MET = 1e-6
@@ -98,16 +99,30 @@ class ModalModel(Model):
             found, left = self._constrained_statics(load, begin, constraints)
         else:
             found = self._free_statics(load, begin)
+        positions = self.shell.rest_positions + self.raw_displacement(found.q)
+        message = found.message
+        if not message and (said := distortion(positions, self.shell.mesh)):
+            message = f"beyond what the model can describe: {said}"
         return Equilibrium(
-            self.shell.rest_positions + self.raw_displacement(found.q),
+            positions,
             found.outcome,
-            found.message,
+            message,
             found.iterations,
             found.residual,
             found.stable,
             coordinates=found.q,
             constraint_residuals=left,
         )
+
+    def largest_turn(self, q: Array) -> float:  # noqa: ARG002 (for models that turn)
+        """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""
+        return 0.0
+
+    def fault(self, state: MotionState) -> Outcome | None:
+        """Wound up where a part turned by more than 2 pi, distorted where the surface stretched or folded over."""
+        if self.largest_turn(state.coordinates) > WOUND_UP:
+            return Outcome.WOUND_UP
+        return Outcome.DISTORTED if distortion(self.positions(state), self.shell.mesh) else None
 
     @abstractmethod
     def _free_statics(self, load: Array, start: Array | None) -> Statics:

@@ -9,13 +9,11 @@ from typing import final
 import numpy as np
 
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
-from modalshell.outcome import Outcome
-from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
+from modalshell.statics.least_potential import Statics, least_potential
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
@@ -118,10 +116,6 @@ class TurnedTriangles(ModalModel):
     def largest_turn(self, q: Array) -> float:
         """Largest rotation angle of a triangle [rad] at q."""
         return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
-
-    def fault(self, state: MotionState) -> Outcome | None:
-        """Say where the state has wound up: a triangle turned by more than 2 pi."""
-        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         return least_potential(self, load, start)

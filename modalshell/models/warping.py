@@ -176,10 +176,6 @@ class ModalWarping(ModalModel):
             return Statics(q, residual, iterations, Outcome.UNSTABLE, message, stable)
         return Statics(q, residual, iterations, stable=True)
 
-    def fault(self, state: MotionState) -> Outcome | None:
-        """Say where the state has wound up: a vertex turned by more than 2 pi."""
-        return Outcome.WOUND_UP if self.largest_turn(state.coordinates) > WOUND_UP else None
-
     def _balance(self, y: Array, load: Array, root: Array) -> Array:
         """Out-of-balance ``y - p / sqrt(lambda)``."""
         rotated = np.empty_like(load)

@@ -30,7 +30,10 @@ _STILL_FALLING = 0.99
 """Share of kinetic energy from one sixteenth of the run to the next, below which it falls."""
 _AT_REST = 1e-9
 """Share of the largest energy below which kinetic energy counts as none."""
-_FAULTS = {Outcome.WOUND_UP: "a part of the shell turned by more than 2 pi"}
+_FAULTS = {
+    Outcome.DISTORTED: "the surface stretched or folded over beyond what the model can describe",
+    Outcome.WOUND_UP: "a part of the shell turned by more than 2 pi",
+}
 
 
 def step_count(duration: float, dt: float) -> int:
@@ -78,9 +81,9 @@ class Recorder:
     residuals : list of ndarray, shape (k,)
         What was left to each constraint's target.
     fault : Outcome or None
-        The first fault of a stored state that the model named, such as "wound up".
+        The gravest fault of a stored state that the model named, such as "wound up".
     fault_time : float
-        When that was [s].
+        When that was first [s].
     """
 
     def __init__(self, motion: Motion, total: int, *, store_every: int = 1, patience: int | None = None) -> None:
@@ -127,7 +130,8 @@ class Recorder:
         self.times.append(motion.time)
         self.energies.append(motion.energies())
         self.residuals.append(motion.constraint_residuals)
-        if self.fault is None and (fault := motion.model.fault(motion.state)) is not None:
+        fault = motion.model.fault(motion.state)
+        if fault is not None and (self.fault is None or gravest(self.fault, fault) is not self.fault):
             self.fault, self.fault_time = fault, motion.time
 
     def trajectory(self, positions: NDArray[np.floating]) -> Trajectory:

@@ -22,13 +22,29 @@ from fuzzing.mutations import array_like, scalars
 from modalshell import springs as masses
 from modalshell.checks import shown
 from modalshell.crowd import Flap, Flight
+from modalshell.models import CoarseMesh
+from modalshell.models.factory import ModelFactory
+from modalshell.scene.models import model_tables
 from modalshell.sweep import load_sweep
 
 Build = Callable[..., Any]
 
-RECORDS = {"Advice", "Basis", "Damping", "Equilibrium", "FlightResult", "Model", "Outcome", "Scene", "SceneResult"}
+RECORDS = {
+    "Advice",
+    "Basis",
+    "Damping",
+    "Equilibrium",
+    "FlightResult",
+    "Model",
+    "Outcome",
+    "ModelSpec",
+    "Scene",
+    "SceneResult",
+}
 RECORDS |= {"SweepResult", "Tradeoff", "Trajectory"}
 """Plain records that the package fills itself; they hold what they are given."""
+NO_INPUT = {"models"}
+"""They take nothing."""
 FILES = {"load_mesh", "save_mesh", "load_scene", "load_trajectory", "save_trajectory", "run_scene", "RunFollower"}
 """Their input is files: see the other surfaces."""
 SLOW = {"tradeoff", "advise"}
@@ -57,22 +73,16 @@ def world() -> dict[str, Any]:
     basis = ms.solve_modes(shell, 3)
     free = ms.Shell(mesh, material)
     path = ms.SupportPath([0.0, 0.1], [[0, 0, 0], [0, 0, 0.1]], [[0, 0, 0], [0, 0.2, 0]])
+    coarse = CoarseMesh(ms.v_beam(cells=(4, 2)), "4x2", material)
     models = {
-        "RigidShell": ms.RigidShell(shell),
-        "RigidShell, free": ms.RigidShell(free),
-        "LinearModal": ms.LinearModal(basis),
-        "ModalWarping": ms.ModalWarping(basis),
-        "ModalWarping, consistent": ms.ModalWarping(basis, consistent_force=True),
-        "ModalWarping, free": ms.ModalWarping(ms.solve_modes(free, 8)),
-        "RotationStrain": ms.RotationStrain(basis),
-        "ModalDerivatives": ms.ModalDerivatives(shell, 2),
-        "DiscreteShell": ms.DiscreteShell(shell),
-        "CoarseDiscreteShell": ms.CoarseDiscreteShell(
-            shell, ms.coarse_shell(shell, ms.v_beam(cells=(4, 2)), ms.Material(20.0, 20.0, 0.05, 0.2))
-        ),
-        "SpringSheet": ms.SpringSheet(shell),
-        "SpringSheet, cg": ms.SpringSheet(shell, integrator="linear_implicit", solver="cg", iterations=30),
+        "rigid, free": ms.RigidShell(free),
+        "mwts, free": ms.ModalWarping(ms.solve_modes(free, 8)),
+        "springs, cg": ms.SpringSheet(shell, integrator="linear_implicit", solver="cg", iterations=30),
     }
+    factory = ModelFactory(shell, lambda: shell.gravity_force((0.0, 0.0, -2.0)), lambda _: coarse)
+    for key, table in model_tables().items():
+        few = {"modes": 2 if key == "md-rom" else 3, "rank": 4}
+        models[key] = table(**{name: few[name] for name in table.__struct_fields__ if name in few}).build(factory)
     return {"mesh": mesh, "material": material, "shell": shell, "basis": basis, "path": path, "models": models}
 
 
@@ -80,7 +90,7 @@ def targets() -> list[Target]:
     """Every public call, those that this file does not know with junk alone."""
     made = [*_meshes(), *_shells(), *_models(), *_springs(), *_motions(), *_crowds(), *_measures(), *_ladder()]
     made += _sweeps()
-    known = {target.name.split(".")[0].split(",")[0] for target in made} | RECORDS | FILES | {"measure"}
+    known = {target.name.split(".")[0].split(",")[0] for target in made} | RECORDS | FILES | NO_INPUT | {"measure"}
     for name in ms.__all__:
         value = getattr(ms, name)
         error = isinstance(value, type) and issubclass(value, BaseException)
@@ -194,10 +204,10 @@ def _models() -> list[Target]:
         Target("ModalWarping", answered(ms.ModalWarping), {}, integrators, {"basis": basis}),
         Target("RotationStrain", answered(ms.RotationStrain), {}, integrators, {"basis": basis}),
         Target("ReducedRotationStrain", answered(ms.ReducedRotationStrain), {"coordinates": coordinates, "rank": 4}, {},
-               {"model": world_["models"]["RotationStrain"]}),
+               {"model": world_["models"]["rsw"]}),
         Target("ReducedRotationStrain.trained", ms.ReducedRotationStrain.trained,
                {"gravities": np.array([[0.0, 0.0, -2.0]]), "mixtures": 4, "rank": 3, "seed": 0}, {},
-               {"model": world_["models"]["RotationStrain"]}, ("gravities", "mixtures", "rank", "seed")),
+               {"model": world_["models"]["rsw"]}, ("gravities", "mixtures", "rank", "seed")),
         Target("ModalDerivatives", answered(ms.ModalDerivatives), {"count": 2},
                {"cubature": (False, True, 5, 0, -1, 1.5, "x", None)}, {"shell": shell}),
         Target("DiscreteShell", answered(ms.DiscreteShell), {"step_tolerance": 1e-6},
@@ -282,7 +292,7 @@ def _not_computed(*_: Any) -> Any:
 def _constraint(make: Build) -> Build:
     def call(**arguments: Any) -> list[Any]:
         constraint = make(**arguments)
-        model = world()["models"]["ModalWarping"]
+        model = world()["models"]["mwts"]
         return [constraint.at(0.5), model.equilibrium(gravity=(0.0, 0.0, -1.0), constraints=[constraint])]
 
     return call
@@ -298,7 +308,7 @@ def _motions() -> list[Target]:
     objects = {"supports": world_["path"], "constraints": [ms.PositionConstraint([12], [1.0, 0.0, -0.1])]}
     made = [
         Target(f"simulate, {name}", functools.partial(ms.simulate, on_step=few_steps), common, words, {"model": model}
-               | ({} if "free" in name else objects if name in ("ModalWarping", "DiscreteShell") else {}))
+               | ({} if "free" in name else objects if name in ("mwts", "ds") else {}))
         for name, model in world_["models"].items()
     ]  # fmt: skip
     keyframes = {
@@ -433,7 +443,7 @@ def _warm_up() -> None:
 
 
 def _inputs(target: Target) -> st.SearchStrategy[Input]:
-    strange = st.one_of(scalars, st.sampled_from(list(world().values())), st.just(world()["models"]["LinearModal"]))
+    strange = st.one_of(scalars, st.sampled_from(list(world().values())), st.just(world()["models"]["lma"]))
     junk: dict[str, st.SearchStrategy[Any]] = {
         name: scalars if np.ndim(value) == 0 else array_like(value) for name, value in target.values.items()
     }

@@ -49,7 +49,7 @@ BASES: tuple[dict[str, Any], ...] = (
     {key: table for key, table in BASE.items() if key != "motion"}
     | {
         "material": {"young": 1e6, "poisson": 0.3, "thickness": 0.01, "density": 1e3},
-        "model": {"name": "mwts", "modes": 3, "warp": "closed_form", "consistent_force": True},
+        "model": {"name": "mwts", "modes": 3, "consistent_force": True},
         "constraints": [{"kind": "position", "nearest": [1.0, 0.0, 0.0], "target": [0.9, 0.0, 0.1], "relative": False}],
     },
     BASE
@@ -66,6 +66,8 @@ BASES: tuple[dict[str, Any], ...] = (
     },
     BASE | {"model": {"name": "md-rom", "modes": 2, "cubature": False}, "output": {"formats": ["vtkhdf", "pvd"]}},
     BASE | {"mesh": {"shape": "leaf", "cells": [4, 2]}, "supports": {"clamped": "x < 0.5"}, "model": {"name": "lma"}},
+    BASE | {"model": {"name": "reduced-rsw", "modes": 2, "rank": 8, "mixtures": 2}},
+    BASE | {"model": {"name": "coarse-ds", "cells": [6, 2]}, "mesh": {"shape": "flat_beam", "cells": [8, 4]}},
     BASE | {"model": {"name": "rigid"}, "mesh": {"shape": "cylinder_panel", "cells": [2, 2], "angle": 90.0}},
     BASE | {"model": {"name": "springs", "integrator": "linear_implicit", "solver": "cg", "reference_fold": 0.2}},
     BASE

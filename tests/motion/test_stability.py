@@ -265,7 +265,8 @@ def test_linear_motion_is_never_called_a_cycle(basis, integrator, factors):
     """Undamped, hardly damped, or creeping: linear motion may be slow to settle, but it does."""
     for steps in (60, 600, 3000):
         motion = run(ms.LinearModal(basis, integrator=integrator), 10.0, factors, steps=steps, store_every=1)
-        assert motion.status == "completed"
+        assert motion.outcome in (ms.Outcome.COMPLETED, ms.Outcome.DISTORTED)
+        assert "settle" not in motion.message
 
 
 def test_a_falling_shell_with_drag_is_no_cycle():
