@@ -181,6 +181,10 @@ def evaluated(monkeypatch):
     monkeypatch.setattr(selection, "select_vertices", select)
 
 
+def special_files(monkeypatch):
+    monkeypatch.setattr(mesh_io, "read_regular", lambda file: file.open("rb").read(1 << 20))
+
+
 def believed_headers(monkeypatch):
     monkeypatch.setattr(sys.modules["modalshell.run.follow"], "_fault", lambda *_: "")
 
@@ -191,6 +195,7 @@ def believed_headers(monkeypatch):
         (crash, "mesh_files", UncaughtException),
         (hang, "mesh_files", Hang),
         (hang_that_swallows, "mesh_files", Hang),
+        (special_files, "mesh_files", Hang),
         (short_message, "mesh_files", UselessMessage),
         (not_a_number, "arrays", SilentNonFinite),
         (unchecked_files, "saved", HalfRead),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import io
 import logging
 import os
@@ -97,6 +98,8 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
         exported = plain.export(file_type=suffix[1:])
         data = exported if isinstance(exported, bytes) else str(exported).encode()
     try:
+        if file.exists() and not file.is_file():
+            raise OSError(errno.EINVAL, "it is no regular file")
         file.write_bytes(data)
     except ValueError as error:
         raise MeshError(f"{shown(str(file))}: no path of a file ({error}); check the path") from error

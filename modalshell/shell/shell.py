@@ -47,7 +47,8 @@ class Shell(ReadOnlyArrays):
         Stiffnesses of the discrete-shell energies; or an isotropic sheet, whose energy is that of split folds.
     clamped : array_like of bool, shape (n,), or of int, optional
         Vertices that are held. To clamp an edge of a :class:`Material`'s shell hold two rows of vertices: with one row
-        the triangles next to it can hinge freely about the clamped edge. An :class:`Isotropic` shell is clamped by
+        the triangles next to it can hinge freely about the clamped edge; the span then begins at the second row, and
+        is shorter by the distance between them. An :class:`Isotropic` shell is clamped by
         one row: at every edge with both ends held.
     energies : sequence of Energy, optional
         Further energies besides those of the material.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -85,6 +86,12 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
         st.builds(build, st.sampled_from(seeds()), st.lists(byte_damage, max_size=3), suffixes, save_as),
     )
     odd = ("", ".", "no/such.obj", "a\0.obj", "x" * 300 + ".obj", "folder.obj", "é\ud800.obj", "loop.obj")
+    odd += ("pipe.obj", "zeros.stl", "sparse.ply")
+    if not (folder / "pipe.obj").exists():
+        os.mkfifo(folder / "pipe.obj")
+        (folder / "zeros.stl").symlink_to("/dev/zero")
+        with open(folder / "sparse.ply", "wb") as sparse:
+            sparse.truncate(10**13)
     (folder / "folder.obj").mkdir(exist_ok=True)
     if not (folder / "loop.obj").is_symlink():
         (folder / "loop.obj").symlink_to("loop.obj")
@@ -92,7 +99,7 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
     saves = st.sampled_from(odd).map(
         lambda name: Input(f"save_mesh({name!r})", lambda: ms.save_mesh(_triangle(), folder / name))
     )
-    return st.integers(0, 99).flatmap(lambda roll: paths if roll == 0 else saves if roll == 1 else files)
+    return st.integers(0, 49).flatmap(lambda roll: paths if roll in (0, 49) else saves if roll == 1 else files)
 
 
 def _triangle() -> ms.TriangleMesh:
