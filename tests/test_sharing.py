@@ -21,7 +21,7 @@ GRAVITIES = [(0.0, 0.0, -2.0), (0.0, 1.5, -0.5), (0.3, 0.0, 1.0)]
 
 def models():
     """Every rung on a small shell, by name."""
-    return world()["models"]
+    return dict(world()["models"])
 
 
 def answers(model, gravity):

@@ -105,6 +105,7 @@ SUPPORTS = {
 
 
 @pytest.mark.parametrize("name", SUPPORTS)
+@pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
 def test_rigid_modes_are_counted(name):
     mesh, held, expected = SUPPORTS[name]
     shell = Shell(mesh, PLAIN, None if held is None else held(mesh.vertices))
