@@ -12,6 +12,7 @@ import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
+from modalshell.errors import SolverError
 from modalshell.kernels import split_folds as kernels
 from modalshell.kernels.generated import flexure
 from modalshell.mesh import TriangleMesh
@@ -38,7 +39,14 @@ class _State(NamedTuple):
 
 
 def _factorised(stiffness: sps.csc_matrix) -> Any:
-    return spla.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    options = {"SymmetricMode": True}
+    try:
+        return spla.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    except RuntimeError as error:
+        raise SolverError(
+            "the bending stiffness of the fold shares is singular to rounding: thicknesses or moduli of neighbouring "
+            f"triangles are too many decades apart, or overflow ({error})"
+        ) from error
 
 
 @final

@@ -8,11 +8,11 @@ without mass, which parts the fold between its triangles: :math:`\gamma_{T,e} = 
 
 .. math:: (K_T)_{kl} = \frac{D}{A_T} l_k l_l \left[\nu + (1 - \nu) (n_k \cdot n_l)^2\right] .
 
-The energy is least for the shares at which the bending moment across each edge is continuous (the elements of Morley
-and of Hellan, Herrmann and Johnson). The shares follow linearly from the fold angles, so the bending energy is
-:math:`\delta^T H \delta / 2` with one constant matrix H. Which of the triangles is the first is free: triangles are
-coloured so that neighbours differ where possible, and folds count in those of one colour, so that positions are coupled
-across every other triangle only and factors stay sparse.
+The energy is least for the shares at which the bending moment across each edge is continuous ([morley1968]; the
+mixed element of [herrmann1967] and [johnson1973]). The shares follow linearly from the fold angles, so the bending
+energy is :math:`\delta^T H \delta / 2` with one constant matrix H. Which of the triangles is the first is free:
+triangles are coloured so that neighbours differ where possible, and folds count in those of one colour, so that
+positions are coupled across every other triangle only and factors stay sparse.
 
 Edges: a free edge has no moment, so its fold is condensed out of K_T. At a clamped edge the whole fold belongs to the
 one free triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the

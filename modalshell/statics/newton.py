@@ -181,12 +181,6 @@ class NewtonResult:
     left_saddle: bool = False
 
 
-def _moved(shell: Shell, x: Array, direction: Array, fraction: float = 1.0) -> Array:
-    moved = x.copy()
-    moved.reshape(-1)[shell.free_unknowns] += fraction * direction
-    return moved
-
-
 def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
     """Move along ``direction`` (N,), warped, as far as no vertex turns by more than ``largest_turn`` [rad].
 
@@ -199,7 +193,8 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     fraction : float
         How much of ``direction`` that is.
     """
-    step = _full(shell, direction)
+    step = np.zeros_like(shell.rest_positions)
+    step.reshape(-1)[shell.free_unknowns] = direction
     turns = np.empty_like(x)
     rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
     angle = rotations.largest_angle(turns)
@@ -211,10 +206,6 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     displacement = np.empty_like(x)
     rotations.warp(turns, step, 1.0, displacement)
     return x + displacement, step, fraction
-
-
-def _full(shell: Shell, direction: Array) -> Array:
-    return _moved(shell, np.zeros_like(shell.rest_positions), direction)
 
 
 def mixed_newton(

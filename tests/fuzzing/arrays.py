@@ -157,6 +157,12 @@ def _shells() -> list[Target]:
         material = ms.Material.from_physical(mesh=mesh, **physical)
         return [material, ms.solve_modes(ms.Shell(mesh, material, world()["shell"].clamped), 2)]
 
+    def isotropic(clamped: Any = None, mesh: Any = mesh, **physical: Any) -> list[Any]:
+        made = ms.Shell(mesh, ms.Isotropic(**physical), clamped)
+        basis = ms.solve_modes(made, 2)
+        load = 1e-3 * made.gravity_force((0.0, 0.0, -9.81))
+        return [made, basis, made.force(moved), ms.DiscreteShell(made).equilibrium(force=load)]
+
     physical = {"young": 1e6, "poisson": 0.3, "thickness": 0.01, "density": 1e3}
     held, moved = np.array(shell.clamped), np.array(shell.rest_positions) * 1.01
     switch = {"correct_clamp": (False, True, None, 2)}
@@ -166,6 +172,9 @@ def _shells() -> list[Target]:
         Target("Material, by element", used, by_element | {"clamped": np.flatnonzero(held)}, switch),
         Target("Material.from_physical", calibrated, physical | {"direction": np.array([1.0, 0.0, 0.0])},
                {"narrow": (None, True, False)}, {"mesh": mesh}),
+        Target("Isotropic", isotropic, physical | {"clamped": held}, {}, {"mesh": mesh}),
+        Target("Isotropic, by triangle", isotropic,
+               {name: np.full(len(mesh.faces), value) for name, value in physical.items()} | {"clamped": held}),
         Target("Shell", lambda clamped, **given: ms.Shell(clamped=clamped, **given), {"clamped": held}, {},
                {"mesh": mesh, "material": world_["material"]}),
         Target("Shell.holding", shell.holding, {"vertices": np.array([8, 9])}),
