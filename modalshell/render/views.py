@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.atomic_io import replacing
 from modalshell.errors import OptionError
 from modalshell.render.camera import Camera, camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
@@ -137,12 +137,8 @@ def _scalar_label(views: Sequence[View]) -> str | None:
 
 
 def save_picture(page: NDArray[np.uint8], target: Path) -> None:
-    """Write a PNG under a temporary name first, so that a killed run leaves no half picture."""
+    """Write a PNG in one move, so that a killed run leaves no half picture."""
     from matplotlib.image import imsave
 
-    partial = target.with_name(f".{target.stem}.{os.getpid()}.partial.png")
-    try:
-        imsave(partial, page)
-        os.replace(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
+    with replacing(target) as temporary:
+        imsave(temporary, page)
