@@ -22,11 +22,11 @@ from modalshell.errors import OptionError
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.integrators.state import Damping
 from modalshell.kernels import crowd as kernels
-from modalshell.models import RotationStrain
+from modalshell.models import LinearModal, ModalWarping, RigidShell, RotationStrain
 from modalshell.modes import Basis
 from modalshell.typing import Array
 
-LEVELS = ("rigid", "LMA", "MWTS")
+LEVELS = tuple(model.name for model in (RigidShell, LinearModal, ModalWarping))
 """Levels of detail, by the number that stands for each in ``levels`` of a crowd."""
 
 _BATCH = 256

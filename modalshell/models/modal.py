@@ -49,6 +49,8 @@ class ModalModel(Model):
 
     in_shell_frame = True
     takes_constraints = True
+    conservative: bool = True
+    """Whether the modal force is the gradient of the load's work, so that equilibria are the minima of a potential."""
 
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         self.basis = checked_kind("basis", basis, Basis)
