@@ -41,7 +41,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "atomic_io": {"checks", "errors", "memory", "reading"},
     "mesh": {"checks", "errors", "memory", "reading", "sharing"},
     "loads": {"checks", "errors", "mesh", "selection", "sharing", "typing"},
-    "render": {"atomic_io", "checks", "errors", "typing"},
+    "render": {"atomic_io", "checks", "errors", "mesh", "typing"},
     "study": {"atomic_io", "checks", "errors"},
     "reproduce": {"atomic_io", "errors", "provenance", "study", "typing"},
     "shell": {"checks", "errors", "kernels", "loads", "memory", "mesh", "sharing", "typing", "work"},

@@ -118,7 +118,7 @@ def write_film(
         moving: dict[int, Iterator[ArrayLike]] = {
             index: iter(cast("Iterable[ArrayLike]", motion)) for index, motion in enumerate(moves) if motion is not None
         }
-        with open_painter(page.cell) as painter:
+        with closing(open_painter(page.cell)) as painter:
             painter.start(shown, view, colors)
             for _ in range(count):
                 for index, frames in moving.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -86,7 +87,7 @@ def draw_views(
     if page.cell[0] < 48 or page.cell[1] < 48:
         raise OptionError(f"size {size} leaves cells of {page.cell} pixels for {len(cells)} views; make it larger")
     images = []
-    with open_painter(page.cell) as painter:
+    with closing(open_painter(page.cell)) as painter:
         for view, cloud in zip(cells, clouds, strict=True):
             aspect = page.cell[0] / page.cell[1]
             camera = frame_points(cloud, view.camera, aspect, zoom=view.zoom, parallel=parallel)
@@ -101,7 +102,7 @@ def draw_surface(
 ) -> Path:
     """Draw a surface as a placed camera sees it (see `look_at`) into a PNG file, as a frame of a film."""
     target, size = checked_path(path, ".png"), checked_size(size)
-    with open_painter(size) as painter:
+    with closing(open_painter(size)) as painter:
         painter.start([surface], camera, scalar_colors([surface], colormap))
         save_picture(painter.image(), target)
     return target
