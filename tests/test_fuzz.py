@@ -95,7 +95,7 @@ def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
     work = command_line.prepared(tmp_path)
     environment = os.environ | {"PYTHONIOENCODING": encoding, "MODALSHELL_RENDERER": "built-in"}
     command = [sys.executable, "-m", "modalshell", *argv]
-    found = subprocess.run(command, cwd=work, env=environment, capture_output=True, timeout=60, check=False)
+    found = subprocess.run(command, cwd=work, env=environment, capture_output=True, timeout=300, check=False)
 
     def check():
         command_line.check_exit(found.returncode, found.stderr.decode(encoding, "replace"))
@@ -122,7 +122,7 @@ def hang(monkeypatch):
 def hang_that_swallows(monkeypatch):
     def load(*arguments, sound=mesh_io._trimesh_load):
         with contextlib.suppress(Exception):
-            time.sleep(0.6)
+            time.sleep(60.0)
         return sound(*arguments)
 
     monkeypatch.setattr(mesh_io, "_trimesh_load", load)
