@@ -31,10 +31,10 @@ from modalshell import atomic_io, cli, selection
 from modalshell.checks import as_array
 from modalshell.mesh import files as mesh_io
 from modalshell.mesh import polygon_files, validation
+from modalshell.run.run_shell import ShellRun
 from modalshell.study import StudyResult
 
 SURFACES = {module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line)}
-runs = sys.modules["modalshell.run.run_scene"]
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
 DEFAULT, LONG = 750, 4000
@@ -90,7 +90,7 @@ def test_commands_in_a_process_of_their_own(argv, encoding, tmp_path):
     work = command_line.prepared(tmp_path)
     environment = os.environ | {"PYTHONIOENCODING": encoding, "MODALSHELL_RENDERER": "built-in"}
     command = [sys.executable, "-m", "modalshell", *argv]
-    found = subprocess.run(command, cwd=work, env=environment, capture_output=True, timeout=60, check=False)
+    found = subprocess.run(command, cwd=work, env=environment, capture_output=True, timeout=300, check=False)
 
     def check():
         command_line.check_exit(found.returncode, found.stderr.decode(encoding, "replace"))
@@ -117,7 +117,7 @@ def hang(monkeypatch):
 def hang_that_swallows(monkeypatch):
     def load(*arguments, sound=mesh_io._trimesh_load):
         with contextlib.suppress(Exception):
-            time.sleep(0.6)
+            time.sleep(60.0)
         return sound(*arguments)
 
     monkeypatch.setattr(mesh_io, "_trimesh_load", load)
@@ -155,11 +155,11 @@ def unchecked_files(monkeypatch):
 
 
 def beside_the_folder(monkeypatch):
-    def write(folder, scene, *rest, sound=runs._write_record):
-        atomic_io.write_text(folder.parent / f"{scene.name}.log", "done")
-        sound(folder, scene, *rest)
+    def write(run, *rest, sound=ShellRun.write):
+        atomic_io.write_text(run.folder.parent / f"{run.name}.log", "done")
+        sound(run, *rest)
 
-    monkeypatch.setattr(runs, "_write_record", write)
+    monkeypatch.setattr(ShellRun, "write", write)
 
 
 def traceback_at_the_command_line(monkeypatch):

@@ -99,7 +99,7 @@ class FullModel(Model):
             constraint_residuals=np.zeros(len(constraints)),
         )
 
-    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
         return self.lowest_eigenvalue(answer.positions)
 
@@ -165,7 +165,7 @@ class FullModel(Model):
 
     def placed(self, state: MotionState, pose: Placement) -> MotionState:
         """``state`` where the supports are put: positions, rates and what the integrator keeps."""
-        memory = None if state.memory is None else state.memory.turned(pose.rotation)
+        memory = {name: vectors @ pose.rotation.T for name, vectors in state.memory.items()}
         return MotionState(pose.to_world(state.coordinates), state.rates @ pose.rotation.T, memory)
 
     def step(

@@ -58,14 +58,10 @@ class ModalWarping(ModalModel):
     name = "MWTS"
 
     def __init__(
-        self,
-        basis: Basis,
-        *,
-        integrator: str | ModalIntegrator = "implicit_euler",
-        consistent_force: bool = False,
+        self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler", consistent_force: bool = False
     ) -> None:
         super().__init__(basis, integrator=integrator)
-        self.consistent_force = consistent_force
+        self.consistent_force = self.conservative = consistent_force
         rigid = basis.rigid_modes
         self._elastic = slice(rigid, None)
         self._modes = np.ascontiguousarray(basis.modes[:, rigid:])

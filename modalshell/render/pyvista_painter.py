@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface
-from modalshell.render.painter import (
-    LINE_WIDTH,
-    MESH_LINE_WIDTH,
-    SUPERSAMPLING,
-    line_opacity,
-    shrink,
-)
+from modalshell.render.painter import LINE_WIDTH, MESH_LINE_WIDTH, SUPERSAMPLING, line_opacity, shrink
 from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
 from modalshell.render.surfaces import EdgeTable, ScalarColors, line_color, vertex_colors, vertex_normals
 
@@ -63,13 +56,7 @@ class PyvistaPainter:
         self._plotter.render()
         return shrink(np.asarray(self._plotter.screenshot(None, return_img=True)))
 
-    def __enter__(self) -> Self:
-        """Open."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         """Close the plotter, which frees its OpenGL window."""
         close_plotter(self._plotter)
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +19,7 @@ from modalshell.render.painter import (
     shrink,
 )
 from modalshell.render.raster import Layer, Triangles, blend
-from modalshell.render.surfaces import (
-    EdgeTable,
-    ScalarColors,
-    face_normals,
-    line_color,
-    vertex_colors,
-    vertex_normals,
-)
+from modalshell.render.surfaces import EdgeTable, ScalarColors, face_normals, line_color, vertex_colors, vertex_normals
 
 
 class RasteriserPainter:
@@ -124,13 +115,7 @@ class RasteriserPainter:
         colors = vertex_colors(surface, self._scalar_colors)[faces]
         return np.clip(colors * light[..., None], 0.0, 1.0)
 
-    def __enter__(self) -> Self:
-        """Open."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         """Forget the surfaces."""
         self._surfaces, self._vertices, self._tables = [], [], []
 
