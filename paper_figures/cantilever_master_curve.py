@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
-from studies.both_energies import COLORS
+from paper_figures.energy_colors import COLORS
 
 LOAD = "Γ = (weight per length) L³ / EI"
 

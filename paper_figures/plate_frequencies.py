@@ -8,8 +8,9 @@ import numpy as np
 
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
-from studies.both_energies import COLORS
-from studies.plate_frequencies import SUPPORTS
+from paper_figures.energy_colors import COLORS
+
+SUPPORTS = {"CFFF": "one edge clamped", "FFFF": "free", "SSSS": "simply supported"}
 
 FLOOR = 0.01
 """Smallest error [%] that is drawn; smaller ones are drawn there."""

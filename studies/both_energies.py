@@ -14,10 +14,6 @@ from modalshell.errors import ModalShellWarning
 
 FAMILIES = ("union-jack", "equilateral", "delaunay")
 ENERGIES = ("Isotropic", "hinges")
-COLORS = {
-    "Isotropic": dict(zip(FAMILIES, ("#8fb0ee", "#2b5fc8", "#12306f"), strict=True)),
-    "hinges": dict(zip(FAMILIES, ("#f2b8b4", "#dd716b", "#a3211b"), strict=True)),
-}
 
 
 class Sheet(TypedDict):

@@ -29,7 +29,8 @@ from studies.pages import numbers
 FIGURES = ("plate_frequencies",)
 
 SHEET: Sheet = {"young": 1e9, "poisson": 0.3, "thickness": 1e-3, "density": 1000.0}
-SUPPORTS = {"CFFF": "one edge clamped", "FFFF": "free", "SSSS": "simply supported"}
+SUPPORTS = ("CFFF", "FFFF", "SSSS")
+"""One edge clamped, free, and simply supported."""
 MODES, CANDIDATES = 7, 15
 """Modes that are compared, and modes of a shell among which each is looked for."""
 TERMS = 24
