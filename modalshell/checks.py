@@ -110,6 +110,17 @@ def checked_precision(dtype: DTypeLike) -> np.dtype[Any]:
     return precision
 
 
+def checked_output(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Return ``out`` if it is a writable C-ordered array to write into, a new one for None, else raise OptionError."""
+    if out is None:
+        return np.empty(shape, dtype)
+    like = isinstance(out, np.ndarray) and (out.shape, out.dtype) == (shape, dtype)
+    if not (like and out.flags.c_contiguous and out.flags.writeable):
+        got = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
+        raise OptionError(f"out must be a writable C-ordered {dtype} array of shape {shape} (got {got})")
+    return out
+
+
 def as_array(name: str, values: Any, expected: str, error: type[ModalShellError], kinds: str = "iuf") -> NDArray[Any]:
     """``values`` as an array of real numbers (or other NumPy ``kinds`` of data), as they are; else ``error``.
 

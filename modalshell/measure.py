@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import area_vectors
 from modalshell.shell import Shell
 from modalshell.typing import Array
 
@@ -50,8 +51,7 @@ def displacement_error(
 
 def area_change(positions: ArrayLike, mesh: TriangleMesh) -> float:
     """Relative change of the surface area, ``A(positions) / A(rest) - 1``."""
-    corners = _checked(positions, checked_kind("mesh", mesh, TriangleMesh))[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(_checked(positions, checked_kind("mesh", mesh, TriangleMesh)), mesh.faces)
     return float(0.5 * np.linalg.norm(normals, axis=1).sum() / mesh.area - 1.0)
 
 

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from modalshell.compare.draw import model_colors
+from modalshell.models.registry import models
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.study import StudyResult
 
 SHARES = (0.2, 0.5, 1.0)
 """Which loads are shown, as shares of the largest."""
+OPACITIES = (0.6, 0.75, 1.0)
+"""Of the models' shapes, cheapest model first."""
 
 
 def draw(results: Path, folder: Path) -> Path:
@@ -23,15 +25,11 @@ def draw(results: Path, folder: Path) -> Path:
     views = []
     for share in SHARES:
         row = rows[int(np.argmin(np.abs(gravities - share * gravities.max())))]
+        shapes = {key: result.arrays.get(f"soft_{key}_{row['gravity']:g}") for key in models()}
+        shown = [(models()[key], positions) for key, positions in shapes.items() if positions is not None]
         surfaces = [
-            ShadedSurface(
-                result.arrays[f"soft_{model.lower()}_{row['gravity']:g}"],
-                faces,
-                color=model_colors()[model],
-                label=model,
-                opacity={"LMA": 0.6, "MWTS": 0.75, "DS": 1.0}[model],
-            )
-            for model in ("LMA", "MWTS", "DS")
+            ShadedSurface(positions, faces, color=spec.color, label=spec.name, opacity=opacity)
+            for (spec, positions), opacity in zip(shown, OPACITIES, strict=True)
         ]
         errors = f"error: LMA {100 * row['lma_error']:.0f} %, MWTS {100 * row['mwts_error']:.1f} %"
         views.append(View(surfaces, title=f"Γ = {row['gamma']:.2g}", subtitle=errors, camera=(0.12, -1.0, 0.12)))

@@ -10,5 +10,5 @@ from paper_figures.v_beam_panels import v_beam_panels
 
 def draw(results: Path, folder: Path) -> Path:
     """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
-    panels = v_beam_panels(results, ("LMA", "MWTS"), "error", "displacement error against DS [%]", log=True)
+    panels = v_beam_panels(results, "error", "displacement error against DS [%]", log=True)
     return draw_curves(panels, folder / "figure_6a.png")

@@ -10,5 +10,5 @@ from paper_figures.v_beam_panels import v_beam_panels
 
 def draw(results: Path, folder: Path) -> Path:
     """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
-    panels = v_beam_panels(results, ("LMA", "MWTS", "DS"), "area_change", "relative area change [%]")
+    panels = v_beam_panels(results, "area_change", "relative area change [%]")
     return draw_curves(panels, folder / "figure_6b.png")

@@ -6,16 +6,18 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
 
+MWTS = models()["mwts"]
 LABELS = {
-    "mwts": "MWTS",
-    "placed": "MWTS, placed",
+    MWTS.key: MWTS.name,
+    "placed": f"{MWTS.name}, placed",
     "products": "products",
     "writing": "writing alone",
 }
-COLORS = {"mwts": "#2b5fc8", "placed": "#2f9e44", "products": "#c8322b", "writing": "#777777"}
+COLORS = {MWTS.key: MWTS.color, "placed": "#2f9e44", "products": "#c8322b", "writing": "#777777"}
 
 
 def draw(results: Path, folder: Path) -> list[Path]:
@@ -32,7 +34,7 @@ def draw(results: Path, folder: Path) -> list[Path]:
     instances = [
         curve
         for dtype, colors in (("float64", ("#2b5fc8", "#c8322b")), ("float32", ("#2f9e44", "#c8802b")))
-        for curve in _curves(found["instances"], "instances", dtype, zip(("mwts", "products"), colors, strict=True))
+        for curve in _curves(found["instances"], "instances", dtype, zip((MWTS.key, "products"), colors, strict=True))
     ]
     finer = _curves(found["vertices"], "vertices", "float64", COLORS.items())
     label = "vertices a second"

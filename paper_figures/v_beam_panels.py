@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
-from modalshell.compare.draw import model_colors
+from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel
 from modalshell.study import StudyResult
 
 TITLES = {"soft": "soft membrane: the fold keeps its shape", "stiff": "stiff membrane: the fold flattens and snaps"}
 
 
-def v_beam_panels(results: Path, models: Sequence[str], quantity: str, label: str, log: bool = False) -> list[Panel]:
-    """Panels of ``{model}_{quantity}`` [%] over Gamma, read from ``results``."""
+def v_beam_panels(results: Path, quantity: str, label: str, log: bool = False) -> list[Panel]:
+    """Panels of a quantity [%] over Gamma, read from ``results``, one curve for every model that has it."""
     result = StudyResult.load(results, "v_beam_accuracy")
     panels = []
     for regime, title in TITLES.items():
         rows, snap = result.findings[regime]["rows"], result.findings[regime]["snap"]
         gamma = [row["gamma"] for row in rows]
         curves = [
-            Curve(gamma, [100 * row[f"{model.lower()}_{quantity}"] for row in rows], model, model_colors()[model])
-            for model in models
+            Curve(gamma, [100 * row[f"{spec.key}_{quantity}"] for row in rows], spec.name, spec.color)
+            for spec in models().values()
+            if f"{spec.key}_{quantity}" in rows[0]
         ]
         panels.append(
             Panel(

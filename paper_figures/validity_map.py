@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalshell.compare.draw import model_colors
+from modalshell.models.registry import models
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.study import StudyResult
 
@@ -37,5 +37,7 @@ def draw(results: Path, folder: Path) -> Path:
                 )
             )
     present = {name for panel in panels for row in panel.classes for name in row}
-    colors = {name: color for name, color in (model_colors() | {"no answer": NO_ANSWER}).items() if name in present}
+    colors = {spec.name: spec.color for spec in models().values() if spec.name in present}
+    if "no answer" in present:
+        colors["no answer"] = NO_ANSWER
     return draw_maps(panels, colors, folder / "validity_map.png", columns=3)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.crowd import LEVELS
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
 from studies.benchmarks import crowd
@@ -100,7 +101,7 @@ def table(result: StudyResult) -> str:
         "| instances | vertices | precision | rigid | LMA | MWTS | MWTS placed | steps | products | writing | ratio |",
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
-    names = ("rigid", "lma", "mwts", "placed", "step", "products", "writing")
+    names = (*(name.lower() for name in LEVELS), "placed", "step", "products", "writing")
     for row in [*found["instances"], *found["vertices"]]:
         rates = " | ".join(f"{row[f'per_second_{name}'] / 1e3:,.3g}" for name in names)
         lines.append(

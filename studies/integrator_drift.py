@@ -102,6 +102,7 @@ class SummedWarp(ModalModel):
 
     name = "MWTS, summed warp"
     takes_constraints = False
+    conservative = False
 
     def __init__(self, basis: ms.Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         super().__init__(basis, integrator=integrator)

@@ -25,6 +25,7 @@ import modalshell as ms
 from modalshell.measure import displacement_error
 from modalshell.models import Damping
 from modalshell.models.full import FullModel
+from modalshell.models.registry import TRUTH
 from modalshell.provenance import run_record
 from modalshell.springs import shell_springs
 from modalshell.study import StudyResult, Table
@@ -108,7 +109,7 @@ def compared(
     if not answer.converged and start is not None:
         answer = truth.equilibrium(**load)
     ds = {"converged": answer.converged, "seconds": answer.seconds, "step": step_seconds(truth, answer, gravity)}
-    found: dict[str, Any] = {"gravity": gravity, "ds": ds, "springs": []}
+    found: dict[str, Any] = {"gravity": gravity, TRUTH: ds, "springs": []}
     for fold in folds:
         springs = shell_springs(shell, fold)
         sheet = ms.SpringSheet(shell, springs, integrator="linear_implicit")

@@ -36,7 +36,7 @@ from modalshell.errors import ModalShellError
 from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
 from modalshell.models import Damping, Model
 from modalshell.models.full import FullModel
-from modalshell.models.modal import ModalModel
+from modalshell.models.modal import ModalModel, as_modal
 from modalshell.modes import largest_eigenvalue
 from modalshell.motion import Motion, Trajectory, stability
 from modalshell.motion.recorder import Recorder
@@ -45,7 +45,6 @@ from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
 from studies import stability_limits as limits
 from studies import stability_models as models
-from studies.integrator_drift import SummedWarp
 from studies.pages import numbers
 from studies.stability_page import page
 
@@ -113,10 +112,10 @@ def classify(trajectory: Trajectory, truth: np.ndarray | None, static: bool = Tr
     return str(Outcome.STEPS_NOT_CONVERGED if trajectory.unconverged_steps else Outcome.INACCURATE)
 
 
-def follow(model: Model, scene: models.StripScene, dt: float, count: int) -> Trajectory:
+def follow(row: models.IntegratedModel, model: Model, scene: models.StripScene, dt: float, count: int) -> Trajectory:
     """A run of ``count`` steps; given up once a few steps have not converged. ModalShellError where it is refused."""
     damping = scene.rayleigh
-    spins = isinstance(model, ms.RigidShell)
+    spins = row.kind == "rigid"
     gravity = None if spins else scene.gravity
     motion = Motion(model, dt=dt, gravity=gravity, damping=(damping.mass_factor, damping.stiffness_factor))
     if spins:
@@ -140,13 +139,13 @@ def outcome(row: models.IntegratedModel, scene: models.StripScene) -> str:
     settled = -np.log(LEFT) / decay if decay > 0.0 else np.inf
     count = int(np.clip(np.ceil(min(settled / scene.step, 1e9)), FEWEST, MOST))
     try:
-        run = follow(model, scene, scene.step, count)
+        run = follow(row, model, scene, scene.step, count)
         truth = None
-        if count * scene.step >= settled and row.theory != "rigid":
+        if count * scene.step >= settled and row.kind != "rigid":
             truth = models.static_tip(scene.ratio, scene.gamma, scene.fold)
         static = truth is not None
         if not static and classify(run, truth) in (Outcome.INACCURATE, Outcome.STEPS_NOT_CONVERGED):
-            finer = follow(model, scene, 0.5 * scene.step, 2 * count)
+            finer = follow(row, model, scene, 0.5 * scene.step, 2 * count)
             if finer.outcome.succeeded or finer.outcome is Outcome.DISTORTED:
                 truth = models.tip_displacement(finer.positions[-1], finer.rest_positions)
     except ModalShellError:
@@ -174,25 +173,22 @@ def excess(row: models.IntegratedModel, scene: models.StripScene) -> float | Non
         return None
     if row.theory == "explicit":
         return float(np.log(scene.step / explicit_limit(row, scene)))
-    if row.theory == "rigid":
+    if row.kind == "rigid":
         slowed = scene.step * np.linalg.norm(spin_of(scene)) / (1.0 + scene.step * scene.rayleigh.mass_factor)
         return float(np.log(slowed))
-    if not isinstance(model, ModalModel) or isinstance(model, ms.LinearModal):
+    if row.kind != "modal" or (modal := as_modal(model)) is None:
         return None
-    slope = _equilibrium(row.name, scene.ratio, scene.gamma, scene.aspect, scene.fold)
+    slope = _equilibrium(row.coordinates or row.name, scene.ratio, scene.gamma, scene.aspect, scene.fold)
     if slope is None:
         return 1.0
-    load = model.shell.gravity_force(scene.gravity)
-    rate = np.log(stability.step_radius(model, slope, load, scene.step, scene.rayleigh)) / scene.step
+    load = modal.shell.gravity_force(scene.gravity)
+    rate = np.log(stability.step_radius(modal, slope, load, scene.step, scene.rayleigh)) / scene.step
     return float(rate - 1e-3)  # undamped motion neither grows nor falls, but for rounding
 
 
 @cache
 def _equilibrium(row: str, ratio: float, gamma: float, aspect: float, fold: float) -> np.ndarray | None:
-    model = models.model_of(row, ratio, aspect, fold)
-    if isinstance(model, SummedWarp):  # the coordinates move as with the closed form
-        model = model.closed
-    assert isinstance(model, ModalModel)
+    model: Any = models.model_of(row, ratio, aspect, fold)
     return limits.at_rest(model, replace(models.BASE, gamma=gamma).gravity)
 
 
@@ -212,7 +208,7 @@ def crossings(row: models.IntegratedModel, plane: Slice, base: models.StripScene
 def coloured_step(row: models.IntegratedModel, scene: models.StripScene) -> float | None:
     """Step from which the integrator colours the first mode: numerical damping, or frequency, off by 5 %."""
     omega = models.first_frequency(scene.ratio, scene.fold)
-    if row.name.startswith("springs"):  # flat, they have no bending mode
+    if not row.bends:
         return None
     if row.theory == "implicit":
         # A damping ratio: about omega h / 2.
@@ -246,20 +242,29 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     """Limits of one row that have a theory, measured."""
     row = next(one for one in models.ROWS if one.name == name)
     model = models.model_of(name, models.BASE.ratio, models.BASE.aspect, models.BASE.fold)
-    damping, count = models.BASE.rayleigh, 300 if quick else 900
-    if isinstance(model, FullModel):
-        return full_limits(row, model, count)
-    if isinstance(model, ms.RigidShell):
-        return [limits.entry(name, "longest step of a spin of 2 rad/s", "s", *limits.spin_step(model, 2.0))]
-    if isinstance(model, ms.LinearModal):
-        omega = models.first_frequency(models.BASE.ratio, models.BASE.fold)
-        if row.theory == "implicit":
-            theory, measured = limits.numerical_damping(model, models.BASE.step, 0, Damping(0.2 * omega, 0.01))
-            return [limits.entry(name, "shrinking of mode 1 stepped at 30 Hz", "1", theory, measured)]
-        theory, measured = limits.oscillation(model, models.BASE.step, 1, 1000)
-        return [limits.entry(name, "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, measured)]
-    if not isinstance(model, ModalModel) or isinstance(model, SummedWarp):  # moves as with the closed form
+    if isinstance(model, str) or row.kind not in _LIMITS or row.coordinates:  # a limit is that of the coordinates
         return []
+    return _LIMITS[row.kind](row, model, quick)
+
+
+def spin_limits(row: models.IntegratedModel, model: ms.RigidShell, quick: bool) -> list[dict[str, Any]]:  # noqa: ARG001
+    """The longest step of a spin."""
+    return [limits.entry(row.name, "longest step of a spin of 2 rad/s", "s", *limits.spin_step(model, 2.0))]
+
+
+def linear_limits(row: models.IntegratedModel, model: ms.LinearModal, quick: bool) -> list[dict[str, Any]]:  # noqa: ARG001
+    """What a rule does to one mode: its damping or its frequency."""
+    omega = models.first_frequency(models.BASE.ratio, models.BASE.fold)
+    if row.theory == "implicit":
+        theory, measured = limits.numerical_damping(model, models.BASE.step, 0, Damping(0.2 * omega, 0.01))
+        return [limits.entry(row.name, "shrinking of mode 1 stepped at 30 Hz", "1", theory, measured)]
+    theory, measured = limits.oscillation(model, models.BASE.step, 1, 1000)
+    return [limits.entry(row.name, "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, measured)]
+
+
+def modal_limits(row: models.IntegratedModel, model: ModalModel, quick: bool) -> list[dict[str, Any]]:
+    """Longest steps and largest loads of modes under a force that turns with them."""
+    name, damping, count = row.name, models.BASE.rayleigh, 300 if quick else 900
     unit = models.BASE.gravity  # Gamma = 1
     found = [
         limits.entry(name, "longest step at Γ = 30", "s", *limits.longest_step(model, 30.0 * unit, damping, count))
@@ -269,7 +274,7 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     pair = limits.iteration_load(model, unit, (1.0, 60.0))
     if row.theory == "implicit":
         found.append(limits.entry(name, "largest Γ of the iteration q ← Λ⁻¹p(q)", "1", *pair))
-    if isinstance(model, ms.ModalWarping) and not model.consistent_force:
+    if not model.conservative:  # loses its equilibrium by flutter
         for ratio in (0.7,) if quick else (0.05, 0.2, 0.7):
             light = replace(models.BASE, damping=ratio).rayleigh
             count = 600 if quick else 4000
@@ -284,12 +289,12 @@ def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
     return found
 
 
-def settles_from_rest(model: ms.ModalWarping, unit: np.ndarray, damping: Damping, factor: float) -> bool:
+def settles_from_rest(model: ModalModel, unit: np.ndarray, damping: Damping, factor: float) -> bool:
     """Whether motion from rest at the base point's step settles under ``factor`` times a gravity."""
     return limits.settles_from_rest(model, factor * unit, models.BASE.step, damping)
 
 
-def full_limits(row: models.IntegratedModel, model: FullModel, count: int) -> list[dict[str, Any]]:
+def full_limits(row: models.IntegratedModel, model: FullModel, quick: bool) -> list[dict[str, Any]]:
     """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
     omega = float(np.sqrt(largest_eigenvalue(model.shell)))
     if row.theory == "implicit":
@@ -301,9 +306,20 @@ def full_limits(row: models.IntegratedModel, model: FullModel, count: int) -> li
         "zeta omega_max = 1": Damping(0.0, 1.0 / omega),
     }
     return [
-        limits.entry(row.name, f"longest step at rest ({words})", "s", *limits.explicit_step(model, case, count))
+        limits.entry(
+            row.name, f"longest step at rest ({words})", "s", *limits.explicit_step(model, case, 300 if quick else 900)
+        )
         for words, case in cases.items()
     ]
+
+
+_LIMITS: dict[str, Callable[[models.IntegratedModel, Any, bool], list[dict[str, Any]]]] = {
+    "rigid": spin_limits,
+    "linear": linear_limits,
+    "modal": modal_limits,
+    "full": full_limits,
+}
+"""How the limits of a row are measured, by its kind."""
 
 
 def grid_limits(quick: bool) -> list[dict[str, Any]]:

@@ -140,7 +140,7 @@ def iteration_load(model: ModalModel, unit: np.ndarray, bounds: tuple[float, flo
     return bisect(theory, *bounds), bisect(measured, *bounds)
 
 
-def settles_from_rest(model: ms.ModalWarping, gravity: np.ndarray, dt: float, damping: Damping) -> bool:
+def settles_from_rest(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping) -> bool:
     """Whether damped motion from the rest shape ends at the static answer, and not in a cycle or wound up."""
     factors = (damping.mass_factor, damping.stiffness_factor)
     run = ms.simulate(model, duration=2000 * dt, dt=dt, gravity=gravity, damping=factors, store_every=4)

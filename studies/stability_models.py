@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -46,6 +46,7 @@ class StripScene:
 
 
 BASE = StripScene()
+Kind = Literal["rigid", "linear", "modal", "full", "other"]
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,21 @@ class IntegratedModel:
         The model of a shell.
     theory : {"implicit", "midpoint", "explicit", "rigid"}
         Which theory its limits have. Explicit rows take half their longest stable step at the base point for their own.
+    kind : {"rigid", "linear", "modal", "full", "other"}
+        What steps: a rigid body, modes by themselves, modes under a force that turns with them, every vertex, or
+        something without a theory.
+    bends : bool
+        Whether the flat strip has bending modes.
+    coordinates : str
+        Name of the row whose modal coordinates move the same way, if its shape alone differs from that one's.
     """
 
     name: str
     make: Callable[[ms.Shell], Model]
     theory: str = "implicit"
+    kind: Kind = "other"
+    bends: bool = True
+    coordinates: str = ""
 
 
 def built(spec: ms.ModelSpec, options: dict[str, Any], shell: ms.Shell) -> Model:
@@ -100,27 +111,36 @@ def registered() -> Iterator[IntegratedModel]:
     """Every registered model with every integrator."""
     for spec in ms.models().values():
         name = spec.name.replace(",", "")
-        if spec.builder is ms.RigidShell:
-            yield IntegratedModel(f"{name}, free and spinning", partial(built, spec, {}), "rigid")
+        if spec.response == "rigid":
+            yield IntegratedModel(f"{name}, free and spinning", partial(built, spec, {}), "rigid", "rigid")
         elif "integrator" in model_tables()[spec.key].__struct_fields__:
+            kind: Kind = "full" if not spec.on_modes else "linear" if spec.response == "linear" else "modal"
             rules = (ModalIntegrator if spec.on_modes else FullIntegrator).known
             for key, rule in rules.items():
                 make = partial(built, spec, {"integrator": key})
-                yield IntegratedModel(f"{name}, {rule.name}", make, THEORY.get(key, "implicit"))
+                yield IntegratedModel(f"{name}, {rule.name}", make, THEORY.get(key, "implicit"), kind, spec.bends)
         else:
-            yield IntegratedModel(f"{name}, implicit Euler", partial(built, spec, {}))
+            yield IntegratedModel(f"{name}, implicit Euler", partial(built, spec, {}), bends=spec.bends)
 
 
 ROWS = (
     *registered(),
     *(
-        IntegratedModel(f"MWTS sum, {rule.name}", partial(summed, integrator=key), THEORY.get(key, "implicit"))
+        IntegratedModel(
+            f"MWTS sum, {rule.name}",
+            partial(summed, integrator=key),
+            THEORY.get(key, "implicit"),
+            "modal",
+            coordinates=f"{ms.models()['mwts'].name}, {rule.name}",
+        )
         for key, rule in ModalIntegrator.known.items()
     ),
     IntegratedModel("MD-ROM with cubature, implicit Euler", partial(built, ms.models()["md-rom"], {"cubature": True})),
     IntegratedModel(
         "springs, linearised implicit Euler by CG",
         partial(built, ms.models()["springs"], {"integrator": "linear_implicit", "solver": "cg"}),
+        kind="full",
+        bends=ms.models()["springs"].bends,
     ),
 )
 """Every model with every integrator, and variants that move otherwise."""

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from modalshell.study import StudyResult
+from studies.stability_models import ROWS
 
 LIMIT = ("theory", "measured")
 RIGHT = ("converged", "agrees with half the step")
@@ -91,13 +92,14 @@ def shown_steps(limits: list[dict[str, Any]]) -> str:
 
 def longest_step(limits: list[dict[str, Any]], name: str) -> str:
     """The first limit of the step of one row, and at what it holds."""
-    if name.startswith("MWTS sum"):
-        return "as MWTS: the coordinates are the same"
+    row = next(row for row in ROWS if row.name == name)
+    if row.coordinates:
+        return f"as {row.coordinates.partition(', ')[0]}: the coordinates are the same"
     for limit in limits:
         if limit["row"] == name and limit["what"].startswith("longest step"):
             theory, measured = ("none found" if limit[key] is None else f"{limit[key]:.4g}" for key in LIMIT)
             return f"{theory}, {measured} {limit['what'].removeprefix('longest step ')}"
-    return "any" if name.startswith("LMA") else "any, about rest"
+    return "any" if row.kind == "linear" else "any, about rest"
 
 
 def nearest(values: tuple[float, ...], wanted: float) -> int:

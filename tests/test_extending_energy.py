@@ -156,7 +156,7 @@ def test_every_model_of_a_tradeoff_has_it(scene_text, tmp_path):
     rows = json.loads((tmp_path / "out" / "toy_tradeoff.json").read_text())["findings"]["rows"]
     errors = {row["label"]: row["worst_error"] for row in rows}
     assert {"LMA 6", "MWTS 6", "RSW 6"} <= set(errors)
-    assert min(errors.values()) < 0.02
+    assert min(error for error in errors.values() if error is not None) < 0.02
 
 
 @pytest.mark.usefixtures("toy")

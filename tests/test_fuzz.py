@@ -31,10 +31,10 @@ from modalshell import atomic_io, cli, selection
 from modalshell.checks import as_array
 from modalshell.mesh import files as mesh_io
 from modalshell.mesh import polygon_files, validation
+from modalshell.run.run_shell import ShellRun
 from modalshell.study import StudyResult
 
 SURFACES = {module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line)}
-runs = sys.modules["modalshell.run.run_scene"]
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
 DEFAULT, LONG = 750, 4000
@@ -155,11 +155,11 @@ def unchecked_files(monkeypatch):
 
 
 def beside_the_folder(monkeypatch):
-    def write(folder, scene, *rest, sound=runs._write_record):
-        atomic_io.write_text(folder.parent / f"{scene.name}.log", "done")
-        sound(folder, scene, *rest)
+    def write(run, *rest, sound=ShellRun.write):
+        atomic_io.write_text(run.folder.parent / f"{run.name}.log", "done")
+        sound(run, *rest)
 
-    monkeypatch.setattr(runs, "_write_record", write)
+    monkeypatch.setattr(ShellRun, "write", write)
 
 
 def traceback_at_the_command_line(monkeypatch):

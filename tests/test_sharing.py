@@ -21,10 +21,7 @@ GRAVITIES = [(0.0, 0.0, -2.0), (0.0, 1.5, -0.5), (0.3, 0.0, 1.0)]
 
 def models():
     """Every rung on a small shell, by name."""
-    made = dict(world()["models"])
-    samples = np.random.default_rng(0).standard_normal((6, 3)) * 0.01
-    made["ReducedRotationStrain"] = ms.ReducedRotationStrain(made["RotationStrain"], samples, rank=4)
-    return made
+    return dict(world()["models"])
 
 
 def answers(model, gravity):
@@ -62,7 +59,7 @@ def test_threads_share_a_model(name):
 
 @pytest.mark.usefixtures("restless")
 def test_threads_share_frames_patches_and_loads():
-    basis, model = world()["basis"], world()["models"]["RotationStrain"]
+    basis, model = world()["basis"], world()["models"]["rsw"]
     frame, loads = WarpFrame(basis), [world()["shell"].gravity_force(gravity) for gravity in GRAVITIES]
     coordinates = np.random.default_rng(0).standard_normal((3, basis.count)) * 0.1
 

@@ -21,11 +21,6 @@ _FLOOR = 1e-6
 """Smallest error that is drawn."""
 
 
-def model_colors() -> dict[str, str]:
-    """Colour of every model by its name."""
-    return {spec.name: spec.color for spec in models().values()}
-
-
 def draw_fronts(found: Sequence[dict[str, Any]], path: str | Path, titles: Sequence[str] | None = None) -> Path:
     """Draw one Pareto panel for the findings of each tradeoff."""
     names = titles or [one["case"] for one in found]

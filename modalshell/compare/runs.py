@@ -12,6 +12,7 @@ from modalshell.compare.candidates import Candidate
 from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import area_vectors
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
@@ -228,8 +229,7 @@ def turn_at(positions: Array, mesh: TriangleMesh, vertex: int) -> float:
     faces = mesh.faces[(mesh.faces == vertex).any(axis=1)]
 
     def normal(points: Array) -> Array:
-        corners = points[faces]
-        total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(axis=0)
+        total = area_vectors(points, faces).sum(axis=0)
         return total / max(float(np.linalg.norm(total)), 1e-300)
 
     before, after = normal(np.asarray(mesh.vertices)), normal(positions)

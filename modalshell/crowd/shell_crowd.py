@@ -12,6 +12,7 @@ from modalshell.checks import (
     checked_count,
     checked_kind,
     checked_number,
+    checked_output,
     checked_precision,
     checked_vectors,
     shown,
@@ -21,11 +22,11 @@ from modalshell.errors import OptionError
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.integrators.state import Damping
 from modalshell.kernels import crowd as kernels
-from modalshell.models import RotationStrain
+from modalshell.models import LinearModal, ModalWarping, RigidShell, RotationStrain
 from modalshell.modes import Basis
 from modalshell.typing import Array
 
-LEVELS = ("rigid", "LMA", "MWTS")
+LEVELS = tuple(model.name for model in (RigidShell, LinearModal, ModalWarping))
 """Levels of detail, by the number that stands for each in ``levels`` of a crowd."""
 
 _BATCH = 256
@@ -99,16 +100,9 @@ class ShellCrowd(ABC):
         out : ndarray, shape (B, n, 3), optional
             C-ordered array of the crowd's precision to write into.
         """
-        shape = (self.count, self.vertices, 3)
-        if out is None:
-            out = np.empty(shape, self.dtype)
-        elif out.shape != shape or out.dtype != self.dtype or not (out.flags.c_contiguous and out.flags.writeable):
-            raise OptionError(
-                f"out must be a writable C-ordered {self.dtype} array of shape {shape} (got {out.dtype} {out.shape})"
-            )
-        poses = None
-        if rotations is not None or translations is not None:
-            poses = self._poses(rotations, translations)
+        out = checked_output(out, (self.count, self.vertices, 3), self.dtype)
+        moved = rotations is not None or translations is not None
+        poses = self._poses(rotations, translations) if moved else None
         self._reconstruct(self.coordinates, self.levels, poses, out)
         return out
 

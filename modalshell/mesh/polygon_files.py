@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import chain
@@ -147,8 +148,8 @@ def read_ply(data: bytes) -> Polygons:
         raise MeshError(f"the PLY announces {announced.replace('0 faces', 'no faces')}; a shell needs triangles")
     body = data[data.find(b"\n", end) + 1 or len(data) :]
     try:
-        found = dict(_ply_ascii(body, elements) if order is None else _ply_binary(body, elements, order))
-    except (IndexError, BufferError, MemoryError) as error:
+        found = dict(_ply_columns(body, elements, order))
+    except (IndexError, struct.error) as error:
         raise MeshError(
             f"the PLY is cut short (truncated): its header announces {announced}, the file ends before; write or "
             "download it again"
@@ -209,75 +210,31 @@ def _ply_header(text: str) -> tuple[str | None, list[Element]]:
     return order, elements
 
 
-def _ply_ascii(body: bytes, elements: list[Element]) -> Iterator[tuple[str, dict[str, Column]]]:
+def _ply_columns(body: bytes, elements: list[Element], order: str | None) -> Iterator[tuple[str, dict[str, Column]]]:
     """Name and columns of each element; IndexError where the file ends before."""
-    words = body.decode("latin-1").split()
+    data: Any = body if order else body.decode("latin-1").split()
     at = 0
     for name, count, properties in elements:
-        entries: dict[str, list[str]] = {key: [] for key, _, _ in properties}
-        lengths: dict[str, list[int]] = {key: [] for key, _, _ in properties}
-        for _ in range(count):
+        types = {key: np.dtype((order or "=") + kind) for key, kind, _ in properties}
+        entries: dict[str, Any] = {key: bytearray() if order else [] for key in types}
+        lengths: dict[str, list[int]] = {key: [] for key in types}
+        for _ in range(count if properties else 0):
             for key, _, length in properties:
                 size = 1
                 if length:
-                    size = int(words[at])
+                    counter = struct.Struct((order or "=") + np.dtype(length).char)
+                    size = int(counter.unpack_from(body, at)[0] if order else data[at])
                     lengths[key].append(size)
-                    at += 1
-                if size < 0 or at + size > len(words):
+                    at += counter.size if order else 1
+                end = at + size * (types[key].itemsize if order else 1)
+                if not at <= end <= len(data):
                     raise IndexError(size)
-                entries[key] += words[at : at + size]
-                at += size
-        values = {key: np.array(entries[key] or [], dtype=kind) for key, kind, _ in properties}
+                entries[key] += data[at:end]
+                at = end
+        values = {
+            key: (np.frombuffer if order and entries[key] else np.array)(entries[key], types[key]) for key in types
+        }
         yield name, {key: (values[key], np.array(lengths[key])) if lengths[key] else values[key] for key in values}
-
-
-def _ply_binary(body: bytes, elements: list[Element], order: str) -> Iterator[tuple[str, dict[str, Column]]]:
-    """Name and columns of each element; BufferError where the file ends before."""
-    at = 0
-    for name, count, properties in elements:
-        if count == 0:
-            continue
-        lists = [key for key, _, length in properties if length]
-        # Rows as long as the first, which is so of triangles alone.
-        row = _ply_row(body, at, properties, order)
-        whole = at + count * row.itemsize <= len(body)
-        rows = np.frombuffer(body, row, count, at) if whole else np.empty(0, row)
-        if whole and all((rows[f"{key} length"] == rows[f"{key} length"][0]).all() for key in lists):
-            lengths = {key: rows[f"{key} length"] for key in lists}
-            values = {key: rows[key].ravel() for key, _, _ in properties}
-            at += count * row.itemsize
-        elif not lists:
-            raise BufferError(name)
-        else:
-            parts = []
-            for _ in range(count):
-                row = _ply_row(body, at, properties, order)
-                parts.append(np.frombuffer(body, row, 1, at)[0])
-                at += row.itemsize
-            lengths = {key: np.array([part[f"{key} length"] for part in parts]) for key in lists}
-            values = {key: np.hstack([part[key] for part in parts]) for key, _, _ in properties}
-        yield name, {key: (values[key], lengths[key]) if key in lengths else values[key] for key in values}
-
-
-def _ply_row(body: bytes, at: int, properties: list[tuple[str, str, str]], order: str) -> np.dtype[Any]:
-    """Type of the row from byte ``at``, its lists as long as they are there; BufferError where the file ends before."""
-    fields: list[Any] = []
-    for key, kind, length in properties:
-        if not length:
-            fields.append((key, order + kind))
-            continue
-        size = np.dtype(fields).itemsize
-        counter = np.dtype(order + length)
-        if at + size + counter.itemsize > len(body):
-            raise BufferError(key)
-        entries = int(np.frombuffer(body, counter, 1, at + size)[0])
-        if not 0 <= entries <= len(body):
-            raise BufferError(key)
-        fields += [(f"{key} length", counter), (key, order + kind, (entries,))]
-    row = np.dtype(fields)
-    if at + row.itemsize > len(body):
-        raise BufferError(at)
-    return row
 
 
 def _lines(data: bytes) -> list[str]:

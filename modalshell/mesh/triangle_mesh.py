@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from modalshell.mesh import validation
-from modalshell.mesh.topology import FloatArray, IntArray, faces_of_edges, hinges_of_edges
+from modalshell.mesh.topology import FloatArray, IntArray, area_vectors, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import weld_arrays
 from modalshell.sharing import ReadOnlyArrays, read_only
 
@@ -105,8 +105,7 @@ class TriangleMesh(ReadOnlyArrays):
 
     @cached_property
     def _twice_area_vectors(self) -> FloatArray:
-        corners = self.vertices[self.faces]
-        return read_only(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        return read_only(area_vectors(self.vertices, self.faces))
 
     @cached_property
     def face_areas(self) -> FloatArray:

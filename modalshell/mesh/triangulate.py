@@ -74,9 +74,7 @@ def mirrored(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]
 def sort_by_column(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Renumber the vertices by x, then y, which keeps a long strip's matrices banded."""
     order = np.lexsort((points[:, 1], points[:, 0]))
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return points[order], rank[faces].astype(np.int64)
+    return points[order], np.argsort(order)[faces].astype(np.int64)
 
 
 def check_size(value: float, name: str) -> float:

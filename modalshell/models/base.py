@@ -165,11 +165,11 @@ class Model(ABC):
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
 
-    def rigid_load(self, load: Array) -> float:  # noqa: ARG002 (for models that cannot follow a rigid motion)
+    def rigid_load(self, load: Array) -> float:
         """Share of a load (n, 3) that pushes along rigid motions which nothing opposes in statics."""
         return 0.0
 
-    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (where known)
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest squared angular frequency [1/s^2] of small motion about ``answer`` under ``load`` (n, 3) [N].
 
         Negative, or of negative real part, at an unstable state; None for models that cannot tell.
@@ -180,7 +180,7 @@ class Model(ABC):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest at ``positions`` (n, 3); at the rest shape without them."""
 
-    def placed(self, state: MotionState, pose: Placement) -> MotionState:  # noqa: ARG002 (for models in the world's)
+    def placed(self, state: MotionState, pose: Placement) -> MotionState:
         """``state`` where the supports are put; the same in a model that lives in their frame."""
         return state
 
@@ -198,17 +198,12 @@ class Model(ABC):
         """Vertex positions (n, 3) [m] of a state."""
 
     def meet_constraints(
-        self,
-        state: MotionState,  # noqa: ARG002 (for models that can)
-        before: MotionState,  # noqa: ARG002
-        dt: float,  # noqa: ARG002
-        damping: Damping,  # noqa: ARG002
-        targets: Sequence[ResolvedTarget],  # noqa: ARG002
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, targets: Sequence[ResolvedTarget]
     ) -> tuple[MotionState, Array]:
         """Move ``state``, a step of ``dt`` after ``before``, onto the targets; also returns each one's residual."""
         raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
 
-    def holding(self, vertices: Index) -> Model:  # noqa: ARG002 (for models in the world's frame)
+    def holding(self, vertices: Index) -> Model:
         """The same model with further vertices held, which is how models in the world's frame meet constraints."""
         raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
 
@@ -221,15 +216,15 @@ class Model(ABC):
         mass = self.shell.mass[:, None] if state.rates.ndim == 2 else 1.0
         return float(0.5 * np.sum(mass * state.rates**2))
 
-    def decay_rate(self, dt: float, damping: Damping) -> float:  # noqa: ARG002 (for models that know it)
+    def decay_rate(self, dt: float, damping: Damping) -> float:
         """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
         return 0.0
 
-    def fault(self, state: MotionState) -> Outcome | None:  # noqa: ARG002 (most rungs have none)
+    def fault(self, state: MotionState) -> Outcome | None:
         """What is wrong with a state that has left what the model can describe; None if nothing is."""
         return None
 
-    def is_saddle(self, state: MotionState) -> bool:  # noqa: ARG002 (for models that can tell)
+    def is_saddle(self, state: MotionState) -> bool:
         """Whether the smallest push leads away from a state that is at rest under a dead load."""
         return False
 

@@ -116,13 +116,13 @@ class CoarseDiscreteShell(Model):
         self._rest_frames = _frames(under.vertices, under.faces)
         self._fine_frames = np.swapaxes(self._fit.frames, 1, 2)
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:  # noqa: ARG002
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static equilibrium of the coarse shell, carried up; a start (n, 3) is handed down to begin from."""
         begin = None if start is None else self._averaged(start)
         answer = self.coarse.equilibrium(force=self.handed_down(load), start=begin)
         return replace(answer, positions=self.carried_up(answer.positions), coordinates=answer.positions)
 
-    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the coarse shell's tangent stiffness over its mass."""
         return None if answer.coordinates is None else self.coarse.lowest_eigenvalue(answer.coordinates)
 
@@ -169,12 +169,7 @@ class CoarseDiscreteShell(Model):
         return self.coarse.start_motion(None if positions is None else self._averaged(positions))
 
     def step(
-        self,
-        state: MotionState,
-        dt: float,
-        load: Array,
-        damping: Damping,
-        held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """One implicit Euler step of the coarse shell, in the frame of its supports."""
         return self.coarse.step(state, dt, self.handed_down(load), damping)

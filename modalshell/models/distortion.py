@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import area_vectors
 from modalshell.typing import Array
 
 _AREA = 2.0
@@ -20,8 +21,7 @@ def distortion(positions: Array, mesh: TriangleMesh) -> str:
 
     A shell bends with little stretch: its area does not double, and its triangles do not fold over their neighbours.
     """
-    corners = positions[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(positions, mesh.faces)
     lengths = np.linalg.norm(normals, axis=1)
     ratio = 0.5 * float(lengths.sum()) / mesh.area
     if not 1.0 / _AREA < ratio < _AREA:

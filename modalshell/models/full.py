@@ -99,7 +99,7 @@ class FullModel(Model):
             constraint_residuals=np.zeros(len(constraints)),
         )
 
-    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
         return self.lowest_eigenvalue(answer.positions)
 

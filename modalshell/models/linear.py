@@ -27,12 +27,12 @@ class LinearModal(ModalModel):
         count_read(self.basis.modes.nbytes)
         return np.asarray(self.basis.modes @ q).reshape(-1, 3)
 
-    def modal_force(self, q: Array, load: Array) -> Array:  # noqa: ARG002 (the same at every q)
+    def modal_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T f`` (m,)."""
         count_read(self.basis.modes.nbytes)
         return self.basis.modes.T @ load.ravel()
 
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:  # noqa: ARG002
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
         """Zero (m, m): the force is the same at every q."""
         return np.zeros((q.size, q.size))
 
@@ -41,7 +41,7 @@ class LinearModal(ModalModel):
         rows = self._patch_rows(self.basis.modes, vertices).mean(axis=0)
         return self.shell.rest_positions[vertices].mean(axis=0) + rows @ q, rows
 
-    def _free_statics(self, load: Array, start: Array | None) -> Statics:  # noqa: ARG002
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:
         rigid = self.basis.rigid_modes
         q = np.zeros(self.basis.count)
         q[rigid:] = self.modal_force(q, load)[rigid:] / self.basis.eigenvalues[rigid:]

@@ -49,6 +49,8 @@ class ModalModel(Model):
 
     in_shell_frame = True
     takes_constraints = True
+    conservative: bool = True
+    """Whether the modal force is the gradient of the load's work, so that equilibria are the minima of a potential."""
 
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         self.basis = checked_kind("basis", basis, Basis)
@@ -114,7 +116,7 @@ class ModalModel(Model):
             constraint_residuals=left,
         )
 
-    def largest_turn(self, q: Array) -> float:  # noqa: ARG002 (for models that turn)
+    def largest_turn(self, q: Array) -> float:
         """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""
         return 0.0
 
@@ -180,12 +182,7 @@ class ModalModel(Model):
         return MotionState(q, np.zeros_like(q))
 
     def step(
-        self,
-        state: MotionState,
-        dt: float,
-        load: Array,
-        damping: Damping,
-        held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """One step of the integrator for every mode."""
         eigenvalues = self.basis.eigenvalues

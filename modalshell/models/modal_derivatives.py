@@ -102,7 +102,7 @@ class ModalDerivatives(Model):
         displacement = self.shell.checked_positions(positions) - self.shell.rest_positions
         return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:  # noqa: ARG002
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         push = load.ravel() @ self._vectors
         problem = ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
@@ -116,7 +116,7 @@ class ModalDerivatives(Model):
             coordinates=found.point,
         )
 
-    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:  # noqa: ARG002 (dead loads)
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the reduced Hessian."""
         if answer.coordinates is None:
             return None
@@ -128,12 +128,7 @@ class ModalDerivatives(Model):
         return MotionState(z, np.zeros_like(z))
 
     def step(
-        self,
-        state: MotionState,
-        dt: float,
-        load: Array,
-        damping: Damping,
-        held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """Implicit Euler: minimise ``E + d.(I/h^2 + C/h) d / 2 - (p + v/h).d``, d the step, C at its beginning."""
         z = state.coordinates

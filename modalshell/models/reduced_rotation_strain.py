@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import LARGEST, checked_count, checked_kind, checked_number, checked_vectors, vector_count
 from modalshell.errors import OptionError
-from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
 from modalshell.models.rotation_strain import RotationStrain, tiled
@@ -166,12 +165,6 @@ class ReducedRotationStrain(TurnedTriangles):
         kernel.deformations(self._modal, q, np.empty(kernel.WORK), sampled)
         amounts = np.concatenate([q, self._map @ sampled[0]])
         return np.asarray(self._expansion @ amounts).reshape(-1, 3)
-
-    def positions(self, state: MotionState) -> Array:
-        """Vertex positions (n, 3) [m] of a state."""
-        out = self.raw_displacement(state.coordinates)
-        out += self.shell.rest_positions
-        return out
 
     def _adjoint(self, load: Array) -> LoadAdjoint:
         pushed = load.ravel() @ self._expansion

@@ -22,6 +22,7 @@ from modalshell.models.warping import ModalWarping, consistent_warping
 from modalshell.plugins import load_plugins
 
 Needs = Literal["shell", "basis", "training", "coarse mesh"]
+Response = Literal["rigid", "linear", "nonlinear"]
 _GIVEN: dict[Needs, int] = {"shell": 1, "basis": 1, "training": 2, "coarse mesh": 2}
 _KEY = "[a-z][a-z0-9-]*"
 
@@ -56,6 +57,10 @@ class ModelSpec:
         Largest mode count that the ladder tries.
     pictured : bool
         Whether pictures of shapes show it; not where its shape is that of another model.
+    response : {"rigid", "linear", "nonlinear"}
+        How it answers a load: without deformation, in proportion to the load, or otherwise.
+    bends : bool
+        Whether a flat shell has bending stiffness at small angles; springs across hinges have none.
     """
 
     key: str
@@ -69,6 +74,8 @@ class ModelSpec:
     marker: str = "h"
     most_modes: int | None = None
     pictured: bool = True
+    response: Response = "nonlinear"
+    bends: bool = True
 
     @property
     def given(self) -> int:
@@ -113,8 +120,8 @@ def models() -> Mapping[str, ModelSpec]:
 
 
 for _spec in (
-    ModelSpec("rigid", "rigid", RigidShell, "shell", 0, color="#777777", marker="X", pictured=False),
-    ModelSpec("lma", "LMA", LinearModal, "basis", 10, True, True, "#c8322b", "o"),
+    ModelSpec("rigid", "rigid", RigidShell, "shell", 0, color="#777777", marker="X", pictured=False, response="rigid"),
+    ModelSpec("lma", "LMA", LinearModal, "basis", 10, True, True, "#c8322b", "o", response="linear"),
     ModelSpec("mwts", "MWTS", ModalWarping, "basis", 20, True, True, "#2b5fc8", "s"),
     ModelSpec(
         "mwts-consistent", "MWTS, consistent", consistent_warping, "basis", 30, True, True, "#7fa8ee", "D",
@@ -126,7 +133,9 @@ for _spec in (
     ModelSpec("rsw", "RSW", RotationStrain, "basis", 50, True, True, "#7b2d8e", "^"),
     ModelSpec("md-rom", "MD-ROM", ModalDerivatives, "shell", 60, color="#d98200", marker="P", most_modes=8),
     ModelSpec("coarse-ds", "coarse DS", CoarseDiscreteShell, "coarse mesh", 70, color="#66c2a5"),
-    ModelSpec("springs", "springs", SpringSheet, "shell", 80, constraints=True, color="#a6761d", marker="*"),
+    ModelSpec(
+        "springs", "springs", SpringSheet, "shell", 80, constraints=True, color="#a6761d", marker="*", bends=False
+    ),
     ModelSpec(TRUTH, "DS", DiscreteShell, "shell", 100, constraints=True, color="#2f9e44"),
 ):  # fmt: skip
     register(_spec)

@@ -65,7 +65,7 @@ class RigidShell(Model):
         self._moments = self._arms.T @ (shell.mass[:, None] * self._arms)
         """Second moments ``sum m r r^T`` [kg m^2] about the centre of mass at rest; the inertia is ``tr(J) I - J``."""
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:  # noqa: ARG002
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Rest, the only answer."""
         stable = None if self._free else True
         return Equilibrium(
@@ -86,12 +86,7 @@ class RigidShell(Model):
         return MotionState(z, np.zeros_like(z))
 
     def step(
-        self,
-        state: MotionState,
-        dt: float,
-        load: Array,
-        damping: Damping,
-        held: Array | None = None,  # noqa: ARG002 (its supports rest in its own frame)
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """One step; ``mass_factor`` slows both velocities, implicitly, and there is no strain for the other factor."""
         if not self._free:
@@ -125,7 +120,7 @@ class RigidShell(Model):
         attitude = Rotation.from_rotvec(state.coordinates[3:]).as_matrix()
         return attitude @ self._inertia() @ attitude.T @ state.rates[3:]
 
-    def elastic_energy(self, state: MotionState) -> float:  # noqa: ARG002 (the same in every state)
+    def elastic_energy(self, state: MotionState) -> float:
         """Zero: it does not deform."""
         return 0.0
 

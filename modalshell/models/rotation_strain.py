@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from modalshell.checks import checked_kind
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
@@ -69,12 +68,6 @@ class RotationStrain(TurnedTriangles):
         right_side = np.empty((self._fit.rows, 3))
         kernel.spread(self._modal, self._shape, self._corners, q, np.empty(kernel.WORK), right_side)
         return self._fit.displacement(right_side, self._centres @ q)
-
-    def positions(self, state: MotionState) -> Array:
-        """Vertex positions (n, 3) [m] of a state."""
-        out = self.raw_displacement(state.coordinates)
-        out += self.shell.rest_positions
-        return out
 
     def turns_and_strains(self, triangles: NDArray[np.int64]) -> Array:
         """Columns of :func:`triangle_modes` (k, m, 6) of some triangles."""

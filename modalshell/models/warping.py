@@ -65,7 +65,7 @@ class ModalWarping(ModalModel):
         consistent_force: bool = False,
     ) -> None:
         super().__init__(basis, integrator=integrator)
-        self.consistent_force = consistent_force
+        self.consistent_force = self.conservative = consistent_force
         rigid = basis.rigid_modes
         self._elastic = slice(rigid, None)
         self._modes = np.ascontiguousarray(basis.modes[:, rigid:])

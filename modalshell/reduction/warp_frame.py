@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_kind, checked_precision, shown
+from modalshell.checks import checked_count, checked_kind, checked_output, checked_precision, shown
 from modalshell.errors import OptionError
 from modalshell.kernels.frame import TILE, WORK, warp_frame, warp_frame_parallel
 from modalshell.modes import Basis
@@ -108,25 +108,13 @@ class WarpFrame:
         own, work = self._scratch()
         try:
             coordinates = np.asarray(q)
-            if coordinates.shape != own.shape:
-                raise OptionError(f"q must have shape {own.shape}, one number a mode (got {coordinates.shape})")
-            np.copyto(own, coordinates, casting="same_kind")
+            if fits := coordinates.shape == own.shape:
+                np.copyto(own, coordinates, casting="same_kind")
         except (TypeError, ValueError) as fault:
-            if isinstance(fault, OptionError):
-                raise
             raise OptionError(f"q must be {self.count} real numbers (got {shown(q)}: {fault})") from fault
-        if out is None:
-            out = np.empty((self.vertices, 3), self.dtype)
-        elif (
-            not isinstance(out, np.ndarray)
-            or out.shape != (self.vertices, 3)
-            or out.dtype != self.dtype
-            or not out.flags.c_contiguous
-            or not out.flags.writeable
-        ):
-            got = f"{out.dtype} {out.shape}" if isinstance(out, np.ndarray) else type(out).__name__
-            wanted = f"a writable C-ordered {self.dtype} array of shape {(self.vertices, 3)}"
-            raise OptionError(f"out must be {wanted} (got {got})")
+        if not fits:
+            raise OptionError(f"q must have shape {own.shape}, one number a mode (got {coordinates.shape})")
+        out = checked_output(out, (self.vertices, 3), self.dtype)
         run = warp_frame if self.threads == 1 else warp_frame_parallel
         run(self._modal, self._rest, own, work, out)
         return out

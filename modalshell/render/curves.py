@@ -71,13 +71,11 @@ def draw_curves(
                 raise OptionError(f"curve {curve.label!r} of {panel.title!r} has values that are not finite")
             if panel.log and (np.asarray(curve.y) <= 0).any():
                 raise OptionError(f"curve {curve.label!r} of {panel.title!r} has values <= 0 on a logarithmic axis")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     across = columns or len(panels)
     rows = -(-len(panels) // across)
     figure = Figure(figsize=(6.4 * across, 4.6 * rows), layout="constrained", dpi=150)
-    FigureCanvasAgg(figure)
     for place, panel in enumerate(panels, start=1):
         axes = figure.add_subplot(rows, across, place, sharey=figure.axes[0] if share_y and figure.axes else None)
         for curve in panel.curves:

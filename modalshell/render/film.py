@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.atomic_io import replacing
 from modalshell.errors import OptionError
 from modalshell.render.camera import Camera, frame_points
 from modalshell.render.compose import Page, paste
@@ -117,7 +118,7 @@ def write_film(
         moving: dict[int, Iterator[ArrayLike]] = {
             index: iter(cast("Iterable[ArrayLike]", motion)) for index, motion in enumerate(moves) if motion is not None
         }
-        with open_painter(page.cell) as painter:
+        with closing(open_painter(page.cell)) as painter:
             painter.start(shown, view, colors)
             for _ in range(count):
                 for index, frames in moving.items():
@@ -158,22 +159,17 @@ def _encode(
     on_frame: Progress | None,
     rate_factor: int,
 ) -> None:
-    """Send pictures to ffmpeg, under a temporary name until the last one is in."""
+    """Send pictures to ffmpeg; the film is put in place when the last one is in."""
     import imageio_ffmpeg
 
-    partial = target.with_name(f".{target.stem}.{os.getpid()}.partial.mp4")
-    writer = imageio_ffmpeg.write_frames(
-        str(partial), size, fps=fps, codec="libx264", pix_fmt_in="rgb24", pix_fmt_out="yuv420p", quality=None,
-        macro_block_size=2, output_params=["-crf", str(rate_factor), "-movflags", "+faststart"],
-    )  # fmt: skip
-    try:
-        writer.send(None)
-        for index, picture in enumerate(pictures):
-            writer.send(np.ascontiguousarray(picture))
-            if on_frame is not None:
-                on_frame(index + 1, total)
-        writer.close()
-        os.replace(partial, target)
-    finally:
-        writer.close()
-        partial.unlink(missing_ok=True)
+    with replacing(target) as temporary:
+        writer = imageio_ffmpeg.write_frames(
+            str(temporary), size, fps=fps, codec="libx264", pix_fmt_in="rgb24", pix_fmt_out="yuv420p", quality=None,
+            macro_block_size=2, output_params=["-crf", str(rate_factor), "-movflags", "+faststart"],
+        )  # fmt: skip
+        with closing(writer):
+            writer.send(None)
+            for index, picture in enumerate(pictures):
+                writer.send(np.ascontiguousarray(picture))
+                if on_frame is not None:
+                    on_frame(index + 1, total)

@@ -110,7 +110,6 @@ def draw_maps(
         if missing := sorted({name for name in names.ravel() if name not in colors}):
             raise OptionError(f"map {panel.title!r} has classes without a colour: {', '.join(missing)}")
     from matplotlib import rc_context
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -119,7 +118,6 @@ def draw_maps(
     rows = -(-len(panels) // columns)
     with rc_context({"font.size": font, "axes.titlesize": 1.1 * font, "axes.labelsize": font}):
         figure = Figure(figsize=(size[0] * columns, size[1] * rows + 0.05 * font), layout="constrained", dpi=dpi)
-        FigureCanvasAgg(figure)
         width = 0.1 * font + 1.5
         for place, panel in enumerate(panels, start=1):
             _draw(figure.add_subplot(rows, columns, place), panel, colors, width)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,7 @@ MESH_LINE_WIDTH = 0.6
 
 
 class Painter(Protocol):
-    """Draws surfaces into images of one size; a context manager that frees its window."""
+    """Draws surfaces into images of one size."""
 
     def start(self, surfaces: Sequence[ShadedSurface], camera: Camera, scalar_colors: ScalarColors | None) -> None:
         """Replace everything shown."""
@@ -36,11 +35,8 @@ class Painter(Protocol):
     def image(self) -> NDArray[np.uint8]:
         """Draw, and return pixels of shape (height, width, 3)."""
 
-    def __enter__(self) -> Self: ...
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def close(self) -> None:
+        """Free the window, if there is one."""
 
 
 def reflectance(surface: ShadedSurface) -> tuple[float, float]:

@@ -61,14 +61,12 @@ def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int
             raise OptionError(
                 f"{panel.title!r} needs points with finite and positive values (got {values.tolist()!r:.80})"
             )
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     across = columns or len(panels)
     rows = -(-len(panels) // across)
     figure = Figure(figsize=(5.6 * across, 4.4 * rows + 0.6), layout="constrained", dpi=150)
-    FigureCanvasAgg(figure)
     for place, panel in enumerate(panels, start=1):
         _draw_panel(figure.add_subplot(rows, across, place), panel)
     groups = {mark.group: mark for panel in panels for mark in panel.marks}

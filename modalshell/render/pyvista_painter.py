@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,13 +62,7 @@ class PyvistaPainter:
         self._plotter.render()
         return shrink(np.asarray(self._plotter.screenshot(None, return_img=True)))
 
-    def __enter__(self) -> Self:
-        """Open."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         """Close the plotter, which frees its OpenGL window."""
         close_plotter(self._plotter)
 

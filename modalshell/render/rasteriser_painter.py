@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,13 +122,7 @@ class RasteriserPainter:
         colors = vertex_colors(surface, self._scalar_colors)[faces]
         return np.clip(colors * light[..., None], 0.0, 1.0)
 
-    def __enter__(self) -> Self:
-        """Open."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
         """Forget the surfaces."""
         self._surfaces, self._vertices, self._tables = [], [], []
 

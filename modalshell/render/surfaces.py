@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from modalshell.checks import shown
 from modalshell.errors import OptionError
+from modalshell.mesh.topology import area_vectors
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface, rgb
 
@@ -99,15 +100,12 @@ class EdgeTable:
 
 def face_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return unit normals of the faces, shape (T, 3); zero for a face without area."""
-    corners = vertices[faces]
-    normals: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return _unit(normals)
+    return _unit(area_vectors(vertices, faces))
 
 
 def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return unit vertex normals, averaged over faces by area, shape (n, 3)."""
-    corners = vertices[faces]
-    normals: NDArray[np.float64] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = area_vectors(vertices, faces)
     total = np.stack(
         [np.bincount(faces.ravel(), np.repeat(normals[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
     )

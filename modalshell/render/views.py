@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.atomic_io import replacing
 from modalshell.errors import OptionError
 from modalshell.render.camera import Camera, camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
@@ -86,7 +87,7 @@ def draw_views(
     if page.cell[0] < 48 or page.cell[1] < 48:
         raise OptionError(f"size {size} leaves cells of {page.cell} pixels for {len(cells)} views; make it larger")
     images = []
-    with open_painter(page.cell) as painter:
+    with closing(open_painter(page.cell)) as painter:
         for view, cloud in zip(cells, clouds, strict=True):
             aspect = page.cell[0] / page.cell[1]
             camera = frame_points(cloud, view.camera, aspect, zoom=view.zoom, parallel=parallel)
@@ -101,7 +102,7 @@ def draw_surface(
 ) -> Path:
     """Draw a surface as a placed camera sees it (see `look_at`) into a PNG file, as a frame of a film."""
     target, size = checked_path(path, ".png"), checked_size(size)
-    with open_painter(size) as painter:
+    with closing(open_painter(size)) as painter:
         painter.start([surface], camera, scalar_colors([surface], colormap))
         save_picture(painter.image(), target)
     return target
@@ -137,12 +138,8 @@ def _scalar_label(views: Sequence[View]) -> str | None:
 
 
 def save_picture(page: NDArray[np.uint8], target: Path) -> None:
-    """Write a PNG under a temporary name first, so that a killed run leaves no half picture."""
+    """Write a PNG in one move, so that a killed run leaves no half picture."""
     from matplotlib.image import imsave
 
-    partial = target.with_name(f".{target.stem}.{os.getpid()}.partial.png")
-    try:
-        imsave(partial, page)
-        os.replace(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
+    with replacing(target) as temporary:
+        imsave(temporary, page)

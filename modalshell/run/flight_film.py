@@ -116,7 +116,7 @@ class FlightFilm:
         return FlightReport(
             birds=crowd.count,
             vertices=crowd.vertices,
-            shares=dict(zip((*LEVELS, "RSW"), parts.tolist(), strict=True)),
+            shares=dict(zip((*LEVELS, RotationStrain.name), parts.tolist(), strict=True)),
             allowed_pixels=self._detail.pixels,
             largest_error=self._errors["metres"],
             largest_pixels=self._errors["pixels"],

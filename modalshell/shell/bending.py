@@ -26,6 +26,8 @@ _RINGS = 9
 """Radius of a patch, in edges."""
 _PATCHES = 24
 """Patches over which the constants are averaged."""
+_MEASURED_DEPTH = 5
+"""Rings inside the boundary from which the free rim no longer changes what a patch measures."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +40,16 @@ class BendingConstants:
         c: no curvature across (a plate held across).
     narrow : float
         b: curvature across and twist free (a narrow strip).
+    across : float
+        As ``wide`` for bending across the direction; NaN where the mesh has no direction or is too coarse to measure.
+    ends : tuple of float
+        As ``narrow``, measured on a flat strip clamped at either end; empty where no end could be measured.
     """
 
     wide: float
     narrow: float
+    across: float = np.nan
+    ends: tuple[float, ...] = ()
 
 
 def hinge_weights(mesh: TriangleMesh) -> Array:
@@ -126,11 +134,26 @@ def bending_constants(mesh: TriangleMesh, direction: ArrayLike | None = None) ->
         sphere = tensor[0, 0] + tensor[1, 1] + 2.0 * tensor[0, 1]
         poisson = sphere / (2.0 * wide) - 1.0
         narrow = wide * (1.0 - poisson**2)
+    ends: tuple[float, ...] = ()
     if orientation.flat and orientation.elongated and not orientation.named:
-        measured = _cantilever(mesh, axis)
+        ends = _cantilever(mesh, axis)
         # On a mesh of a cell or two the clamp leaves nothing to measure, or holds it by no hinge.
-        narrow = measured if 0.5 * narrow < measured < 2.0 * narrow else narrow
-    return BendingConstants(float(wide), float(narrow))
+        if ends and 0.5 * narrow < np.mean(ends) < 2.0 * narrow:
+            narrow = float(np.mean(ends))
+        else:
+            ends = ()
+    across = float(tensor[1, 1]) if axis.any() and deepest_ring(mesh) >= _MEASURED_DEPTH else np.nan
+    return BendingConstants(float(wide), float(narrow), across, ends)
+
+
+def deepest_ring(mesh: TriangleMesh) -> int:
+    """Edges from the boundary to the vertex that is farthest from it; the number of vertices of a closed mesh."""
+    return int(_rings(_neighbours(mesh), mesh.boundary_vertices).max())
+
+
+def _neighbours(mesh: TriangleMesh) -> sps.csr_array:
+    graph = sps.coo_array((np.ones(len(mesh.edges)), mesh.edges.T), shape=(len(mesh.vertices),) * 2).tocsr()
+    return sps.csr_array(graph + graph.T)
 
 
 def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
@@ -138,8 +161,7 @@ def _relaxed_tensor(mesh: TriangleMesh, axis: Array) -> Array:
     rows, tangents, normals = hinge_rows(mesh)
     operator = hinge_operator(mesh)
     weights = hinge_weights(mesh)
-    graph = sps.coo_array((np.ones(len(mesh.edges)), mesh.edges.T), shape=(len(mesh.vertices),) * 2).tocsr()
-    graph = sps.csr_array(graph + graph.T)
+    graph = _neighbours(mesh)
     depth = _rings(graph, mesh.boundary_vertices)
     deepest = np.flatnonzero(depth >= min(_RINGS, depth.max()))
     centres = deepest[np.linspace(0, deepest.size - 1, min(_PATCHES, deepest.size)).round().astype(int)]
@@ -191,11 +213,11 @@ def _rings(graph: sps.csr_array, sources: NDArray[np.int64]) -> NDArray[np.int64
     return distance
 
 
-def _cantilever(mesh: TriangleMesh, axis: Array) -> float:
+def _cantilever(mesh: TriangleMesh, axis: Array) -> tuple[float, ...]:
     """Narrow constant of a flat strip, measured on the strip itself: its drop under its own weight, clamped at an end.
 
     A beam of bending stiffness EI drops by ``q L^4 / (8 EI)``; with ``EI = 2 b k_f width`` this gives b, with the free
-    sides and the clamp, near which the strip cannot curve across. The mean over clamping either end.
+    sides and the clamp, near which the strip cannot curve across. One value for each end that can be clamped.
     """
     operator = hinge_operator(mesh)
     vertex_area = mesh.shared_among_corners(mesh.face_areas)
@@ -214,8 +236,8 @@ def _cantilever(mesh: TriangleMesh, axis: Array) -> float:
         stiffness = sps.csc_array(2.0 * operator.T @ sps.diags_array(weights) @ operator)
         drop = spla.spsolve(stiffness[free][:, free], vertex_area[free])
         tip = drop[along[free] > (1.0 - 1e-6) * length].mean()
-        constants.append((length - clamp) ** 4 / (16.0 * tip))
-    return float(np.mean(constants)) if constants else np.nan
+        constants.append(float((length - clamp) ** 4 / (16.0 * tip)))
+    return tuple(constants)
 
 
 def _turn(rows: Array, tangents: Array, normals: Array, axis: Array) -> Array:

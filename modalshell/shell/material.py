@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.checks import LARGEST, as_array, checked_kind, checked_number, shown
-from modalshell.errors import MaterialError
+from modalshell.errors import MaterialError, ModalShellWarning
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import bending_constants
+from modalshell.shell.calibration_range import calibration_doubts
 from modalshell.shell.membrane import lowest_stable_stretch, membrane_stiffness
 from modalshell.shell.orientation import orient
 from modalshell.typing import Array
@@ -112,6 +114,11 @@ class Material:
         ------
         MaterialError
             For values out of range.
+
+        Warns
+        -----
+        ModalShellWarning
+            Where the calibration is known to be off on this mesh by more than about 5 %; the message has the number.
         """
         checked_kind("mesh", mesh, TriangleMesh)
         young = checked_number("young", young, MaterialError, above=0.0, unit="Pa")
@@ -124,6 +131,14 @@ class Material:
         constants = bending_constants(mesh, direction)
         if narrow is None:
             narrow = orientation.elongated
+        doubts = calibration_doubts(mesh, orientation, constants, poisson, thickness, narrow)
+        if doubts:
+            warnings.warn(
+                f"the calibration does not hold on this mesh: {'; '.join(doubts)}. ms.Isotropic(young, poisson, "
+                "thickness, density) is shell theory and needs no calibration",
+                ModalShellWarning,
+                stacklevel=2,
+            )
         if narrow:
             # As a wide, thin strip bends further its membrane takes the curvature across away (Searle), and the hinges'
             # own Poisson effect with it: their constant rises from b towards c. The share of that is split between

@@ -6,14 +6,12 @@ import time
 from typing import NamedTuple, final
 
 import numpy as np
-import scipy.sparse as sps
 from numpy.typing import ArrayLike
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors
-from modalshell.errors import MeshError
 from modalshell.kernels import spring_blocks as kernels
 from modalshell.shell.supports import held_vertices
+from modalshell.springs.partition import rank_block
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import ThreadChoice
 from modalshell.typing import Array
@@ -74,27 +72,18 @@ class ImplicitSprings:
         checked_kind("springs", springs, Springs)
         masses = checked_masses(mass)
         n = self.count = len(masses)
-        if springs.pairs.max(initial=-1) >= n:
-            raise MeshError(f"springs must join the particles 0 to {n - 1} (got {springs.pairs.max()})")
         self.held = held_vertices(held, n)
         self.threads = ThreadChoice(n, _EACH, threads)
 
-        ends = np.concatenate([springs.pairs, springs.pairs[:, ::-1]])
-        graph = sps.csr_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), shape=(n, n))
-        self._order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-        place = np.empty(n, np.int64)
-        place[self._order] = np.arange(n)
-        rows, columns = place[ends].T
-        by_row = np.lexsort((columns, rows))
-        self._starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
-        self._others = columns[by_row].astype(np.int32)
+        block = rank_block(springs, n, size=1, rank=0)
+        self._order, self._starts, self._others = block.order, block.starts, block.others
         self._stiffness, self._rest, self._dashpot = (
-            np.tile(values, 2)[by_row] for values in (springs.stiffness, springs.rest_lengths, springs.damping)
+            values[block.springs] for values in (springs.stiffness, springs.rest_lengths, springs.damping)
         )
         self._mass = masses[self._order]
         self._free = np.where(self.held[self._order], 0.0, 1.0)
-        self._held_places = place[self.held]
-        self._blocks = np.empty((len(ends), 4))
+        self._held_places = np.argsort(self._order)[self.held]
+        self._blocks = np.empty((len(self._others), 4))
         self._inverses = np.empty((n, 6))
         self._x, self._v, self._load, self._force, self._right = np.zeros((5, n, 3))
         self._dv, self._p, self._q, self._r, self._z = np.zeros((5, n, 3))

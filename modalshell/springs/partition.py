@@ -65,8 +65,7 @@ def rank_block(springs: Springs, count: int, size: int, rank: int) -> RankBlock:
     ends = np.concatenate([springs.pairs, springs.pairs[:, ::-1]])
     graph = sps.csr_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), shape=(count, count))
     order = reverse_cuthill_mckee(graph, symmetric_mode=True).astype(np.int64)
-    place = np.empty(count, np.int64)
-    place[order] = np.arange(count)
+    place = np.argsort(order)
     first, last = rank * count // size, (rank + 1) * count // size
 
     rows, columns = place[ends].T
@@ -76,12 +75,5 @@ def rank_block(springs: Springs, count: int, size: int, rank: int) -> RankBlock:
     outside = (columns < first) | (columns >= last)
     ghosts = np.unique(columns[outside])
     others = np.where(outside, last - first + np.searchsorted(ghosts, columns), columns - first)
-    return RankBlock(
-        first,
-        last,
-        order,
-        ghosts,
-        np.concatenate([[0], np.cumsum(np.bincount(rows - first, minlength=last - first))]),
-        others.astype(np.int32),
-        mine % len(springs),
-    )
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rows - first, minlength=last - first))])
+    return RankBlock(first, last, order, ghosts, starts, others.astype(np.int32), mine % len(springs))

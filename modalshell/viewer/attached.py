@@ -47,7 +47,6 @@ class AttachedWindow:
     def save_picture(self, path: Path) -> None:
         """Write the window's picture to a PNG file, and close."""
         self._stage.save_picture(path)
-        self._stage.close()
 
 
 class AttachedPage(BrowserPage):

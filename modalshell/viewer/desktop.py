@@ -147,7 +147,6 @@ class DesktopViewer:
     def save_picture(self, path: Path) -> None:
         """Write the window's picture to a PNG file, and close."""
         self._stage.save_picture(path)
-        self._stage.close()
 
 
 def show_window(stage: Stage, name: str, on_timer: Callable[..., None], begin: Callable[[], None]) -> None:

@@ -149,9 +149,10 @@ class Stage:
         self._arrow.points = tail + stretched @ axes
 
     def save_picture(self, path: Path) -> None:
-        """Write what is shown to a PNG file."""
+        """Write what is shown to a PNG file, and close."""
         self.plotter.render()
         self.plotter.screenshot(str(path))
+        self.close()
 
     def close(self) -> None:
         """Free the plotter and its OpenGL window."""

@@ -58,7 +58,7 @@ def reconstruction(
             name.lower(): partial(at_level, name, crowd, None, None, out) for name in LEVELS
         }
         functions |= {
-            "placed": partial(at_level, "MWTS", crowd, turns, moves, out),
+            "placed": partial(at_level, ms.ModalWarping.name, crowd, turns, moves, out),
             "products": partial(multiply, small, transposed, products),
             "writing": partial(out.fill, 1.0),
             "step": partial(still, crowd, q),

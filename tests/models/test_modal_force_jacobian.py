@@ -50,3 +50,6 @@ def test_modal_force_jacobian_is_the_derivative(make, scene, turn, request):
     np.testing.assert_allclose(exact, differences, rtol=0, atol=3e-8 * size)
     if not isinstance(model, ms.LinearModal):
         assert np.abs(exact).max() > 1e-3 * size
+    # A force that is a gradient has a symmetric derivative.
+    skew = np.abs(exact - exact.T).max()
+    assert (skew <= 1e-9 * size) if model.conservative else (skew > 1e-9 * size)

@@ -1,5 +1,6 @@
 """Modes: eigenpairs against dense ones, rigid motions, repeatability, saved bases, the factorisation behind them."""
 
+import contextlib
 import json
 from pathlib import Path
 
@@ -104,11 +105,14 @@ SUPPORTS = {
 
 
 @pytest.mark.parametrize("name", SUPPORTS)
+@pytest.mark.filterwarnings("ignore:modes are spent on rigid motion")
 def test_rigid_modes_are_counted(name):
     mesh, held, expected = SUPPORTS[name]
     shell = Shell(mesh, PLAIN, None if held is None else held(mesh.vertices))
     count = expected + 3
-    basis = solve_modes(shell, count + 1)
+    loose = pytest.warns(ModalShellWarning, match="modes are spent on rigid motion")
+    with loose if name.startswith("two parts") else contextlib.nullcontext():
+        basis = solve_modes(shell, count + 1)
     assert basis.rigid_modes == expected
     assert (basis.eigenvalues[:expected] == 0.0).all()
     values, modes = dense_pairs(shell)

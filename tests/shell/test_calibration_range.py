@@ -1,0 +1,68 @@
+"""``Material.from_physical`` says where its calibration does not hold, and is silent where it does."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+
+from modalshell import Material, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, v_beam
+from modalshell.errors import ModalShellWarning
+
+
+def calibrate(mesh, poisson=0.3, thickness=1e-3, **options):
+    return Material.from_physical(young=1e9, poisson=poisson, thickness=thickness, density=1e3, mesh=mesh, **options)
+
+
+def stretched(factor):
+    lattice = sheet(cells=(23, 20), family="equilateral")
+    return TriangleMesh(lattice.vertices * (factor, 1.0, 1.0), lattice.faces)
+
+
+THIN = flat_beam(length=1.0, width=0.25, cells=(18, 4), family="union-jack")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "poisson", "thickness", "words"),
+    [
+        (v_beam(cells=(40, 8), family="union-jack"), 0.0, 1e-3, r"in the plane .*18 % off at Poisson's ratio 0 "),
+        (v_beam(cells=(20, 4), family="right"), 0.1, 1e-3, r"in the plane .*ratio 0\.1 "),
+        (THIN, 0.3, 1e-4, r"over thickness 10000\).*at least 1000 triangles \(got 144\)"),
+        (stretched(2.0), 0.3, 1e-3, r"cells are longer one way.*0\.\d+ times"),
+        (
+            flat_beam(length=1.0, width=0.25, cells=(18, 4), family="delaunay"),
+            0.3,
+            1e-2,
+            r"rows at the ends are not straight.*\d+ % too soft or too stiff",
+        ),
+    ],
+    ids=["in its plane", "in its plane, low ratio", "thin", "stretched cells", "crooked end row"],
+)
+def test_what_the_calibration_misses_is_said(mesh, poisson, thickness, words):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ModalShellWarning)
+        material = calibrate(mesh, poisson, thickness)
+    assert material.flexure > 0.0
+    said = [str(warning.message) for warning in caught if "calibration" in str(warning.message)]
+    assert len(said) == 1
+    assert re.search(words, said[0])
+    assert "ms.Isotropic(" in said[0]
+    assert caught[-1].filename == __file__
+
+
+@pytest.mark.parametrize(
+    ("mesh", "poisson", "thickness"),
+    [
+        (v_beam(cells=(40, 8), family="union-jack"), 0.3, 1e-3),
+        (THIN, 0.3, 1e-3),
+        (flat_beam(length=1.0, width=0.25, cells=(18, 4), family="equilateral"), 0.3, 1e-4),
+        (flat_beam(length=1.0, width=0.25, cells=(32, 8), family="lloyd"), 0.3, 1e-3),
+        (stretched(1.0), 0.0, 1e-3),
+        (sheet(cells=(20, 20), family="union-jack"), 0.0, 1e-3),
+        (cylinder_panel(cells=(20, 20)), 0.3, 1e-3),
+        (leaf(cells=(40, 16)), 0.3, 3e-3),
+    ],
+)
+def test_no_word_where_it_holds(mesh, poisson, thickness):
+    """Warnings are errors in this suite."""
+    assert np.isfinite(calibrate(mesh, poisson, thickness).flexure)
