@@ -15,7 +15,6 @@ Run it alone with ``modalshell reproduce --only integrator_drift``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
@@ -23,7 +22,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import Damping, Memory, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels import rotations
 from modalshell.models.modal import ModalModel
 from modalshell.motion import Motion
@@ -82,18 +81,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 
 @final
-@dataclass(frozen=True)
-class SummedDisplacement(Memory):
-    """Displacements (n, 3) [m] that the steps so far have added up to."""
-
-    displacement: np.ndarray
-
-    def turned(self, rotation: np.ndarray) -> SummedDisplacement:
-        """The same in a frame that ``rotation`` (3, 3) leads to."""
-        return SummedDisplacement(self.displacement @ rotation.T)
-
-
-@final
 class SummedWarp(ModalModel):
     """MWTS with [choi2007, eq. 16] as a sum: every step adds ``R(w) Phi dq``, so that the shape depends on the path.
 
@@ -119,7 +106,7 @@ class SummedWarp(ModalModel):
     def start_motion(self, positions: np.ndarray | None = None) -> MotionState:
         """Modal state at rest."""
         state = super().start_motion(positions)
-        return MotionState(state.coordinates, state.rates, SummedDisplacement(self.raw_displacement(state.coordinates)))
+        return MotionState(state.coordinates, state.rates, {"sum": self.raw_displacement(state.coordinates)})
 
     def step(
         self, state: MotionState, dt: float, load: np.ndarray, damping: Damping, held: np.ndarray | None = None
@@ -130,16 +117,14 @@ class SummedWarp(ModalModel):
 
     def advanced(self, state: MotionState, q: np.ndarray, rates: np.ndarray) -> MotionState:
         """State at q (m,) after ``state``; the displacement grows by ``R(w) Phi dq``."""
-        assert isinstance(state.memory, SummedDisplacement)
         change = np.asarray(self.basis.modes @ (q - state.coordinates)).reshape(-1, 3)
         turned = np.empty_like(change)
         rotations.rotate(self.closed.rotation_vectors(q), change, 1.0, turned)
-        return MotionState(q, rates, SummedDisplacement(state.memory.displacement + turned))
+        return MotionState(q, rates, {"sum": state.memory["sum"] + turned})
 
     def positions(self, state: MotionState) -> np.ndarray:
         """Vertex positions (n, 3) [m] of a state: the sum so far."""
-        assert isinstance(state.memory, SummedDisplacement)
-        return np.asarray(self.shell.rest_positions + state.memory.displacement)
+        return np.asarray(self.shell.rest_positions + state.memory["sum"])
 
     def fault(self, state: MotionState) -> Outcome | None:
         """Say where the state has wound up, as the closed form does."""

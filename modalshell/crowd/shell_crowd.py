@@ -84,10 +84,7 @@ class ShellCrowd(ABC):
         )
 
     def positions(
-        self,
-        rotations: ArrayLike | None = None,
-        translations: ArrayLike | None = None,
-        out: NDArray[Any] | None = None,
+        self, rotations: ArrayLike | None = None, translations: ArrayLike | None = None, out: NDArray[Any] | None = None
     ) -> NDArray[Any]:
         """Vertex positions (B, n, 3) [m] in the world, each instance at its level of detail.
 

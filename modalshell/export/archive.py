@@ -109,12 +109,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         raise FileFormatError(f"cannot read a saved trajectory from {file}: {shortened(str(error))}") from error
     arrays = {name: values[name] for name in _SMALL}
     return Trajectory(
-        positions=positions,
-        outcome=outcome,
-        message=message,
-        unconverged_steps=unconverged,
-        seconds=seconds,
-        **arrays,
+        positions=positions, outcome=outcome, message=message, unconverged_steps=unconverged, seconds=seconds, **arrays
     )
 
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
-from typing import Self, final
+from dataclasses import dataclass, field
+from typing import final
 
 from modalshell.typing import Array
 
@@ -22,14 +21,6 @@ class Damping:
         return self.mass_factor + self.stiffness_factor * stiffness
 
 
-class Memory(ABC):
-    """What a rule keeps from its last step besides: a frozen dataclass of arrays."""
-
-    @abstractmethod
-    def turned(self, rotation: Array) -> Self:
-        """The same in a frame that ``rotation`` (3, 3) leads to."""
-
-
 @final
 @dataclass
 class MotionState:
@@ -39,22 +30,18 @@ class MotionState:
     ----------
     coordinates, rates : ndarray
         In the model's own unknowns.
-    memory : Memory or None
-        What the model's rule keeps from its last step; a rule that finds none starts without.
+    memory : dict of ndarray, shape (n, 3)
+        Vectors that the model's rule keeps from its last step, by name; a rule that finds none starts without.
     """
 
     coordinates: Array
     rates: Array
-    memory: Memory | None = None
+    memory: dict[str, Array] = field(default_factory=dict)
 
     def arrays(self) -> dict[str, Array]:
         """Everything in it, by name."""
-        kept = {} if self.memory is None else vars(self.memory)
-        return {"coordinates": self.coordinates, "rates": self.rates, **kept}
+        return {"coordinates": self.coordinates, "rates": self.rates, **self.memory}
 
     def with_arrays(self, arrays: dict[str, Array]) -> MotionState:
         """A state of the same kind, made of what :meth:`arrays` gave."""
-        memory = self.memory
-        if memory is not None:
-            memory = replace(memory, **{name: arrays[name] for name in vars(memory)})  # type: ignore[type-var]
-        return MotionState(arrays["coordinates"], arrays["rates"], memory)
+        return MotionState(arrays["coordinates"], arrays["rates"], {name: arrays[name] for name in self.memory})

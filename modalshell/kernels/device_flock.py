@@ -169,14 +169,7 @@ for _real in (wp.float64, wp.float32):
     _list, _table = wp.array(dtype=_vector), wp.array(dtype=_vector, ndim=2)
     _row, _numbers = wp.array(dtype=_real), wp.array(dtype=_real, ndim=2)
     wp.overload(
-        gather_places,
-        {
-            "positions": _list,
-            "directions": _list,
-            "reach": _real,
-            "cosine": _real,
-            "sums": _numbers,
-        },
+        gather_places, {"positions": _list, "directions": _list, "reach": _real, "cosine": _real, "sums": _numbers}
     )
     wp.overload(
         crowd_positions,

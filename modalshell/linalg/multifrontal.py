@@ -39,17 +39,9 @@ def factorise(
             values[places[e]] += data[e]
     lower, no = address(letters), address(letters) + 1
     transposed, right = address(letters) + 2, address(letters) + 3
-    p_width, p_height, p_below = (
-        address(numbers),
-        address(numbers) + 4,
-        address(numbers) + 8,
-    )
+    p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
     p_info = address(numbers) + 12
-    p_one, p_minus, p_zero = (
-        address(scalars),
-        address(scalars) + 8,
-        address(scalars) + 16,
-    )
+    p_one, p_minus, p_zero = (address(scalars), address(scalars) + 8, address(scalars) + 16)
     base, stack_base = address(values), address(stack)
     count = len(parent)
     begins = np.empty(count, np.int64)  # of the updates on the stack
@@ -151,21 +143,9 @@ def solve(
     """Solve ``L L^T x = b`` in place for permuted right sides (r, N), each a row; ``work`` has room for (r, rows)."""
     lower, no = address(letters), address(letters) + 1
     transposed, left = address(letters) + 2, address(letters)
-    p_width, p_height, p_below = (
-        address(numbers),
-        address(numbers) + 4,
-        address(numbers) + 8,
-    )
-    p_count, p_size, p_unit = (
-        address(numbers) + 12,
-        address(numbers) + 16,
-        address(numbers) + 20,
-    )
-    p_one, p_minus, p_zero = (
-        address(scalars),
-        address(scalars) + 8,
-        address(scalars) + 16,
-    )
+    p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
+    p_count, p_size, p_unit = (address(numbers) + 12, address(numbers) + 16, address(numbers) + 20)
+    p_one, p_minus, p_zero = (address(scalars), address(scalars) + 8, address(scalars) + 16)
     count, size = right_sides.shape
     numbers[3], numbers[4], numbers[5] = count, size, 1
     base, x, w = address(values), address(right_sides), address(work)
@@ -183,10 +163,7 @@ def solve(
         if below == 0:
             continue
         if count == 1:
-            call(
-                addresses[GEMV],
-                (no, p_below, p_width, p_one, under, p_height, own, p_unit, p_zero, w, p_unit),
-            )
+            call(addresses[GEMV], (no, p_below, p_width, p_one, under, p_height, own, p_unit, p_zero, w, p_unit))
         else:
             call(
                 addresses[GEMM],

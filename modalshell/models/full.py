@@ -165,7 +165,7 @@ class FullModel(Model):
 
     def placed(self, state: MotionState, pose: Placement) -> MotionState:
         """``state`` where the supports are put: positions, rates and what the integrator keeps."""
-        memory = None if state.memory is None else state.memory.turned(pose.rotation)
+        memory = {name: vectors @ pose.rotation.T for name, vectors in state.memory.items()}
         return MotionState(pose.to_world(state.coordinates), state.rates @ pose.rotation.T, memory)
 
     def step(

@@ -58,11 +58,7 @@ class ModalWarping(ModalModel):
     name = "MWTS"
 
     def __init__(
-        self,
-        basis: Basis,
-        *,
-        integrator: str | ModalIntegrator = "implicit_euler",
-        consistent_force: bool = False,
+        self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler", consistent_force: bool = False
     ) -> None:
         super().__init__(basis, integrator=integrator)
         self.consistent_force = self.conservative = consistent_force

@@ -9,12 +9,4 @@ from modalshell.render.content import ShadedSurface, View
 from modalshell.render.film import write_film
 from modalshell.render.views import draw_surface, draw_views
 
-__all__ = [
-    "ShadedSurface",
-    "View",
-    "choose_backend",
-    "draw_surface",
-    "draw_views",
-    "look_at",
-    "write_film",
-]
+__all__ = ["ShadedSurface", "View", "choose_backend", "draw_surface", "draw_views", "look_at", "write_film"]

@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface
-from modalshell.render.painter import (
-    LINE_WIDTH,
-    MESH_LINE_WIDTH,
-    SUPERSAMPLING,
-    line_opacity,
-    shrink,
-)
+from modalshell.render.painter import LINE_WIDTH, MESH_LINE_WIDTH, SUPERSAMPLING, line_opacity, shrink
 from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
 from modalshell.render.surfaces import EdgeTable, ScalarColors, line_color, vertex_colors, vertex_normals
 

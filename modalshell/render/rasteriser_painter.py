@@ -19,14 +19,7 @@ from modalshell.render.painter import (
     shrink,
 )
 from modalshell.render.raster import Layer, Triangles, blend
-from modalshell.render.surfaces import (
-    EdgeTable,
-    ScalarColors,
-    face_normals,
-    line_color,
-    vertex_colors,
-    vertex_normals,
-)
+from modalshell.render.surfaces import EdgeTable, ScalarColors, face_normals, line_color, vertex_colors, vertex_normals
 
 
 class RasteriserPainter:

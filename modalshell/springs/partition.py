@@ -49,7 +49,7 @@ def rank_block(springs: Springs, count: int, size: int, rank: int) -> RankBlock:
     """The part of ``rank`` among ``size`` of ``count`` particles, of which every rank gets as many (or one more).
 
     The particles are renumbered by reverse Cuthill-McKee, which keeps neighbours together, and cut into runs: on a
-    sheet into strips.
+    sheet into strips. A single rank has them all.
 
     Raises
     ------

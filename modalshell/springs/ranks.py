@@ -147,13 +147,7 @@ class RankedSprings:
         self._matrix.setOption(self._petsc.Mat.Option.SYMMETRIC, True)
 
     def step(
-        self,
-        dt: float,
-        acceleration: ArrayLike,
-        *,
-        drag: float = 0.0,
-        iterations: int = 1000,
-        tolerance: float = 1e-12,
+        self, dt: float, acceleration: ArrayLike, *, drag: float = 0.0, iterations: int = 1000, tolerance: float = 1e-12
     ) -> ImplicitStep:
         """Advance by ``dt`` [s]; every rank gets the same answer but for the seconds.
 

@@ -12,11 +12,7 @@ from modalshell.checks import checked_count, checked_number, checked_vectors, sh
 from modalshell.errors import LoadError, MaterialError, MeshError, SupportError
 from modalshell.springs.springs import Springs
 
-FAMILIES = {
-    "structural": ((0, 1), (1, 0)),
-    "shear": ((1, 1), (1, -1)),
-    "flexion": ((0, 2), (2, 0)),
-}
+FAMILIES = {"structural": ((0, 1), (1, 0)), "shear": ((1, 1), (1, -1)), "flexion": ((0, 2), (2, 0))}
 """Half of each family's neighbours, as (rows, columns); the other half are their opposites."""
 
 

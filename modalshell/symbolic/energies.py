@@ -126,10 +126,7 @@ def stretch() -> Energy:
     none = sp.zeros(3, 1)
     factor = 1 / (2 * twice_area)
     squares = tuple((factor, _row(unit * b.dot(axis), -unit * a.dot(axis))) for axis in (along, across))
-    products = (
-        (_row(along / 2, none), _row(none, across)),
-        (_row(-across / 2, none), _row(none, along)),
-    )
+    products = ((_row(along / 2, none), _row(none, across)), (_row(-across / 2, none), _row(none, along)))
     return Energy(
         name="stretch",
         measure_name="triangle area A [m^2]",

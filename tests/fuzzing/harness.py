@@ -1,4 +1,4 @@
-"""What every input must give: a finite answer, or a ModalShellError whose message is of use, within ten seconds."""
+"""What every input must give in ten seconds of work: a finite answer, or a ModalShellError whose message is of use."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ from hypothesis.strategies import SearchStrategy
 from modalshell.errors import ModalShellError
 
 LIMIT = 10.0
-"""Seconds that one input may take."""
+"""Seconds of processor time that one input may take."""
+PATIENCE = 6.0
+"""Wall time over the limit of processor time, for inputs that wait: a busy machine must not look like a hang."""
 FEW = 300
 """Steps, and vertices of a mesh, beyond which an accepted scene counts as long work."""
 _SHORTEST, _LONGEST = 20, 1500
@@ -61,6 +63,14 @@ class DirtyExit(FuzzFinding):
     """A command that ended otherwise than with status 0 or 1, or with status 2 and one line."""
 
 
+class Contradiction(FuzzFinding):
+    """Two answers that must be equal and are not."""
+
+
+class Unsaid(FuzzFinding):
+    """Something that must be said, and was not."""
+
+
 class LongWork(Exception):
     """Raised out of accepted input that asks for much work, as it may: an answer, in bits that a suite has time for."""
 
@@ -82,7 +92,7 @@ class Input:
 
 def outcome(call: Callable[[], Any], limit: float = LIMIT) -> str:
     """``"answer"`` or ``"refused"``; a FuzzFinding for anything else."""
-    started = time.perf_counter()
+    worked, waited = time.process_time(), time.perf_counter()
     answer, found = None, "answer"
     try:
         with warnings.catch_warnings(), _time_limit(limit):
@@ -97,11 +107,12 @@ def outcome(call: Callable[[], Any], limit: float = LIMIT) -> str:
     except FuzzFinding:
         raise
     except _TimeUp:
-        raise Hang(f"no answer within {limit:g} s") from None
+        raise Hang(f"no answer within {limit:g} s of work and {PATIENCE * limit:g} s in all") from None
     except Exception as error:
         raise UncaughtException(f"{type(error).__name__}: {error}"[:500]) from error
-    if time.perf_counter() - started > limit:  # native code, or something that swallowed the timer's exception
-        raise Hang(f"{found} after {time.perf_counter() - started:.1f} s, above {limit:g} s")
+    worked, waited = time.process_time() - worked, time.perf_counter() - waited
+    if worked > limit or waited > PATIENCE * limit:  # native code, or something that swallowed the timer's exception
+        raise Hang(f"{found} after {worked:.1f} s of work and {waited:.1f} s in all, above {limit:g} s of work")
     place = next(not_finite(answer), None)
     if place is not None:
         raise SilentNonFinite(f"the answer{place} is not finite")
@@ -143,21 +154,31 @@ def not_finite(value: Any, place: str = "", seen: set[int] | None = None) -> Ite
 
 
 class _time_limit:
-    """Raises _TimeUp after ``seconds``; where native code does not come back at all, ends the process with a trace."""
+    """Raises _TimeUp after ``seconds`` of work, or ``PATIENCE`` times as many in all.
+
+    Where native code does not come back at all, it ends the process with a trace.
+    """
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
+        self._timers = (
+            (signal.ITIMER_PROF, signal.SIGPROF, seconds),
+            (signal.ITIMER_REAL, signal.SIGALRM, PATIENCE * seconds),
+        )
 
     def __enter__(self) -> None:
-        self._before = signal.signal(signal.SIGALRM, self._stop)
+        self._before = [signal.signal(number, self._stop) for _, number, _ in self._timers]
         # Again and again: the first may fall into a callback that swallows every exception.
-        signal.setitimer(signal.ITIMER_REAL, self._seconds, 1.0)
-        faulthandler.dump_traceback_later(math.ceil(6 * self._seconds), exit=True)
+        for timer, _, seconds in self._timers:
+            signal.setitimer(timer, seconds, 1.0)
+        faulthandler.dump_traceback_later(math.ceil(6 * PATIENCE * self._seconds), exit=True)
 
     def __exit__(self, *_: object) -> None:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        for timer, _, _ in self._timers:
+            signal.setitimer(timer, 0.0)
         faulthandler.cancel_dump_traceback_later()
-        signal.signal(signal.SIGALRM, self._before)
+        for (_, number, _), before in zip(self._timers, self._before, strict=True):
+            signal.signal(number, before)
 
     @staticmethod
     def _stop(*_: object) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import final
 
@@ -11,7 +10,7 @@ import numpy as np
 from modalshell.errors import OptionError
 from modalshell.integrators.full.base import Body, FullIntegrator
 from modalshell.integrators.full.linear_implicit_euler import LinearImplicitEuler
-from modalshell.integrators.state import Damping, Memory, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.sharing import PerThread
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
@@ -20,24 +19,12 @@ from modalshell.typing import Array
 
 
 @final
-@dataclass(frozen=True)
-class VelocityChange(Memory):
-    """The last step's change of velocity (n, 3) [m/s], from which the next one's solution starts."""
-
-    change: Array
-
-    def turned(self, rotation: Array) -> VelocityChange:
-        """The same in a frame that ``rotation`` (3, 3) leads to."""
-        return VelocityChange(self.change @ rotation.T)
-
-
-@final
 class ConjugateGradientEuler(FullIntegrator):
     """:class:`LinearImplicitEuler` of springs by conjugate gradients on blocks of particles [baraff1998].
 
     Order one. As stable as implicit Euler while one linearisation serves a step. Each step starts from the last one's
-    answer. It belongs to one sheet, so that no key is registered for it: :class:`modalshell.SpringSheet` makes it for
-    ``solver="cg"``.
+    change of velocity. It belongs to one sheet, so that no key is registered for it: :class:`modalshell.SpringSheet`
+    makes it for ``solver="cg"``.
 
     Parameters
     ----------
@@ -62,15 +49,15 @@ class ConjugateGradientEuler(FullIntegrator):
         if getattr(body, "springs", None) is not self._springs:
             raise OptionError("this integrator belongs to another sheet of springs: pass solver='cg' instead of it")
         state = super().start(body, positions)
-        state.memory = VelocityChange(np.zeros_like(positions))
+        state.memory["change"] = np.zeros_like(positions)
         return state
 
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
     ) -> tuple[MotionState, bool]:
         """Solve one system of linear equations by iteration."""
-        stepper, kept = self._stepper(), state.memory
-        stepper.place(state.coordinates, state.rates, kept.change if isinstance(kept, VelocityChange) else None)
+        stepper = self._stepper()
+        stepper.place(state.coordinates, state.rates, state.memory.get("change"))
         with body.costs.part("conjugate gradients"):
             found = stepper.step(
                 dt,
@@ -81,5 +68,4 @@ class ConjugateGradientEuler(FullIntegrator):
                 iterations=self.iterations,
                 tolerance=body.step_tolerance,
             )
-        after = MotionState(stepper.positions, stepper.velocities, VelocityChange(stepper.change))
-        return after, found.converged
+        return MotionState(stepper.positions, stepper.velocities, {"change": stepper.change}), found.converged
