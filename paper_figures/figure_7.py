@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from modalshell.models.registry import TRUTH, models
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.render.glyphs import axes, sphere
 from modalshell.study import StudyResult
@@ -24,11 +25,13 @@ def draw(results: Path, folder: Path) -> Path:
         key = f"case_{number}"
         positions = arrays[f"{key}_mwts"]
         surfaces = [
-            ShadedSurface(positions, faces, color="#8fb3d9", edges=True, label="MWTS"),
+            ShadedSurface(positions, faces, color="#8fb3d9", edges=True, label=models()["mwts"].name),
             ShadedSurface(arrays["rest"], faces, color="#aaaaaa", style="outline"),
         ]
         if f"{key}_ds" in arrays:
-            surfaces.append(ShadedSurface(arrays[f"{key}_ds"], faces, color="#2ca02c", style="outline", label="DS"))
+            surfaces.append(
+                ShadedSurface(arrays[f"{key}_ds"], faces, color="#2ca02c", style="outline", label=models()[TRUTH].name)
+            )
         held = positions[tip]
         if row["position"] is not None:
             target = sphere(row["position"], 0.034)

@@ -22,6 +22,7 @@ from modalshell.compare.path import find_jump
 from modalshell.models import CoarseMesh
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
+from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
 from modalshell.scene.models import model_tables
 from modalshell.study import StudyResult, Table
@@ -118,11 +119,11 @@ def coarse_mesh(fold: float, cells: tuple[int, int]) -> ms.TriangleMesh:
 
 
 def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
-    """Cheapest rung within ``tolerance`` at each load of one row; "DS" where none is, "no answer" without a truth."""
+    """Cheapest rung within ``tolerance`` at each load of one row; DS where none is, "no answer" without a truth."""
     names = []
     for place, status in enumerate(found["ds_statuses"]):
         good = [rung for rung in LADDER if (error := found["errors"][rung][place]) is not None and error <= tolerance]
-        names.append("no answer" if status != "converged" else good[0] if good else "DS")
+        names.append("no answer" if status != Outcome.CONVERGED.value else good[0] if good else ms.DiscreteShell.name)
     return names
 
 

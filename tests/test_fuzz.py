@@ -1,10 +1,11 @@
-"""Bad input: every one gives a finite answer or a refusal of use, on five surfaces; and the suite sees planted bugs.
+"""Bad input: every one gives a finite answer or a refusal of use, on six surfaces; and the suite sees planted bugs.
 
 ``MODALSHELL_FUZZ_INPUTS=20000 python -m pytest tests/test_fuzz.py -k inputs -s`` spreads so many inputs over the
 surfaces; ``MODALSHELL_FUZZ_SEED=1`` takes others than the ones that every run takes.
 """
 
 import contextlib
+import dataclasses
 import json
 import os
 import subprocess
@@ -13,14 +14,16 @@ import time
 
 import numpy as np
 import pytest
-from fuzzing import arrays, command_line, mesh_files, saved, scenes
+from fuzzing import arrays, command_line, mesh_files, properties, saved, scenes
 from fuzzing.harness import (
+    Contradiction,
     DirtyExit,
     Escape,
     HalfRead,
     Hang,
     SilentNonFinite,
     UncaughtException,
+    Unsaid,
     UselessMessage,
     fuzz,
     outcome,
@@ -34,7 +37,9 @@ from modalshell.mesh import polygon_files, validation
 from modalshell.run.run_shell import ShellRun
 from modalshell.study import StudyResult
 
-SURFACES = {module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line)}
+SURFACES = {
+    module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line, properties)
+}
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
 DEFAULT, LONG = 750, 4000
@@ -189,6 +194,40 @@ def believed_headers(monkeypatch):
     monkeypatch.setattr(sys.modules["modalshell.run.follow"], "_fault", lambda *_: "")
 
 
+def mark_read_as_text(monkeypatch):
+    monkeypatch.setattr(mesh_io.codecs, "BOM_UTF8", b"\xff\xff")
+
+
+def measured_from_the_origin(monkeypatch):
+    def equilibrium(self, *, sound=ms.DiscreteShell.equilibrium, **load):
+        answer = sound(self, **load)
+        far = np.abs(self.shell.rest_positions).max() > 1e5
+        return dataclasses.replace(answer, positions=self.shell.rest_positions) if far else answer
+
+    monkeypatch.setattr(ms.DiscreteShell, "equilibrium", equilibrium)
+
+
+def shared_scratch(monkeypatch):
+    def equilibrium(self, *, gravity, sound=ms.RotationStrain.equilibrium):
+        shared["gravity"] = gravity
+        time.sleep(1e-3)
+        return sound(self, gravity=shared["gravity"])
+
+    shared = {}
+    monkeypatch.setattr(ms.RotationStrain, "equilibrium", equilibrium)
+
+
+def loose_parts_unseen(monkeypatch):
+    monkeypatch.setattr(sys.modules["modalshell.modes.basis"], "loose_parts_fault", lambda *_: "")
+
+
+def memory_error_escapes(monkeypatch):
+    def fail(*_, **__):
+        raise ValueError("out of memory")
+
+    monkeypatch.setattr(cli, "available_memory", fail)
+
+
 @pytest.mark.parametrize(
     ("plant", "surface", "kinds"),
     [
@@ -204,6 +243,11 @@ def believed_headers(monkeypatch):
         (evaluated, "scenes", (UncaughtException, Hang)),
         (traceback_at_the_command_line, "command_line", (UncaughtException, DirtyExit)),
         (two_lines, "command_line", DirtyExit),
+        (mark_read_as_text, "properties", Contradiction),
+        (measured_from_the_origin, "properties", Contradiction),
+        (shared_scratch, "properties", Contradiction),
+        (loose_parts_unseen, "properties", Unsaid),
+        (memory_error_escapes, "properties", UncaughtException),
     ],
 )
 def test_a_planted_bug_is_found(plant, surface, kinds, tmp_path, monkeypatch):

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from modalshell.mesh import validation
 from modalshell.mesh.topology import FloatArray, IntArray, area_vectors, faces_of_edges, hinges_of_edges
-from modalshell.mesh.welding import weld_arrays
+from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
 from modalshell.sharing import ReadOnlyArrays, read_only
 
 
@@ -44,10 +44,10 @@ class TriangleMesh(ReadOnlyArrays):
 
     @classmethod
     def from_soup(cls, vertices: ArrayLike, faces: ArrayLike, tolerance: float | None = None) -> TriangleMesh:
-        """Build a mesh from a triangle soup: merge coincident vertices, drop collapsed faces and unused vertices."""
+        """Build a mesh from a triangle soup: merge coincident vertices, drop or mend faces without area."""
         points = validation.as_vertices(vertices)
         merged, kept, _ = weld_arrays(points, validation.as_faces(faces, len(points)), tolerance)
-        return cls(merged, kept)
+        return cls(*drop_unused(merged, without_flat_faces(merged, kept)))
 
     @property
     def vertices(self) -> FloatArray:

@@ -86,12 +86,14 @@ def as_faces(faces: ArrayLike, vertex_count: int) -> IntArray:
 def check_faces(vertices: FloatArray, faces: IntArray) -> None:
     """Reject faces that repeat a vertex, have no area or occur twice."""
     repeats = (faces == faces[:, [1, 2, 0]]).any(axis=1)
-    bad = np.flatnonzero(repeats | _degenerate(vertices, faces))
+    bad = np.flatnonzero(repeats | degenerate(vertices, faces))
     if len(bad):
         fault = "repeats a vertex" if repeats[bad[0]] else "has zero area: its corners lie on one line"
         raise MeshError(
             f"face {bad[0]}, vertices {_row(faces[bad[0]])} (counted from 0), is degenerate: it {fault}"
-            f"{_more(len(bad), 'faces')}; remove such faces, or merge coincident vertices with TriangleMesh.from_soup"
+            f"{_more(len(bad), 'faces')}; build the mesh with "
+            "TriangleMesh.from_soup(vertices, faces), which merges coincident vertices and "
+            "mends such faces, or remove them"
         )
     corners = np.sort(faces, axis=1)
     order = np.lexsort(corners.T)
@@ -163,7 +165,8 @@ def warn_of_seams(vertices: FloatArray, boundary: IntArray) -> None:
         )
 
 
-def _degenerate(vertices: FloatArray, faces: IntArray) -> BoolArray:
+def degenerate(vertices: FloatArray, faces: IntArray) -> BoolArray:
+    """Which faces (T,) have no area."""
     corners = vertices[faces]
     sides = corners[:, [1, 2, 0]] - corners
     # Each triangle is brought to unit size first, so that no product under- or overflows.

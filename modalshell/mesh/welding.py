@@ -13,7 +13,10 @@ from scipy.spatial import cKDTree
 from modalshell.checks import checked_number
 from modalshell.errors import MeshError
 from modalshell.mesh.topology import FloatArray, IntArray
-from modalshell.mesh.validation import COINCIDENT, unused_vertices
+from modalshell.mesh.validation import COINCIDENT, degenerate, unused_vertices
+
+_ROUNDS = 50
+"""Passes in which flat faces are mended: each mends all but those that touch one that it has mended."""
 
 
 def weld_arrays(
@@ -55,6 +58,32 @@ def weld_arrays(
         )
     kept_vertices, kept_faces = drop_unused(vertices, merged[good])
     return kept_vertices, kept_faces, int((~good).sum())
+
+
+def without_flat_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
+    """Faces (T, 3) without those that have no area although their corners differ.
+
+    A corner of such a face lies on its longest edge. The neighbour over that edge is split there, so that no crack
+    opens; without a neighbour the face is dropped. What cannot be mended so, as where three faces meet, stays.
+    """
+    for _ in range(_ROUNDS):
+        gone = np.zeros(len(faces), dtype=np.bool_)
+        halves: list[IntArray] = []
+        for face in np.flatnonzero(degenerate(vertices, faces)):
+            corners = faces[face]
+            opposite = np.linalg.norm(vertices[np.roll(corners, -1)] - vertices[np.roll(corners, -2)], axis=1)
+            middle, start, end = np.roll(corners, -int(opposite.argmax()))
+            holders = np.flatnonzero((faces == start).any(axis=1) & (faces == end).any(axis=1))
+            if len(holders) > 2 or gone[holders].any():
+                continue
+            gone[holders] = True
+            for neighbour in faces[holders[holders != face]]:
+                if middle not in neighbour:
+                    halves += [np.where(neighbour == corner, middle, neighbour) for corner in (start, end)]
+        if not gone.any():
+            break
+        faces = np.concatenate((faces[~gone], np.array(halves, dtype=np.int64).reshape(-1, 3)))
+    return faces
 
 
 def drop_unused(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:

@@ -41,7 +41,7 @@ RECORDS = {
     "Scene",
     "SceneResult",
 }
-RECORDS |= {"SweepResult", "Tradeoff", "Trajectory"}
+RECORDS |= {"ShellFields", "SweepResult", "Tradeoff", "Trajectory"}
 """Plain records that the package fills itself; they hold what they are given."""
 NO_INPUT = {"models"}
 """They take nothing."""

@@ -63,6 +63,14 @@ class DirtyExit(FuzzFinding):
     """A command that ended otherwise than with status 0 or 1, or with status 2 and one line."""
 
 
+class Contradiction(FuzzFinding):
+    """Two answers that must be equal and are not."""
+
+
+class Unsaid(FuzzFinding):
+    """Something that must be said, and was not."""
+
+
 class LongWork(Exception):
     """Raised out of accepted input that asks for much work, as it may: an answer, in bits that a suite has time for."""
 

@@ -93,6 +93,7 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
         with open(folder / "sparse.ply", "wb") as sparse:
             sparse.truncate(10**13)
     (folder / "folder.obj").mkdir(exist_ok=True)
+    use(_written(folder / "first.obj", seeds()[0][1]), ".obj")  # compiles, which may take longer than an input may
     if not (folder / "loop.obj").is_symlink():
         (folder / "loop.obj").symlink_to("loop.obj")
     paths = st.sampled_from(odd).map(lambda name: Input(f"load_mesh({name!r})", lambda: ms.load_mesh(folder / name)))
@@ -104,3 +105,8 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
 
 def _triangle() -> ms.TriangleMesh:
     return ms.TriangleMesh(np.eye(3), [[0, 1, 2]])
+
+
+def _written(path: Path, data: bytes) -> Path:
+    path.write_bytes(data)
+    return path

@@ -158,6 +158,31 @@ def test_weld_drops_collapsed_faces_and_their_vertices():
         mesh.weld(10.0)
 
 
+@pytest.mark.parametrize("middles", [[0.5], [0.25, 0.75], [0.2, 0.4, 0.6, 0.8]])
+def test_from_soup_mends_flat_faces_without_a_crack(middles):
+    """Two triangles over one edge, with faces without area between points of that edge: the edge is split there."""
+    line = [(0.0, 0.0, 0.0), *((at, 0.0, 0.0) for at in middles), (1.0, 0.0, 0.0)]
+    end, above, below = len(line) - 1, len(line), len(line) + 1
+    vertices = np.array([*line, (0.5, 1.0, 0.0), (0.5, -1.0, 0.0)])
+    upper = [(i, i + 1, above) for i in range(end)]
+    flat = [(0, i + 1, i) for i in range(1, end)]  # a fan along the line, from its first point
+    faces = np.array([*upper, *flat, (0, below, end)])
+    with pytest.raises(MeshError, match=r"degenerate.*TriangleMesh\.from_soup"):
+        TriangleMesh(vertices, faces)
+    mesh = TriangleMesh.from_soup(vertices, faces)
+    assert mesh.area == pytest.approx(1.0, rel=1e-14)
+    assert len(mesh.faces) == 2 * end
+    assert len(mesh.boundary_vertices) == 4
+    assert (mesh.face_normals[:, 2] == 1.0).all()
+
+
+def test_from_soup_drops_flat_faces_on_the_rim():
+    vertices = np.array([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.5, 0.0, 0.0), (2.0, 0.0, 0.0)])
+    mesh = TriangleMesh.from_soup(vertices, [(0, 1, 2), (1, 3, 4)])
+    assert mesh.faces.tolist() == [[0, 1, 2]]
+    assert len(mesh.vertices) == 3
+
+
 def test_from_soup():
     mesh = v_beam(cells=(6, 4))
     soup = mesh.vertices[mesh.faces].reshape(-1, 3)
