@@ -1,7 +1,7 @@
 """BLAS and LAPACK of SciPy inside compiled functions that numba can still cache.
 
 A function pointer that is a global constant would keep a function out of numba's cache. The addresses are arguments
-here: :data:`ADDRESSES` holds them in the order of the constants below.
+here: :data:`BLAS` holds them in the order of the constants below.
 """
 
 from __future__ import annotations
@@ -16,20 +16,13 @@ from numba.extending import get_cython_function_address, intrinsic
 
 POTRF, TRSM, SYRK, GEMM, TRSV, GEMV = range(6)
 
-ADDRESSES = np.array(
-    [get_cython_function_address("scipy.linalg.cython_lapack", "dpotrf")]
-    + [get_cython_function_address("scipy.linalg.cython_blas", name) for name in ("dtrsm", "dsyrk", "dgemm")]
-    + [get_cython_function_address("scipy.linalg.cython_blas", name) for name in ("dtrsv", "dgemv")],
-    dtype=np.int64,
-)
-"""Addresses of dpotrf, dtrsm, dsyrk, dgemm, dtrsv and dgemv."""
+_NAMES = ("lapack", "dpotrf"), *(("blas", name) for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv"))
+_ADDRESSES = [get_cython_function_address(f"scipy.linalg.cython_{library}", name) for library, name in _NAMES]
+BLAS = np.array(_ADDRESSES, np.int64), np.frombuffer(b"LNTR", np.uint8), np.array([1.0, -1.0, 0.0])
+"""What compiled functions take as ``addresses``, in the order of the constants, ``letters`` and ``scalars``.
 
-
-LETTERS = np.frombuffer(b"LNTR", dtype=np.uint8)
-"""Options of BLAS: left or lower, no transpose or no unit diagonal, transposed, right."""
-
-SCALARS = np.array([1.0, -1.0, 0.0])
-"""Factors of BLAS."""
+The letters are options: left or lower, no transpose or no unit diagonal, transposed, right; the scalars are factors.
+"""
 
 
 @numba.njit(cache=True, inline="always")

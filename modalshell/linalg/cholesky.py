@@ -14,7 +14,7 @@ import scipy.sparse.linalg as spla
 
 from modalshell.errors import SolverError
 from modalshell.linalg import analysis, multifrontal
-from modalshell.linalg.blas import ADDRESSES, LETTERS, SCALARS
+from modalshell.linalg.blas import BLAS
 from modalshell.typing import Array, Index
 
 
@@ -57,42 +57,27 @@ class CholeskyAnalysis:
         graph = _permuted(graph, order)
         after = analysis.postorder(analysis.elimination_tree(*_rows(graph)))
         order, graph = order[after], _permuted(graph, after)
-        rows = _rows(graph)
-        parent = analysis.elimination_tree(*rows)
-        first = analysis.supernodes(parent, analysis.column_counts(*rows, parent))
-        self._first = first
-        self._row_starts, self._rows, self._parent = analysis.supernode_rows(*rows, first, parent)
-        self._relative = analysis.relative_rows(first, self._row_starts, self._rows, self._parent)
-        widths, heights = np.diff(first) * self.block, np.diff(self._row_starts) * self.block
-        self._panels = np.concatenate([[0], np.cumsum(widths * heights)])
+        lists = _rows(graph)
+        parent = analysis.elimination_tree(*lists)
+        first = analysis.supernodes(parent, analysis.column_counts(*lists, parent))
+        row_starts, rows, parent = analysis.supernode_rows(*lists, first, parent)
+        relative = analysis.relative_rows(first, row_starts, rows, parent)
+        widths, heights = np.diff(first) * self.block, np.diff(row_starts) * self.block
+        panels = np.concatenate([[0], np.cumsum(widths * heights)])
         self._height = int(heights.max(initial=0))
-        self.entries = int(self._panels[-1])
-        self._stack = multifrontal.stack_size(first, self._row_starts, self._parent, self.block)
+        self.entries = int(panels[-1])
+        self._stack = multifrontal.stack_size(first, row_starts, parent, self.block)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
-        self._places = analysis.entry_places(
-            *pattern, order, self.block, first, self._row_starts, self._rows, self._panels
-        )
+        places = analysis.entry_places(*pattern, order, self.block, first, row_starts, rows, panels)
+        self._to_factorise = places, self.block, first, row_starts, relative, parent, panels
+        self._to_solve = self.block, first, row_starts, rows, panels
 
     def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""
         values = np.empty(self.entries)
-        wrong = multifrontal.factorise(
-            np.asarray(matrix.data, dtype=np.float64),
-            self._places,
-            self.block,
-            self._first,
-            self._row_starts,
-            self._relative,
-            self._parent,
-            self._panels,
-            values,
-            np.empty(self._stack),
-            np.empty(6, dtype=np.int32),
-            ADDRESSES,
-            LETTERS,
-            SCALARS,
-        )
+        data, stack, numbers = np.asarray(matrix.data, dtype=np.float64), np.empty(self._stack), np.empty(6, np.int32)
+        wrong = multifrontal.factorise(data, *self._to_factorise, values, stack, numbers, *BLAS)
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
         return BlockCholesky(self, values)
@@ -102,20 +87,7 @@ class CholeskyAnalysis:
         columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
         permuted = np.ascontiguousarray(columns[self.order].T, dtype=np.float64)
         work = np.empty((len(permuted), self._height))
-        multifrontal.solve(
-            values,
-            self.block,
-            self._first,
-            self._row_starts,
-            self._rows,
-            self._panels,
-            permuted,
-            work,
-            np.empty(6, dtype=np.int32),
-            ADDRESSES,
-            LETTERS,
-            SCALARS,
-        )
+        multifrontal.solve(values, *self._to_solve, permuted, work, np.empty(6, np.int32), *BLAS)
         solution = np.empty(columns.shape)
         solution[self.order] = permuted.T
         return solution.reshape(right_sides.shape)

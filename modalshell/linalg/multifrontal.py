@@ -69,51 +69,27 @@ def factorise(
                 for dj in range(block):
                     source = bottom + (jb * block + dj) * size
                     if target < columns:
-                        column = panel + (target * block + dj) * height
-                        shift = 0
+                        into, column = values, panel + (target * block + dj) * height
                     else:
-                        column = update + ((target - columns) * block + dj) * below
-                        shift = width
-                    if target < columns:
-                        for di in range(dj, block):
-                            values[column + target * block + di] += stack[source + jb * block + di]
-                        for ib in range(jb + 1, blocks):
-                            row = column + relative[entries + ib] * block
-                            for di in range(block):
-                                values[row + di] += stack[source + ib * block + di]
-                    else:
-                        for di in range(dj, block):
-                            stack[column + target * block + di - shift] += stack[source + jb * block + di]
-                        for ib in range(jb + 1, blocks):
-                            row = column + relative[entries + ib] * block - shift
-                            for di in range(block):
-                                stack[row + di] += stack[source + ib * block + di]
+                        into, column = stack, update + ((target - columns) * block + dj) * below - width
+                    for di in range(dj, block):
+                        into[column + target * block + di] += stack[source + jb * block + di]
+                    for ib in range(jb + 1, blocks):
+                        row = column + relative[entries + ib] * block
+                        for di in range(block):
+                            into[row + di] += stack[source + ib * block + di]
         numbers[0], numbers[1], numbers[2] = width, height, below
         at = base + 8 * panel
         call(addresses[POTRF], (lower, p_width, at, p_height, p_info))
         if numbers[3] != 0:
             return int(first[s] * block + numbers[3] - 1)
         if below > 0:
+            under, own = at + 8 * width, stack_base + 8 * update
             call(
-                addresses[TRSM],
-                (right, lower, transposed, no, p_below, p_width, p_one, at, p_height, at + 8 * width, p_height),
+                addresses[TRSM], (right, lower, transposed, no, p_below, p_width, p_one, at, p_height, under, p_height)
             )
             beta = p_one if has_children else p_zero
-            call(
-                addresses[SYRK],
-                (
-                    lower,
-                    no,
-                    p_below,
-                    p_width,
-                    p_minus,
-                    at + 8 * width,
-                    p_height,
-                    beta,
-                    stack_base + 8 * update,
-                    p_below,
-                ),
-            )
+            call(addresses[SYRK], (lower, no, p_below, p_width, p_minus, under, p_height, beta, own, p_below))
             if bottom < update:  # over the children's updates, which are done with
                 for k in range(below * below):
                     stack[bottom + k] = stack[update + k]
@@ -196,24 +172,8 @@ def solve(
                     (transposed, p_below, p_width, p_minus, under, p_height, w, p_unit, p_one, own, p_unit),
                 )
             else:
-                call(
-                    addresses[GEMM],
-                    (
-                        transposed,
-                        no,
-                        p_width,
-                        p_count,
-                        p_below,
-                        p_minus,
-                        under,
-                        p_height,
-                        w,
-                        p_below,
-                        p_one,
-                        own,
-                        p_size,
-                    ),
-                )
+                sizes = (transposed, no, p_width, p_count, p_below)
+                call(addresses[GEMM], (*sizes, p_minus, under, p_height, w, p_below, p_one, own, p_size))
         if count == 1:
             call(addresses[TRSV], (lower, transposed, no, p_width, at, p_height, own, p_unit))
         else:

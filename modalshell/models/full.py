@@ -18,8 +18,8 @@ from modalshell.models.base import Equilibrium, Model, Placement
 from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
-from modalshell.statics.full import equilibrium, scale_of
-from modalshell.statics.newton import Potential
+from modalshell.statics.continuation import equilibrium
+from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
 from modalshell.timings import Timings
@@ -88,9 +88,9 @@ class FullModel(Model):
                 )
             else:
                 problem = model._statics(load)
-                result = refine(problem, equilibrium(problem, first), scale_of(problem, first))
+                result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
         return Equilibrium(
-            result.positions + origin if origin.any() else result.positions,
+            result.point + origin if origin.any() else result.point,
             *verdict(result.residual, result.stable, limited=result.limited, note=_LEFT if result.left_saddle else ""),
             result.iterations,
             result.residual,
@@ -115,7 +115,7 @@ class FullModel(Model):
         """The same model, with further vertices held."""
 
     def _statics(self, load: Array) -> Potential:
-        return Potential(self.shell, load, self.shell.rest_positions, self.factoriser, self.costs)
+        return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs)
 
     def stable_step(self, damping: Damping | None = None) -> float:
         """Largest stable step [s] of the integrator at the rest shape; of explicit Euler if the integrator is implicit.

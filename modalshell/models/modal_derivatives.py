@@ -17,8 +17,10 @@ from modalshell.modes import solve_modes
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives
 from modalshell.reduction.reduced_energy import ReducedEnergy
-from modalshell.reduction.reduced_newton import ReducedPotential, descend, follow, mixed_newton
+from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.statics.continuation import equilibrium
+from modalshell.statics.newton import mixed_newton
 from modalshell.statics.verdict import verdict
 from modalshell.typing import Array
 from modalshell.work import count_read
@@ -102,16 +104,16 @@ class ModalDerivatives(Model):
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         push = load.ravel() @ self._vectors
-        problem = ReducedPotential(self.energy, push, np.zeros_like(push), self._scaling)
+        problem = ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
-            found = follow(problem, self.basis.edge_change, None if start is None else self.coordinates_of(start))
+            found = equilibrium(problem, None if start is None else self.coordinates_of(start))
         return Equilibrium(
-            self._positions(found.z),
+            self._positions(found.point),
             *verdict(found.residual, found.stable),
             found.iterations,
             found.residual,
             found.stable,
-            coordinates=found.z,
+            coordinates=found.point,
         )
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
@@ -135,13 +137,14 @@ class ModalDerivatives(Model):
             quadratic += damping.stiffness_factor / dt * self.energy.hessian(z, GAUSS_NEWTON)[2]
         push = load.ravel() @ self._vectors + state.rates / dt
         scaling = np.sqrt(self.basis.eigenvalues + np.diagonal(quadratic))
-        problem = ReducedPotential(self.energy, push, z, scaling, quadratic)
-        scale = problem.measure(push) or problem.measure(problem.value_gradient(z)[1]) or 1.0
+        problem = ReducedPotential(push, z, self.energy, scaling, self.basis.edge_change, quadratic=quadratic)
+        scale = problem.scale_at(z)
         guess = dt * state.rates
-        answer = mixed_newton(problem, z + guess, scale, _STEP_GOAL, self.energy.predicted_stresses(z, guess))
+        stresses = self.energy.predicted_stresses(z, guess)
+        answer = mixed_newton(problem, z + guess, scale, goal=_STEP_GOAL, stresses=stresses)
         if not answer.converged:
-            answer = descend(problem, z, scale)
-        return MotionState(answer.z, (answer.z - z) / dt), answer.converged
+            answer = problem.descend(z, scale)
+        return MotionState(answer.point, (answer.point - z) / dt), answer.converged
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""

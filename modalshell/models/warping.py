@@ -218,7 +218,8 @@ class ModalWarping(ModalModel):
         """Follow the branch from rest with load steps that halve where Newton fails and double where it does not.
 
         A step is also refused if it moves farther than twice what the tangent at its beginning says, or turns a vertex
-        far: Newton would jump to another branch.
+        far: Newton would jump to another branch. The Jacobian is not symmetric, so that neither mixed Newton's minimum
+        nor its symmetric factors serve here.
         """
         y = np.zeros(root.size)
         factor, step, iterations = 0.0, 0.25, 0
@@ -237,10 +238,9 @@ class ModalWarping(ModalModel):
                 continue
             step *= 0.5
             if step < _SMALLEST_LOAD_STEP:
-                residual = float(np.linalg.norm(self._balance(y, load, root))) / scale
-                return y, residual, iterations, False
+                break
         residual = float(np.linalg.norm(self._balance(y, load, root))) / scale
-        return y, residual, iterations, True
+        return y, residual, iterations, factor >= 1.0
 
 
 def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:

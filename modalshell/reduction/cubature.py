@@ -13,9 +13,11 @@ from modalshell.checks import checked_vectors
 from modalshell.errors import OptionError
 from modalshell.reduction.derivatives import DerivativeBasis
 from modalshell.reduction.reduced_energy import ReducedEnergy
-from modalshell.reduction.reduced_newton import ReducedAnswer, ReducedPotential, follow
+from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import Shell
 from modalshell.shell.elements import ElementSet
+from modalshell.statics.continuation import equilibrium
+from modalshell.statics.newton import NewtonResult
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
 
@@ -171,22 +173,22 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
     return Cubature(energy, picked, factors, chosen.size / total, training, held, watch())
 
 
-def _statics(basis: DerivativeBasis, energy: ReducedEnergy, push: Array, start: Array | None = None) -> ReducedAnswer:
-    problem = ReducedPotential(energy, push, np.zeros_like(push), np.sqrt(basis.eigenvalues))
+def _statics(basis: DerivativeBasis, energy: ReducedEnergy, push: Array, start: Array | None = None) -> NewtonResult:
+    problem = ReducedPotential(push, np.zeros_like(push), energy, np.sqrt(basis.eigenvalues), basis.edge_change)
     with np.errstate(over="ignore", invalid="ignore"):
-        return follow(problem, basis.edge_change, start)
+        return equilibrium(problem, start)
 
 
-def _errors(basis: DerivativeBasis, energy: ReducedEnergy, solved: Sequence[tuple[Array, ReducedAnswer]]) -> Array:
+def _errors(basis: DerivativeBasis, energy: ReducedEnergy, solved: Sequence[tuple[Array, NewtonResult]]) -> Array:
     errors = np.full(len(solved), np.inf)
     for k, (push, full) in enumerate(solved):
-        few = _statics(basis, energy, push, full.z)
+        few = _statics(basis, energy, push, full.point)
         if few.converged and full.converged:
-            errors[k] = np.linalg.norm(few.z - full.z) / np.linalg.norm(full.z)
+            errors[k] = np.linalg.norm(few.point - full.point) / np.linalg.norm(full.point)
     return errors
 
 
-def _poses(basis: DerivativeBasis, solved: Sequence[tuple[Array, ReducedAnswer]]) -> tuple[Array, Array]:
+def _poses(basis: DerivativeBasis, solved: Sequence[tuple[Array, NewtonResult]]) -> tuple[Array, Array]:
     """Coordinates (poses, r) to train on, and the size of the force that holds each."""
     scaling = np.sqrt(basis.eigenvalues)
     poses, sizes = [], []

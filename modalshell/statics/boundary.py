@@ -10,7 +10,8 @@ from modalshell.constraints.constraints import HeldPatch
 from modalshell.errors import SolverError
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, Shell
-from modalshell.statics.newton import NewtonResult, Potential, descend, is_minimum, mixed_newton, warped_step
+from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
+from modalshell.statics.potential import Potential, warped_step
 from modalshell.statics.refine import refine
 from modalshell.timings import Timings
 from modalshell.typing import Array
@@ -38,7 +39,7 @@ def lead(
     is shortened, and at last the potential is minimised.
     """
     held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
-    problem = Potential(held, load, shell.rest_positions, factoriser, costs)
+    problem = Potential(load, shell.rest_positions, held, factoriser, costs)
     x = shell.rest_positions if start is None else start
     origins = [x[patch.vertices] for patch in patches]
     goals = [patch.at(0.0) - origin for patch in patches]
@@ -53,7 +54,8 @@ def lead(
 
     vertices = np.concatenate([patch.vertices for patch in patches])
     share, step, iterations = 0.0, _FIRST_STEP, 0
-    scale = max(problem.scale, 1e-300)
+    size = problem.measure(problem.push)
+    scale = max(size, 1e-300)
     while share < 1.0:
         step = min(step, 1.0 - share)
         target = placed(share + step)
@@ -67,7 +69,7 @@ def lead(
             iterations += 1
             moved.reshape(-1)[held.free_unknowns] = direction
             reaction = float(np.linalg.norm(held.pattern.product(tangent, moved.ravel()).reshape(-1, 3)[vertices]))
-            scale = max(problem.scale, reaction, 1e-300)
+            scale = max(size, reaction, 1e-300)
             guess, _, fraction = warped_step(shell, x, moved.ravel()[shell.free_unknowns], _STEP_TURN)
             guess[vertices] = target
             result = mixed_newton(problem, guess, scale, limit=25, stresses=held.predicted_stresses(x, moved))
@@ -81,12 +83,12 @@ def lead(
         if not solved:
             guess = x.copy()
             guess[vertices] = target
-            scale = max(problem.scale, float(np.linalg.norm(problem.residual(guess))), 1e-300)
-            result = descend(problem, guess, scale)
+            scale = max(size, float(np.linalg.norm(problem.residual(guess))), 1e-300)
+            result = problem.descend(guess, scale)
             iterations += result.iterations
             if not result.converged:
                 result.iterations = iterations
                 return result
-        x, share, step = result.positions, share + step, 2.0 * step
+        x, share, step = result.point, share + step, 2.0 * step
     result.iterations = iterations
     return refine(problem, result, scale)

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalshell.statics.newton import NewtonResult, Potential
+from modalshell.statics.newton import NewtonResult
+from modalshell.statics.potential import Potential
 from modalshell.statics.verdict import ACCEPTED
 
 _LIMIT = 10
@@ -24,7 +25,7 @@ def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResu
         return result
     shell = problem.shell
     free = shell.free_unknowns
-    moved = result.positions.astype(np.longdouble) - shell.rest_positions
+    moved = result.point.astype(np.longdouble) - shell.rest_positions
     best, residual = moved, np.inf
     for iteration in range(_LIMIT + 1):
         gradient = (shell.extended_gradient(moved) - problem.load).ravel()[free]
@@ -38,11 +39,10 @@ def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResu
             break
         moved = moved.copy()
         moved.reshape(-1)[free] += problem.step(result.factor, out) * np.longdouble(scale)
-    positions = (shell.rest_positions + best).astype(np.float64)
     limited = not residual <= ACCEPTED
     return replace(
         result,
-        positions=positions,
+        point=(shell.rest_positions + best).astype(np.float64),
         residual=residual,
         iterations=result.iterations + iteration,
         converged=not limited,

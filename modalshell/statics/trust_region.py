@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 
+from modalshell.statics.newton import NewtonResult
 from modalshell.typing import Array
 
 _ITERATIONS = 500
@@ -18,27 +18,6 @@ _FLAT = 1e-9
 """Negative curvature, as a share of the largest, that counts as none."""
 
 
-class Minimum(NamedTuple):
-    """What :func:`minimise` found.
-
-    Attributes
-    ----------
-    point : ndarray, shape (r,)
-        The last point.
-    residual : float
-        Length of the gradient there, over ``scale``.
-    iterations : int
-        Steps that were tried.
-    converged : bool
-        Whether the residual met the tolerance at a point without negative curvature.
-    """
-
-    point: Array
-    residual: float
-    iterations: int
-    converged: bool
-
-
 def minimise(
     value_gradient: Callable[[Array], tuple[float, Array]],
     hessian: Callable[[Array], Array],
@@ -47,7 +26,7 @@ def minimise(
     *,
     scale: float = 1.0,
     radius: float = 1.0,
-) -> Minimum:
+) -> NewtonResult:
     """Local minimum by Newton in a trust region, with exact steps from the Hessian's eigenvectors.
 
     A stationary point with negative curvature is left along it, so what is found is a minimum. Unknowns should be
@@ -70,7 +49,8 @@ def minimise(
 
     Returns
     -------
-    Minimum
+    NewtonResult
+        ``converged`` says whether the residual met the tolerance at a point without negative curvature.
     """
     point = np.array(start, dtype=np.float64)
     value, gradient = value_gradient(point)
@@ -80,11 +60,11 @@ def minimise(
         curvatures, axes = scipy.linalg.eigh(hessian(point))
         minimum = curvatures[0] >= -_FLAT * abs(curvatures).max()
         if residual <= tolerance and minimum:
-            return Minimum(point, residual, iterations, True)
+            return NewtonResult(point, residual, iterations, True)
         slopes = axes.T @ gradient
         while True:  # shrink the region until a step succeeds
             if iterations == _ITERATIONS or radius < 1e-300:  # no step, however short, leads to finite values
-                return Minimum(point, residual, iterations, False)
+                return NewtonResult(point, residual, iterations, False)
             iterations += 1
             along = _step(slopes, curvatures, radius)
             length = float(np.linalg.norm(along))
@@ -97,7 +77,7 @@ def minimise(
             if promised <= _ROUNDING * max(abs(value), abs(trial_value)):
                 if float(np.linalg.norm(trial_gradient)) < scale * residual:
                     break
-                return Minimum(point, residual, iterations, False)
+                return NewtonResult(point, residual, iterations, False)
             ratio = (value - trial_value) / promised
             if ratio < 0.25:
                 radius = 0.25 * length

@@ -11,7 +11,7 @@ from modalshell.integrators.base import Integrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
-from modalshell.statics.newton import Potential
+from modalshell.statics.potential import Potential
 from modalshell.timings import Timings
 from modalshell.typing import Array
 
@@ -103,5 +103,5 @@ def step_potential(body: Body, state: MotionState, dt: float, load: Array, dampi
         quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
     push = load + shell.mass[:, None] * state.rates / dt
-    problem = Potential(shell, push, x, body.factoriser, body.costs, quadratic)
-    return problem, problem.scale or float(np.linalg.norm(problem.residual(x))) or 1.0
+    problem = Potential(push, x, shell, body.factoriser, body.costs, quadratic=quadratic)
+    return problem, problem.scale_at(x)

@@ -6,7 +6,7 @@ from typing import final
 
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.statics.newton import solve
+from modalshell.statics.potential import solve
 from modalshell.typing import Array
 
 
@@ -28,4 +28,4 @@ class ImplicitEuler(FullIntegrator, key="implicit"):
         problem, scale = step_potential(body, state, dt, load, damping)
         start = hold(shell, x + dt * state.rates, held)
         result = solve(problem, start, scale, body.step_tolerance, shell.predicted_stresses(x, start - x))
-        return MotionState(result.positions, (result.positions - x) / dt), result.converged
+        return MotionState(result.point, (result.point - x) / dt), result.converged

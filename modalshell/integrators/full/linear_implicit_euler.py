@@ -8,6 +8,7 @@ import numpy as np
 
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
 from modalshell.integrators.state import Damping, MotionState
+from modalshell.shell import PROJECTED
 from modalshell.typing import Array
 
 
@@ -27,7 +28,7 @@ class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
         x, shell = state.coordinates, body.shell
         problem, _ = step_potential(body, state, dt, load, damping)
         moved = hold(shell, x, held) - x
-        gradient, hessian = problem.linearise_led(x, moved)
+        gradient, hessian = problem.linearise(x, PROJECTED, led=moved)
         factor = problem.definite_factor(hessian)
         if factor is None:
             return MotionState(x.copy(), np.zeros_like(x)), False

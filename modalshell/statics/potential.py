@@ -1,0 +1,269 @@
+"""Problems of discrete shells, every vertex an unknown: warped steps, and descent where Newton's method fails.
+
+Steps are warped: every vertex is carried along the turn of its own triangles, as in modal warping, so that a long step
+bends the sheet instead of stretching it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, final
+
+import numpy as np
+import scipy.sparse as sps
+
+from modalshell.errors import SolverError
+from modalshell.kernels import rotations
+from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode
+from modalshell.shell import EXACT, Shell
+from modalshell.statics.newton import GOAL, Factored, NewtonResult, Problem, is_minimum, mixed_newton
+from modalshell.timings import Timings
+from modalshell.typing import Array
+
+_LARGEST_TURN = 1.0  # of a vertex in one step [rad]
+_LOOSE = 1e-3  # relative residual of the steps of a descent
+_ASIDE = 2.0 ** np.arange(-20.0, 0.0)
+"""Steps away from a saddle, in sizes of the shell."""
+_FIRST_MOVE = 0.05
+"""Move of a free shell under the load, in its sizes, that the first drag of a descent allows."""
+_DESCENT = 150
+"""Steps of a descent at most."""
+_NEAR = 0.3
+"""Out-of-balance force, as a share of the load, from which a descent tries to end by Newton's method."""
+_SADDLES = 4
+_EPSILON = float(np.finfo(np.float64).eps)
+_STILL = 1e-8
+"""Newton step, as a share of the shell's size, up to which a residual can be due to rounding."""
+
+
+@final
+@dataclass(frozen=True)
+class Potential(Problem[sps.csc_array]):
+    """A shell's potential, on the free vertices: x are positions (n, 3) [m].
+
+    Parameters
+    ----------
+    load : ndarray, shape (n, 3)
+        b [N].
+    origin : ndarray, shape (n, 3)
+        Where the quadratic part is centred [m].
+    shell : Shell
+        Gives the elastic energy E.
+    factoriser : Factoriser
+        Factorises the Hessians, all of one pattern.
+    costs : Timings
+        Where the seconds of assembly, factorisation and solution are added up.
+    quadratic : ndarray, optional
+        Entries of Q on the shell's pattern.
+    """
+
+    shell: Shell
+    factoriser: Factoriser
+    costs: Timings
+
+    load_step: ClassVar = 0.8
+    path_goal: ClassVar = 1e-3
+    snaps: ClassVar = 3
+
+    @property
+    def push(self) -> Array:
+        """Load (N,) [N] on the free unknowns."""
+        return np.asarray(self.load.ravel()[self.shell.free_unknowns])
+
+    def value(self, x: Array) -> float:
+        """Potential [J]."""
+        return self.shell.raw_energy(x) + self._outer(x)[0]
+
+    def residual(self, x: Array) -> Array:
+        """Gradient on the free unknowns (N,) [N]."""
+        return (self.shell.energy_gradient(x)[1] + self._outer(x)[1]).ravel()[self.shell.free_unknowns]
+
+    def linearise(
+        self, x: Array, geometric: int, stresses: list[Array] | None = None, led: Array | None = None
+    ) -> tuple[Array, sps.csc_array]:
+        """Gradient (N,) on the free unknowns, and Hessian with the energy's internal unknowns after them.
+
+        The gradient holds the held vertices' part of a step ``led`` (n, 3) [m].
+        """
+        with self.costs.part("assembly"):
+            _, gradient, data = self.shell.energy_gradient_hessian(x, geometric, stresses)
+            if self.quadratic is not None:
+                data += self.quadratic
+            total = gradient + self._outer(x)[1]
+            if led is not None and led.any():
+                total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
+            return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
+
+    def dragged(self, x: Array, drag: float) -> Potential:
+        """The same potential with ``drag |y - x|^2 / 2`` added, in the norm of the mass."""
+        outer = np.zeros(self.shell.pattern.size) if self.quadratic is None else self.quadratic.copy()
+        outer[self.shell.pattern.diagonal] += drag * np.repeat(self.shell.mass, 3)
+        return replace(self, load=-self._outer(x)[1], origin=x, quadratic=outer)
+
+    def factor(self, hessian: sps.csc_array) -> Factor:
+        """Factor of a Hessian, definite or not; SolverError if it is singular."""
+        with self.costs.part("factorisation"):
+            return self._condensed(self.factoriser.symmetric(hessian))
+
+    def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
+        """Factor of a positive definite Hessian, None for any other."""
+        with self.costs.part("factorisation"):
+            try:
+                factor = self.factoriser.definite(hessian)
+            except SolverError:
+                return None
+            return self._condensed(factor) if factor.is_definite() else None
+
+    def _condensed(self, factor: Factor) -> Factor:
+        """A factor for the positions' unknowns: the gradient by internal ones is zero, as the energy is least there."""
+        internal = self.shell.pattern.internal
+        return condensed_factor(factor, 0 if internal is None else internal.count)
+
+    def step(self, factor: Factored, gradient: Array) -> Array:
+        """Newton direction (N,)."""
+        with self.costs.part("solution"):
+            return factor.solve(-gradient)
+
+    def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
+        """Positions and stresses after a :func:`warped_step`, and how much of ``direction`` (N,) that is."""
+        moved, step, share = warped_step(self.shell, x, direction, _LARGEST_TURN if reach is None else reach)
+        return moved, self.shell.predicted_stresses(x, step), share
+
+    def rounding(self, x: Array, hessian: sps.csc_array, length: float) -> float:
+        """Residual that the rounding of positions alone leaves: each force by eps times its stiffness times ``|x|``.
+
+        A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced any better in double
+        precision; :mod:`modalshell.statics.refine` goes on from there.
+        """
+        if length > _STILL * self.shell.size:
+            return 0.0
+        return _EPSILON * float(np.abs(x).max()) * float(np.linalg.norm(hessian.diagonal()))
+
+    def descend(self, start: Array, scale: float) -> NewtonResult:
+        """Go downhill to a minimum, as the shell would move in a thick fluid; saddles on the way are left.
+
+        Steps of implicit Euler on ``drag M dx/dt = -grad V``, each solved by mixed Newton, whose number of iterations
+        does not feel the membrane; the drag falls with success, down to plain Newton steps, and grows where a step
+        fails.
+        """
+        shell = self.shell
+        x, value = start, self.value(start)
+        result = NewtonResult(x, np.inf, 0, False)
+        iterations, left = 0, 0
+        residual = float(np.linalg.norm(self.residual(x)))
+        drag = residual / float(np.linalg.norm(shell.mass[shell.free])) / (_FIRST_MOVE * shell.size)
+        for _ in range(_DESCENT):
+            step = mixed_newton(self.dragged(x, drag), x, scale, limit=12, goal=_LOOSE, stresses=_present(shell, x))
+            iterations += step.iterations
+            reached = self.value(step.point) if step.converged else np.inf
+            if not reached <= value:
+                drag *= 4.0
+                if not np.isfinite(drag):
+                    break
+                continue
+            x, value = step.point, reached
+            drag *= 0.5 if step.iterations <= 5 else 1.0
+            residual = float(np.linalg.norm(self.residual(x))) / scale
+            if residual > _NEAR:
+                continue
+            iterations += 1
+            if self.definite_factor(self.linearise(x, EXACT)[1]) is None and residual > _LOOSE:
+                continue
+            polished = mixed_newton(self, x, scale, limit=15, stresses=_present(shell, x))
+            iterations += polished.iterations
+            if not polished.converged or self.value(polished.point) > value + 1e-9 * abs(value):
+                continue
+            result = polished
+            if is_minimum(self, result) or left == _SADDLES:
+                break
+            left += 1
+            x, drag = leave_saddle(self, result.point)
+            value = self.value(x)
+        else:
+            result = NewtonResult(x, residual, iterations, False)
+        result.converged = result.converged and bool(result.stable)
+        result.iterations, result.left_saddle = iterations, left > 0
+        return result
+
+    def _product(self, quadratic: Array, u: Array) -> Array:
+        return self.shell.pattern.product(quadratic, u.ravel()).reshape(-1, 3)
+
+
+def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
+    """Move along ``direction`` (N,), warped, as far as no vertex turns by more than ``largest_turn`` [rad].
+
+    Returns
+    -------
+    positions : ndarray, shape (n, 3)
+        The new positions.
+    step : ndarray, shape (n, 3)
+        The straight step that was warped.
+    fraction : float
+        How much of ``direction`` that is.
+    """
+    step = np.zeros_like(shell.rest_positions)
+    step.reshape(-1)[shell.free_unknowns] = direction
+    turns = np.empty_like(x)
+    rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
+    angle = rotations.largest_angle(turns)
+    fraction = 1.0
+    if angle > largest_turn:
+        fraction = largest_turn / angle
+        step *= fraction
+        turns *= fraction
+    displacement = np.empty_like(x)
+    rotations.warp(turns, step, 1.0, displacement)
+    return x + displacement, step, fraction
+
+
+def leave_saddle(problem: Potential, x: Array) -> tuple[Array, float]:
+    """The way down along the direction in which the potential curves down most, and a drag that steadies it.
+
+    Both ways are tried. Steps are warped, so that they bend the shell, and double for as long as the potential falls:
+    the first valley is looked for, not the deepest one.
+    """
+    shell = problem.shell
+    try:
+        lowest, direction = lowest_tangent_mode(shell, problem.linearise(x, EXACT)[1], problem.factoriser)
+    except SolverError:
+        return x, 0.0
+    direction *= shell.size / float(np.abs(direction).max())
+    best, least = x, problem.value(x)
+    for sign in (1.0, -1.0):
+        last = np.inf
+        for size in _ASIDE:
+            trial = warped_step(shell, x, sign * size * direction, _LARGEST_TURN)[0]
+            value = problem.value(trial)
+            if not value < last:
+                break
+            last = value
+            if value < least:
+                best, least = trial, value
+    return best, 2.0 * abs(lowest)
+
+
+def _present(shell: Shell, x: Array) -> list[Array]:
+    """Stresses of every element at ``x``: with them the first mixed step has the exact Hessian."""
+    return shell.predicted_stresses(x, np.zeros_like(x))
+
+
+def solve(
+    problem: Potential, start: Array, scale: float, goal: float = GOAL, stresses: list[Array] | None = None
+) -> NewtonResult:
+    """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum.
+
+    The last Hessian on the way stands for the one at the end: with inertia in it the two agree well enough, and a
+    factorisation is saved.
+    """
+    result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
+    if result.converged:
+        # The first Hessian may have been without its geometric part, and says nothing of a minimum.
+        late = result.factor is not None and result.iterations > 1
+        if result.factor.is_definite() if late and result.factor is not None else is_minimum(problem, result):
+            return result
+    fallback = problem.descend(start, scale)
+    fallback.iterations += result.iterations
+    if fallback.converged or not result.converged:
+        return fallback
+    result.iterations = fallback.iterations
+    return result

@@ -1,0 +1,38 @@
+"""Errors of a square plate's frequencies by mode, one panel a support (reads the study ``plate_frequencies``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.study import StudyResult
+from paper_figures.energy_colors import COLORS
+
+SUPPORTS = {"CFFF": "one edge clamped", "FFFF": "free", "SSSS": "simply supported"}
+
+FLOOR = 0.01
+"""Smallest error [%] that is drawn; smaller ones are drawn there."""
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    rows = StudyResult.load(results, "plate_frequencies").findings["rows"]
+    coarse, fine = (pick(row["cells"] for row in rows) for pick in (min, max))
+    panels = []
+    for supports, words in SUPPORTS.items():
+        curves = []
+        for row in rows:
+            if row["supports"] != supports:
+                continue
+            size = np.maximum(100.0 * np.abs(row["errors"]), FLOOR)
+            finest = row["cells"] == fine
+            # matplotlib leaves labels that begin with an underscore out of the legend
+            label = f"{row['energy']}, {row['mesh']}" if finest else f"_{row['energy']}"
+            modes = np.arange(1, len(size) + 1)
+            color = COLORS[row["energy"]][row["mesh"]]
+            curves.append(Curve(modes, size, label, color, dashed=not finest, points=finest))
+        title = f"{supports}: {words} ({fine} cells a side; dashed {coarse})"
+        panels.append(Panel(curves, title, "mode", "size of the error [%]", log=True))
+    return draw_curves(panels, folder / "plate_frequencies.png", share_y=True)

@@ -1,0 +1,59 @@
+"""A flat sheet with either bending energy, split folds or calibrated hinges, free or clamped along one edge."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
+
+import modalshell as ms
+from modalshell.errors import ModalShellWarning
+
+FAMILIES = ("union-jack", "equilateral", "delaunay")
+ENERGIES = ("Isotropic", "hinges")
+
+
+class Sheet(TypedDict):
+    """Young's modulus [Pa], Poisson's ratio, thickness [m] and density [kg/m^3]."""
+
+    young: float
+    poisson: float
+    thickness: float
+    density: float
+
+
+def flat_shell(energy: str, mesh: ms.TriangleMesh, sheet: Sheet, held: NDArray[np.bool_] | None = None) -> ms.Shell:
+    """Shell of ``sheet`` with one of the ``ENERGIES``, clamped along the vertices ``held``.
+
+    One held row clamps split folds. Hinges bend at edges between two triangles only: the triangles along the clamped
+    line get mirror images behind it, which are held too. Both shells then have the same free vertices, numbered alike,
+    and are clamped at the same line.
+    """
+    if energy == "Isotropic":
+        return ms.Shell(mesh, ms.Isotropic(**sheet), clamped=held)
+    with warnings.catch_warnings():
+        # Obtuse triangles change the membrane alone, and these sheets hardly stretch.
+        warnings.simplefilter("ignore", ModalShellWarning)
+        material = ms.Material.from_physical(**sheet, mesh=mesh)
+        if held is not None:
+            mesh, held = with_mirrored_triangles(mesh, held)
+            # The images have no part in the calibration of bending; the membrane's is of each triangle and edge.
+            material = replace(ms.Material.from_physical(**sheet, mesh=mesh), flexure=material.flexure)
+        return ms.Shell(mesh, material, clamped=held)
+
+
+def with_mirrored_triangles(
+    mesh: ms.TriangleMesh, held: NDArray[np.bool_]
+) -> tuple[ms.TriangleMesh, NDArray[np.bool_]]:
+    """``mesh`` and the mirror images, behind the line x = 0 of ``held``, of its triangles along it; what they hold."""
+    rows = np.flatnonzero(held[mesh.faces].sum(axis=1) == 2)
+    opposite, images = np.unique(mesh.faces[rows][~held[mesh.faces[rows]]], return_inverse=True)
+    count = len(mesh.vertices)
+    mirrored = mesh.faces[rows][:, ::-1].copy()  # reversed, so that they face as the others do
+    mirrored[~held[mirrored]] = count + images
+    vertices = np.vstack([mesh.vertices, mesh.vertices[opposite] * (-1.0, 1.0, 1.0)])
+    further = ms.TriangleMesh(vertices, np.vstack([mesh.faces, mirrored]))
+    return further, np.append(held, np.ones(len(opposite), dtype=bool))

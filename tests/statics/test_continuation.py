@@ -1,0 +1,90 @@
+"""One load continuation for sparse and dense problems."""
+
+import numpy as np
+import pytest
+from scenes import cantilever
+
+from modalshell import DiscreteShell, ModalDerivatives, solve_modes
+from modalshell.errors import SolverError
+from modalshell.modes import Factoriser
+from modalshell.reduction.derivatives import modal_derivatives
+from modalshell.reduction.reduced_energy import ReducedEnergy
+from modalshell.reduction.reduced_potential import ReducedPotential
+from modalshell.shell import EXACT
+from modalshell.statics.continuation import equilibrium
+from modalshell.statics.newton import mixed_newton
+from modalshell.statics.potential import Potential
+from modalshell.timings import Timings
+
+
+def full(shell, load):
+    return Potential(load, shell.rest_positions, shell, Factoriser(), Timings())
+
+
+def reduced(shell, load):
+    basis = modal_derivatives(solve_modes(shell, 4))
+    push = load.ravel() @ basis.vectors
+    energy = ReducedEnergy(shell, basis.vectors)
+    return ReducedPotential(push, np.zeros_like(push), energy, np.sqrt(basis.eigenvalues), basis.edge_change)
+
+
+@pytest.mark.parametrize("problem_of", [full, reduced])
+def test_states_on_the_path_balance_their_share_of_the_load(problem_of):
+    shell = cantilever()
+    problem = problem_of(shell, shell.gravity_force((0.0, 0.0, -40.0)))
+    scale = problem.scale_at(None)
+    result = equilibrium(problem, None)
+    assert result.converged
+    assert result.stable
+    shares = [share for share, _ in result.path]
+    assert len(shares) > 1
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    np.testing.assert_array_equal(result.path[-1][1], result.point)
+    for share, x in result.path:
+        part = problem.loaded(share)
+        goal = 1e-7 if share == 1.0 else problem.path_goal
+        assert part.measure(part.residual(x)) <= goal * scale
+        assert part.definite_factor(part.linearise(x, EXACT)[1]) is not None
+
+
+@pytest.mark.parametrize("problem_of", [full, reduced])
+def test_steps_keep_their_reach(problem_of):
+    shell = cantilever()
+    problem = problem_of(shell, shell.gravity_force((0.0, 0.0, -40.0)))
+    gradient, hessian = problem.linearise(problem.origin, EXACT)
+    direction = problem.step(problem.factor(hessian), gradient)
+    _, _, short = problem.moved(problem.origin, direction, 0.01)
+    moved, _, half = problem.moved(problem.origin, direction, 0.005)
+    assert 0.0 < short < 1.0
+    assert half == pytest.approx(0.5 * short)
+    assert np.abs(moved - problem.origin).max() > 0.0
+
+
+def test_a_singular_reduced_hessian_is_a_solver_error():
+    shell = cantilever()
+    problem = reduced(shell, shell.gravity_force((0.0, 0.0, -1.0)))
+    size = problem.load.size
+    factor = problem.factor(np.zeros((size, size)))
+    assert not factor.is_definite()
+    with pytest.raises(SolverError, match="singular"):
+        problem.step(factor, problem.load)
+
+
+def test_reduced_newton_stays_where_its_hessian_is_singular(monkeypatch):
+    shell = cantilever()
+    problem = reduced(shell, shell.gravity_force((0.0, 0.0, -1.0)))
+    flat = np.zeros((problem.load.size, problem.load.size))
+    monkeypatch.setattr(ReducedPotential, "linearise", lambda self, *_: (-self.load, flat))
+    result = mixed_newton(problem, problem.origin, 1.0)
+    assert not result.converged
+    np.testing.assert_array_equal(result.point, problem.origin)
+
+
+def test_full_and_reduced_answers_are_near():
+    shell = cantilever()
+    truth = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -0.5)).positions
+    model = ModalDerivatives(shell, 4).equilibrium(gravity=(0.0, 0.0, -0.5)).positions
+    drop = np.abs(truth - shell.rest_positions).max()
+    assert drop > 1e-3
+    assert np.abs(truth - model).max() < 0.02 * drop

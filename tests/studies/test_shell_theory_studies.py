@@ -1,0 +1,82 @@
+"""The references of the studies of both bending energies, and what their quick runs find."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modalshell import flat_beam
+from modalshell.study import StudyResult
+from studies import both_energies, cantilever_master_curve, plate_frequencies
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+PLATES = json.loads((DATA / "shell_theory.json").read_text(encoding="utf-8"))["plates"]
+with open(DATA / "heavy_elastica.csv", encoding="utf-8") as _file:
+    ELASTICA = list(csv.DictReader(line for line in _file if not line.startswith("#")))
+
+
+@pytest.mark.parametrize("row", ELASTICA, ids=[row["Gamma"] for row in ELASTICA])
+def test_shooting_gives_the_tabulated_elastica(row):
+    drop, reach = cantilever_master_curve.elastica(float(row["Gamma"]))
+    assert drop == pytest.approx(float(row["H_over_L"]), abs=1e-8)
+    assert reach == pytest.approx(float(row["W_over_L"]), abs=1e-8)
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3])
+@pytest.mark.parametrize("supports", ["CFFF", "FFFF"])
+def test_ritz_gives_the_tabulated_plates(supports, poisson):
+    values, _ = plate_frequencies.ritz(supports == "CFFF", poisson)
+    np.testing.assert_allclose(values[:7], PLATES[f"{supports} {poisson:g}"], rtol=5e-5)
+
+
+@pytest.mark.parametrize("supports", plate_frequencies.SUPPORTS)
+def test_reference_shapes_are_orthogonal(supports):
+    points, weights = np.polynomial.legendre.leggauss(60)
+    x, y = (grid.ravel() for grid in np.meshgrid(0.5 * (points + 1.0), 0.5 * points))
+    _, shapes = plate_frequencies.reference(supports)
+    likeness = plate_frequencies.assurance(shapes(x, y), shapes(x, y), np.outer(weights, weights).ravel())
+    np.testing.assert_allclose(likeness, np.eye(plate_frequencies.CANDIDATES), atol=1e-8)
+
+
+@pytest.mark.parametrize("family", both_energies.FAMILIES)
+def test_mirrored_triangles_lie_behind_the_clamp(family):
+    mesh = flat_beam(length=0.3, width=0.1, cells=(12, 4), family=family)
+    further, held = both_energies.with_mirrored_triangles(mesh, mesh.vertices[:, 0] < 1e-9)
+    added = len(further.faces) - len(mesh.faces)
+    assert added == np.count_nonzero(mesh.vertices[:, 0] < 1e-9) - 1
+    assert (further.vertices[len(mesh.vertices) :, 0] < 0.0).all()
+    assert held[further.faces[-added:]].all()
+    np.testing.assert_array_equal(further.faces[: len(mesh.faces)], mesh.faces)
+    corners = further.vertices[further.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (normals[:, 2] * normals[0, 2] > 0.0).all()
+
+
+def test_split_folds_follow_the_elastica_on_coarse_meshes(quick_study):
+    rows = StudyResult.load(quick_study("cantilever_master_curve"), "cantilever_master_curve").findings["rows"]
+    for row in rows:
+        assert row["stable_minima"] == len(row["error"])
+        assert row["largest_error"] < (0.012 if row["energy"] == "Isotropic" else 0.05)
+
+
+def test_plates_of_split_folds_converge_at_second_order_and_those_of_hinges_do_not(quick_study):
+    rows = StudyResult.load(quick_study("plate_frequencies"), "plate_frequencies").findings["rows"]
+    errors = {(row["supports"], row["energy"], row["mesh"], row["cells"]): np.array(row["errors"]) for row in rows}
+    for (supports, energy, family, cells), coarse in errors.items():
+        if cells == 8 and energy == "Isotropic":
+            fine = errors[supports, energy, family, 16]
+            assert np.abs(fine).max() < 0.07
+            order = np.log2(np.linalg.norm(coarse) / np.linalg.norm(fine))  # of the seven modes together
+            assert 1.6 < order < 2.2
+    assert errors["FFFF", "hinges", "union-jack", 16][0] > 0.5
+    assert errors["CFFF", "hinges", "equilateral", 16][1] > 0.2
+
+
+def test_a_plate_with_the_hinges_own_poisson_ratio_has_their_frequencies():
+    """Hinges of equilateral triangles are the plate of Poisson's ratio -1/3, and the matching finds its order again."""
+    exact, shapes = plate_frequencies.ritz(False, -1.0 / 3.0)
+    found, likeness = plate_frequencies.matched_frequencies("FFFF", "hinges", "equilateral", 16, exact, shapes)
+    np.testing.assert_allclose(found / found[0], exact[:7] / exact[0], rtol=0.06)
+    assert likeness.min() > 0.9
