@@ -48,6 +48,12 @@ def test_a_named_model_takes_the_options_that_it_knows(write):
     assert (len(plan.cases), len(plan.tasks)) == (6, 4)  # ds has no modes: one case, three rows
 
 
+def test_a_refusal_stays_short_whatever_the_axis_is_called(write):
+    with pytest.raises(ms.SceneError, match=r"case 1 of 1 \(9{100}.*\.\.\.\): .*unknown key") as refused:
+        Plan(load_sweep(write(f"{'9' * 5000} = [1]")))
+    assert len(str(refused.value)) < 1500
+
+
 @pytest.mark.parametrize(
     ("axes", "top", "more", "message"),
     [
