@@ -367,3 +367,23 @@ def test_a_coarse_surface_with_collapsed_triangles_is_carried_up():
     coarse = ms.CoarseDiscreteShell(SHELL, ms.coarse_shell(SHELL, MESH, MATERIAL))
     for scale in ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, -1.0], [1.0, -1.0, 0.0]):
         assert np.isfinite(coarse.carried_up(POINTS * scale)).all()
+
+
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 3\n{}element face 1\nproperty list uchar int vertex_indices\nend_header\n{}"
+)
+AXES = "property float x\nproperty float y\nproperty float z\n"
+
+
+@pytest.mark.parametrize(
+    ("axes", "rows", "words"),
+    [
+        (AXES + "property float x\n", "0 0 0 0\n1 0 0 0\n0 1 0 0\n", "property of vertex 'x' twice"),
+        (AXES + "element vertex 3\n" + AXES, "0 0 0\n1 0 0\n0 1 0\n" * 2, "element 'vertex' twice"),
+        (AXES.replace("float x", "list uchar float x"), "1 0 0 0\n1 1 0 0\n1 0 1 0\n", "no x, y and z"),
+    ],
+)
+def test_a_ply_declares_each_name_once(axes, rows, words, tmp_path):
+    (tmp_path / "mesh.ply").write_text(PLY.format(axes, rows + "3 0 1 2\n"))
+    with pytest.raises(ms.MeshError, match=words):
+        ms.load_mesh(tmp_path / "mesh.ply")

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_vectors, shown
+from modalshell.checks import checked_number, checked_vectors, shown
 from modalshell.errors import OptionError, SupportError
 from modalshell.kernels import rotations
 from modalshell.sharing import read_only
@@ -49,6 +49,7 @@ class Constraint:
 
     def at(self, time: float) -> Array:
         """Target (3,) at ``time`` [s]."""
+        time = checked_number("time", time, unit="s")
         return self._checked(self._target(time) if callable(self._target) else self._target).copy()
 
     def _checked(self, value: ArrayLike) -> Array:

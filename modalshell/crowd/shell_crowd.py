@@ -196,5 +196,5 @@ class ShellCrowd(ABC):
     def _per_instance(self, name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
         """``values`` for every instance, (B, *shape), from that or from one for all."""
         if np.shape(values) == shape:
-            values = np.broadcast_to(np.asarray(values, dtype=np.float64), (self.count, *shape))
+            return np.tile(checked_vectors(name, values, shape, OptionError), (self.count, *(1 for _ in shape)))
         return checked_vectors(name, values, (self.count, *shape), OptionError)

@@ -219,16 +219,5 @@ def verlet_steps(count, x, before, coefficients, gravity, keep, tiny, pin_starts
     for step in range(count):
         now, other = (x, before) if step % 2 == 0 else (before, x)
         for part in prange(parts):
-            _rows(
-                part * rows // parts,
-                (part + 1) * rows // parts,
-                now,
-                other,
-                coefficients,
-                gravity,
-                keep,
-                tiny,
-                pin_starts,
-                pin_columns,
-                work[part],
-            )
+            first, last = part * rows // parts, (part + 1) * rows // parts
+            _rows(first, last, now, other, coefficients, gravity, keep, tiny, pin_starts, pin_columns, work[part])

@@ -160,11 +160,12 @@ def read_ply(data: bytes) -> Polygons:
         ) from error
     polygons: Any = found["face"].get("vertex_indices", found["face"].get("vertex_index"))
     whole = isinstance(polygons, tuple) and polygons[0].dtype.kind in "iu"
-    if not whole or not {"x", "y", "z"} <= found.get("vertex", {}).keys():
+    points: list[Any] = [found.get("vertex", {}).get(axis) for axis in "xyz"]
+    if not whole or not all(isinstance(values, np.ndarray) for values in points):
         raise MeshError(
             "the PLY has no x, y and z of vertices, or no list vertex_indices of integers of faces; convert it to OBJ"
         )
-    vertices = np.column_stack([found["vertex"][axis] for axis in "xyz"]).astype(np.float64)
+    vertices = np.column_stack(points).astype(np.float64)
     corners, sizes = (part.astype(np.int64) for part in polygons)
     if (sizes < 3).any():
         index = int(np.argmax(sizes < 3))
@@ -207,6 +208,13 @@ def _ply_header(text: str) -> tuple[str | None, list[Element]]:
             ) from error
     if any(count < 0 for _, count, _ in elements):
         raise MeshError("the PLY header announces a negative count; write the file again")
+    for kind, names in (
+        ("element", [name for name, _, _ in elements]),
+        *((f"property of {name}", [key for key, _, _ in properties]) for name, _, properties in elements),
+    ):
+        for name in names:
+            if names.count(name) > 1:
+                raise MeshError(f"the PLY header declares the {kind} {shown(name)} twice; write the file again")
     return order, elements
 
 

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from modalshell.checks import checked_vectors
+from modalshell.errors import MeshError
 from modalshell.mesh import validation
 from modalshell.mesh.topology import FloatArray, IntArray, area_vectors, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
@@ -143,8 +145,9 @@ class TriangleMesh(ReadOnlyArrays):
 
     def shared_among_corners(self, face_values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum at each vertex (n,) of a third of every adjacent triangle's value (T,), as lumped masses are made."""
+        values = checked_vectors("face_values", face_values, (len(self.faces),), MeshError)
         total = np.zeros(len(self.vertices))
-        np.add.at(total, self.faces, face_values[:, None] / 3.0)
+        np.add.at(total, self.faces, values[:, None] / 3.0)
         return total
 
     def weld(self, tolerance: float | None = None) -> TriangleMesh:

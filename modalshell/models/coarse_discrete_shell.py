@@ -166,7 +166,9 @@ class CoarseDiscreteShell(Model):
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State of the coarse shell at rest."""
-        return self.coarse.start_motion(None if positions is None else self._averaged(positions))
+        return self.coarse.start_motion(
+            None if positions is None else self._averaged(self.shell.checked_positions(positions))
+        )
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None

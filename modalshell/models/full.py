@@ -106,7 +106,7 @@ class FullModel(Model):
     def lowest_eigenvalue(self, positions: Array) -> float:
         """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass at ``positions`` (n, 3) [m]."""
         try:
-            return lowest_tangent_eigenvalue(self.shell, positions)
+            return lowest_tangent_eigenvalue(self.shell, self.shell.checked_positions(positions))
         except SolverError:
             return 0.0
 

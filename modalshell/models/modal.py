@@ -185,15 +185,9 @@ class ModalModel(Model):
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """One step of the integrator for every mode."""
-        eigenvalues = self.basis.eigenvalues
-        after = self.integrator.step(
-            state.coordinates,
-            state.rates,
-            lambda q: self.modal_force(q, load),
-            eigenvalues,
-            damping.of_modes(eigenvalues),
-            dt,
-        )
+        q, v, eigenvalues = state.coordinates, state.rates, self.basis.eigenvalues
+        damp = damping.of_modes(eigenvalues)
+        after = self.integrator.step(q, v, lambda q: self.modal_force(q, load), eigenvalues, damp, dt)
         return MotionState(*after), True
 
     def decay_rate(self, dt: float, damping: Damping) -> float:

@@ -79,6 +79,7 @@ class RigidShell(Model):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest, the rotation fitted to ``positions`` (n, 3) in the norm of the mass [kabsch1976]."""
         z = self._rest()
+        positions = None if positions is None else self.shell.checked_positions(positions)
         if positions is not None and self._free:
             centre = self.shell.mass @ positions / self._mass
             turn, _ = Rotation.align_vectors(positions - centre, self._arms, self.shell.mass)

@@ -32,6 +32,8 @@ def held_vertices(clamped: ArrayLike | None, count: int) -> NDArray[np.bool_]:
             raise SupportError(f"clamped must be bool (n,) or vertex indices (got dtype {given.dtype})")
         if given.shape == (count,) and count > 2 and np.isin(given, (0, 1)).all():
             raise SupportError("clamped looks like a mask of 0 and 1: pass it as bool, or pass vertex indices")
+        if given.ndim > 1:
+            raise SupportError(f"clamped must be a mask ({count},) or a list of vertex indices (got {given.shape})")
         indices = given.astype(np.int64).ravel()
         outside = indices[(indices < 0) | (indices >= count)]
         if outside.size:

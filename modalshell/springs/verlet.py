@@ -82,22 +82,13 @@ class GridVerlet(VerletSheet):
         stiffness = np.array([grid.structural, grid.shear, grid.flexion]) * factor / grid.particle_mass
         pairs = np.column_stack([stiffness, stiffness * lengths])
         coefficients = tuple(pairs.ravel().astype(self.dtype))
-        keep, tiny = np.array([keep, tiny], self.dtype)
+        numbers = (grid.gravity * factor).astype(self.dtype), *np.array([keep, tiny], self.dtype), *self._pins
         left = count
         while left:
             now = min(left, self.threads.steps_left)
             with self.threads.steps(now) as threads:
-                verlet_steps(
-                    now,
-                    self._states["now"],
-                    self._states["before"],
-                    coefficients,
-                    (grid.gravity * factor).astype(self.dtype),
-                    keep,
-                    tiny,
-                    *self._pins,
-                    self._work[:threads],
-                )
+                states = self._states["now"], self._states["before"]
+                verlet_steps(now, *states, coefficients, *numbers, self._work[:threads])
             if now % 2:
                 self._states = {"now": self._states["before"], "before": self._states["now"]}
             left -= now

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.checks import shortened, shown
 from modalshell.errors import SceneError
 from modalshell.mesh import TriangleMesh
 from modalshell.scene import Scene, parse_scene
@@ -60,8 +61,8 @@ class Plan:
                 digest, mesh = self._add(sweep, raw)
                 truth = None if sweep.truth is None else self._add(sweep, raw | {"model": sweep.truth})[0]
             except SceneError as error:
-                at = ", ".join(f"{axis.key} = {value!r:.60}" for axis, value in zip(sweep.axes, values, strict=True))
-                raise SceneError(f"{sweep.file}: case {number} of {sweep.count} ({at}): {error}") from error
+                at = ", ".join(f"{axis.key} = {shown(value)}" for axis, value in zip(sweep.axes, values, strict=True))
+                raise SceneError(f"{sweep.file}: case {number} of {sweep.count} ({shortened(at)}): {error}") from error
             self.cases.append(GridCase(values, digest, truth, mesh))
 
     def _add(self, sweep: Sweep, raw: dict[str, Any]) -> tuple[str, TriangleMesh]:

@@ -447,8 +447,8 @@ def _warm_up() -> None:
         with contextlib.suppress(LongWork):
             if target.always and target.name not in ("run_sweep", "tradeoff", "advise"):
                 continue  # valid arguments are not known, or slow
-            dtype = {"dtype": "float64"} if "dtype" in target.words else {}
-            target.call(**target.values | target.objects | dtype)
+            for dtype in [{"dtype": "float64"}, {"dtype": "float32"}] if "dtype" in target.words else [{}]:
+                target.call(**target.values | target.objects | dtype)
 
 
 def _inputs(target: Target) -> st.SearchStrategy[Input]:

@@ -1,0 +1,143 @@
+"""Every public function and method refuses NaN and wrong shapes, whichever of its arguments has them.
+
+The calls are those that the fuzzer knows, with sound arguments, and the methods below; a method of an exported class
+that takes numbers and is in neither fails the first test.
+"""
+
+import copy
+import functools
+import inspect
+
+import numpy as np
+import pytest
+from fuzzing import arrays
+from fuzzing.arrays import Target, world
+
+import modalshell as ms
+from modalshell.errors import ModalShellError
+
+EXCEPTIONS = {
+    (
+        "WarpFrame.positions",
+        "q",
+    ): "runs each frame; its documentation says that NaN gives NaN, and that it checks shapes",
+}
+"""Arguments that may hold NaN, and why. Text and wrong shapes are refused there, too."""
+NOT_FINITE = ("not a number", "one not a number", "infinite")
+BETWEEN_PARTS = {"check_step", "meet_constraints", "decay_rate", "step", "damping_force", "damping_matrix"}
+"""Methods that models, shells and integrators call each step with numbers that were checked where they came in."""
+ELSEWHERE = {
+    "RunFollower.wait": "test_waiting_refuses_what_is_no_time below, for without a run it is refused anyway",
+    "Crowd.choose_levels": "the fuzzer's one call of a crowd, 'Crowd'",
+    "Crowd.positions": "the fuzzer's one call of a crowd, 'Crowd'",
+    "Flock.frames": "the fuzzer's one call of a flock, 'Flock'",
+    "ReducedRotationStrain.trained": "the fuzzer: minutes of work where it accepts what it gets",
+    "Trajectory.still": "made by the package from its own answers",
+}
+"""Methods that are tried in other ways, and where."""
+BAD = {
+    "not a number": lambda value: np.full(np.shape(value), np.nan),
+    "one not a number": lambda value: _one_nan(value),
+    "infinite": lambda value: np.full(np.shape(value), np.inf),
+    "one axis more": lambda value: np.stack([np.asarray(value)] * 2, axis=-1)[None],
+    "text": lambda value: np.full(np.shape(value), "x"),
+    "complex": lambda value: np.asarray(value) * (1.0 + 0.5j),
+}
+
+
+def _one_nan(value):
+    changed = np.array(value, dtype=float)
+    changed.ravel()[-1:] = np.nan
+    return changed
+
+
+@functools.cache
+def methods():
+    """Sound calls of methods that the fuzzer does not know by their own name."""
+    parts = world()
+    shell, mesh, basis, models = parts["shell"], parts["mesh"], parts["basis"], parts["models"]
+    moved, q = np.array(shell.rest_positions) * 1.01, np.array([0.01, 0.02, -0.01])
+    vectors = np.full((len(mesh.vertices), 3), 0.01)
+    gravity = np.array([0.0, 0.0, -2.0])
+    rest = np.array(shell.rest_positions)
+    made = [
+        Target("Shell.fields", shell.fields, {"positions": moved}),
+        Target("Shell.reactions", shell.reactions, {"positions": moved, "gravity": gravity, "force": vectors}),
+        Target("Shell.total_load", shell.total_load, {"gravity": gravity, "force": vectors}),
+        Target("Shell.checked_positions", shell.checked_positions, {"positions": moved}),
+        Target("DiscreteShell.lowest_eigenvalue", models["ds"].lowest_eigenvalue, {"positions": rest}),
+        Target("SupportPath.at", parts["path"].at, {"time": 0.05}),
+        Target("PositionConstraint.at", ms.PositionConstraint([8], [1.0, 0.0, 0.0]).at, {"time": 0.05}),
+        Target("OrientationConstraint.at", ms.OrientationConstraint([8], [0.1, 0.0, 0.0]).at, {"time": 0.05}),
+        Target("WarpFrame.positions", ms.WarpFrame(basis).positions, {"q": q}),
+        Target("TriangleMesh.shared_among_corners", mesh.shared_among_corners, {"face_values": mesh.face_areas}),
+        Target("Flock.step", lambda dt: ms.Flock(rest[:3], rest[3:6] + 1.0).step(dt), {"dt": 0.1}),
+    ]
+    crowd, pose = ms.Crowd(basis, 2), {"rotations": np.eye(3), "translations": np.zeros(3)}
+    blend = functools.partial(crowd.blend_strains, models["rsw"], out=np.empty((2, *rest.shape)))
+    made.append(Target("Crowd.blend_strains", blend, {"shares": np.array([0.0, 1.0])} | pose))
+    for name in ("lma", "mwts", "rsw"):
+        made.append(Target(f"{name}.displacement", models[name].displacement, {"q": q}))
+        made.append(Target(f"{name}.coordinates_of", models[name].coordinates_of, {"positions": rest}))
+    for name, model in models.items():
+        made.append(Target(f"{name}.start_motion", model.start_motion, {"positions": rest}))
+    return made
+
+
+def cases():
+    for target in (*arrays.targets(), *methods()):
+        if target.name == "run_sweep" or target.name.startswith("ReducedRotationStrain"):
+            continue  # see ELSEWHERE
+        for argument, sound in target.values.items():
+            array = np.asarray(sound)
+            if array.dtype.kind not in "biuf":
+                continue
+            for name, damage in BAD.items():
+                if name in NOT_FINITE and (target.name, argument) in EXCEPTIONS:
+                    continue
+                yield pytest.param(target, argument, damage, id=f"{target.name}-{argument}-{name}")
+
+
+def numeric_methods():
+    """Public methods of exported classes that take numbers from users, as ``Class.method``."""
+    for name in ms.__all__:
+        kind = getattr(ms, name)
+        if not isinstance(kind, type) or issubclass(kind, BaseException | str):
+            continue
+        for method, function in inspect.getmembers(kind, callable):
+            if method.startswith("_") or isinstance(function, type) or method in BETWEEN_PARTS:
+                continue
+            kinds = [str(parameter.annotation) for parameter in inspect.signature(function).parameters.values()]
+            if any("ArrayLike" in annotation or annotation.startswith("float") for annotation in kinds):
+                yield name, method
+
+
+def test_every_method_that_takes_numbers_is_tried():
+    tried = {target.name for target in (*arrays.targets(), *methods())} | set(ELSEWHERE)
+    tried_methods = {name.split(".")[-1] for name in tried}
+    # Of models each rung is tried under its own name, and crowds by one call of all methods.
+    missing = {
+        f"{kind}.{method}"
+        for kind, method in numeric_methods()
+        if f"{kind}.{method}" not in tried and not (issubclass(getattr(ms, kind), ms.Model) and method in tried_methods)
+    }
+    assert not missing
+
+
+@pytest.mark.parametrize("seconds", [np.nan, np.inf, -1.0, "x", [1.0], 1j])
+def test_waiting_refuses_what_is_no_time(seconds, tmp_path):
+    with pytest.raises(ms.OptionError, match="wait must be"):
+        ms.RunFollower(tmp_path / "never").wait(seconds)
+
+
+@pytest.mark.parametrize(("target", "argument", "damage"), list(cases()))
+def test_bad_arguments_are_refused(target, argument, damage):
+    given = {name: copy.copy(value) for name, value in (target.values | target.objects).items()}
+    if "dtype" in target.words:
+        given["dtype"] = "float64"
+    sound = given[argument]
+    given[argument] = damage(sound)
+    if np.ndim(sound) == 0 and np.ndim(given[argument]) == 0:
+        given[argument] = given[argument].item() if isinstance(given[argument], np.ndarray) else given[argument]
+    with pytest.raises(ModalShellError):
+        target.call(**given)
