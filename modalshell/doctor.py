@@ -9,6 +9,8 @@ import platform
 import warnings
 from dataclasses import dataclass
 
+from threadpoolctl import threadpool_info
+
 from modalshell.errors import ModalShellWarning
 from modalshell.modes import BACKENDS
 from modalshell.render.backend import choose_backend, drawing_hint
@@ -54,10 +56,6 @@ def examine() -> list[Reading]:
 
 def _blas() -> list[Reading]:
     """Each BLAS in this process with its threads and the processor that it takes this one for."""
-    if importlib.util.find_spec("threadpoolctl") is None:
-        return [Reading("BLAS", "unknown", "pip install threadpoolctl: shows the BLAS and its threads")]
-    from threadpoolctl import threadpool_info
-
     readings = []
     for pool in threadpool_info():
         if pool["user_api"] == "blas":
