@@ -135,6 +135,6 @@ for study in studies().values():
         importlib.import_module(f"paper_figures.{figure}")
 import studies.benchmarks.run
 """
-    extras = ["pyvista", "vtkmodules", "warp", "sympy", "threadpoolctl", "petsc4py", "distributed", "pyarrow"]
+    extras = ["pyvista", "vtkmodules", "warp", "sympy", "petsc4py", "distributed", "pyarrow"]
     extras += ["sksparse", "pypardiso", "trame", "pytest", "hypothesis"]
     subprocess.run([sys.executable, "-c", program, *extras], check=True, timeout=120)
