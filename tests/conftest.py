@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from hypothesis import settings
 from scenes import beam_text, cantilever
 
 from modalshell import ModalShellWarning, solve_modes
@@ -17,6 +18,9 @@ with contextlib.suppress(ImportError):
     from threadpoolctl import threadpool_limits
 
     _ONE_THREAD = threadpool_limits(1)
+
+settings.register_profile("repeatable", derandomize=True)
+settings.load_profile("repeatable")  # the same examples in every run; others by --hypothesis-profile=default
 
 SLOW_STUDIES = ("held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "tradeoff")
 """Those that take long even if quick."""

@@ -16,7 +16,7 @@ from typing import Any, final
 
 import numpy as np
 
-from modalshell.checks import shown
+from modalshell.checks import shortened, shown
 from modalshell.errors import MeshError
 from modalshell.mesh.topology import FloatArray, IntArray
 
@@ -156,7 +156,8 @@ def read_ply(data: bytes) -> Polygons:
         ) from error
     except (ValueError, OverflowError) as error:
         raise MeshError(
-            f"the file is damaged or not PLY ({error}); write or download it again, or convert it to OBJ"
+            f"the file is damaged or not PLY ({shortened(str(error))}); write or download it again, or convert it "
+            "to OBJ"
         ) from error
     polygons: Any = found["face"].get("vertex_indices", found["face"].get("vertex_index"))
     whole = isinstance(polygons, tuple) and polygons[0].dtype.kind in "iu"

@@ -258,3 +258,13 @@ def test_repository_meshes_load():
     np.testing.assert_allclose(blade.vertices, leaf().vertices, atol=1e-12)
     np.testing.assert_allclose(beam.vertices, v_beam().vertices, atol=1e-12)
     np.testing.assert_array_equal(beam.faces, v_beam().faces)
+
+
+def test_messages_on_damaged_numbers_stay_short(tmp_path):
+    rows = "0 0 0\n1 0 0\n0 1 " + "[" * 3000 + "\n3 0 1 2\n"
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    file = tmp_path / "mesh.ply"
+    file.write_text(f"{header}element face 1\nproperty list uchar int vertex_indices\nend_header\n{rows}")
+    with pytest.raises(MeshError, match="damaged or not PLY") as refused:
+        load_mesh(file)
+    assert len(str(refused.value)) < 600
