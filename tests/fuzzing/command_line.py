@@ -124,7 +124,7 @@ def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
     status: Any = 0
 
     def load_only(scene: Any, *_: Any) -> str:
-        scene.build()
+        scene.require_shell().build()
         return "window"
 
     patched = {
