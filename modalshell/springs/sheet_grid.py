@@ -67,11 +67,11 @@ class SheetGrid:
         if rows * columns > _MOST:
             raise MeshError(f"shape must be at most {_MOST:,} masses in all (got {rows} x {columns})")
         object.__setattr__(self, "shape", (rows, columns))
-        for name, unit in (("spacing", "m"), ("particle_mass", "kg")):
-            checked_number(name, getattr(self, name), MaterialError, above=0.0, unit=unit)
-        for name, unit in (("structural", "N/m"), ("shear", "N/m"), ("flexion", "N/m"), ("drag", "1/s")):
-            checked_number(name, getattr(self, name), MaterialError, at_least=0.0, unit=unit)
-        checked_number("spring_damping", self.spring_damping, MaterialError, at_least=0.0, unit="N s/m")
+        units = {"structural": "N/m", "shear": "N/m", "flexion": "N/m", "drag": "1/s", "spring_damping": "N s/m"}
+        for name, unit in {"spacing": "m", "particle_mass": "kg", **units}.items():
+            bound = {"at_least": 0.0} if name in units else {"above": 0.0}
+            value = checked_number(name, getattr(self, name), MaterialError, unit=unit, **bound)
+            object.__setattr__(self, name, value)  # a large whole number is no number of NumPy's
         if not isinstance(self.pinned, np.ndarray) or self.pinned.dtype != bool or np.ma.is_masked(self.pinned):
             raise SupportError(f"pinned must be an array of bool (got {shown(self.pinned)})")
         pinned = self.pinned

@@ -99,7 +99,7 @@ class _Shown:
         write_text(path, "picture")
 
 
-def _no_scheduler(address: str) -> Any:
+def _no_scheduler(address: str, *_: object) -> Any:
     raise ms.WorkerError(f"no scheduler answers at {address!r:.60}")
 
 

@@ -8,7 +8,7 @@ from scenes import grid_model, grid_of, shaken
 
 import modalshell as ms
 from modalshell.errors import OptionError, SolverError
-from modalshell.springs import GridVerlet
+from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.threads import ThreadChoice
 
 
@@ -160,3 +160,8 @@ def test_free_sheet_keeps_its_momenta():
     # Verlet keeps x cross p of its staggered velocities.
     spin = [np.cross(a, b).sum(axis=0) for a, b in ((start, rates), (x, v))]
     np.testing.assert_allclose(spin[1], spin[0], rtol=0, atol=1e-10)
+
+
+def test_large_whole_numbers_are_numbers():
+    grid = SheetGrid((3, 3), 2**63, 1.0, 1.0, 1.0, 1.0)
+    assert grid.rest_positions().max() == 2.0**64
