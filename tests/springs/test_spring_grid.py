@@ -163,5 +163,6 @@ def test_free_sheet_keeps_its_momenta():
 
 
 def test_large_whole_numbers_are_numbers():
-    grid = SheetGrid((3, 3), 2**63, 1.0, 1.0, 1.0, 1.0)
+    values = dict.fromkeys(("particle_mass", "structural", "shear", "flexion"), 1.0)
+    grid = SheetGrid(shape=(3, 3), spacing=2**63, **values)
     assert grid.rest_positions().max() == 2.0**64
