@@ -1,5 +1,6 @@
 """Sweeps under kill -9 of workers and drivers at random moments: nothing lost, nothing done twice, the same bits."""
 
+import functools
 import os
 import signal
 import subprocess
@@ -35,7 +36,9 @@ def write(folder, modes, gravities, duration):
 
 def started(sweep, folder):
     command = [sys.executable, "-m", "modalshell", "sweep", str(sweep), "--out", str(folder), "--workers", "2"]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    # A shell's background job starts with Ctrl-C ignored, and hands that on.
+    heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=heed)
 
 
 def finish(process):
