@@ -15,8 +15,15 @@ from modalshell.sharing import read_only_copy
 from modalshell.typing import Array, Vector
 
 
+class _SelectedForce(Load):
+    """One vector for selected vertices."""
+
+    def __init__(self, sel: Selection, force: Vector) -> None:
+        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
+
+
 @final
-class PointForce(Load, key="point"):
+class PointForce(_SelectedForce, key="point"):
     """A force at each selected vertex.
 
     Parameters
@@ -32,16 +39,13 @@ class PointForce(Load, key="point"):
         If ``force`` is not three finite numbers.
     """
 
-    def __init__(self, sel: Selection, force: Vector) -> None:
-        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
-
     def force(self, mesh: TriangleMesh) -> Array:
         """Force on every vertex (n, 3) [N]; OptionError where ``sel`` selects no vertex of ``mesh``."""
         return np.where(selected("sel", self.sel, mesh.vertices)[:, None], self.vector, 0.0)
 
 
 @final
-class LineForce(Load, key="line"):
+class LineForce(_SelectedForce, key="line"):
     """A force along the edges whose two ends are selected.
 
     Parameters
@@ -56,9 +60,6 @@ class LineForce(Load, key="line"):
     LoadError
         If ``force`` is not three finite numbers.
     """
-
-    def __init__(self, sel: Selection, force: Vector) -> None:
-        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
 
     def force(self, mesh: TriangleMesh) -> Array:
         """Force on every vertex (n, 3) [N]; OptionError where ``sel`` selects no edge of ``mesh``."""

@@ -197,13 +197,10 @@ class Factoriser:
 
     def symmetric(self, matrix: sps.csc_array) -> Factor:
         """Factor of a symmetric matrix that may be indefinite; SolverError if it is singular."""
-        _check_finite(matrix)
-        if not self._takes_superlu(matrix):
-            try:
-                return self.definite(matrix)
-            except NotPositiveDefiniteError:
-                pass
-        return self._superlu(matrix)
+        try:
+            return self.definite(matrix)
+        except NotPositiveDefiniteError:
+            return self._superlu(matrix)
 
     def _takes_superlu(self, matrix: sps.csc_array) -> bool:
         return self.backend == "superlu" or (self.backend is None and matrix.shape[0] < _SMALL)
