@@ -1,6 +1,7 @@
 """Scenes that several test files share; one BLAS thread, since two on a busy machine take many times as long."""
 
 import contextlib
+import sys
 import warnings
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import settings
 from scenes import beam_text, cantilever
 
 from modalshell import ModalShellWarning, solve_modes
+from modalshell.plugins import load_plugins
 from modalshell.render import choose_backend
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
 from modalshell.reproduce import reproduce
@@ -61,6 +63,30 @@ def scene_file(scene_text, tmp_path):
         return path
 
     return write
+
+
+@pytest.fixture
+def install_modules(tmp_path, monkeypatch):
+    """Installs modules beside their metadata, found by an entry point as another package's are; forgets them after."""
+    names = []
+
+    def install(entry, **sources):
+        site = tmp_path / "site"
+        metadata = site / "toy-0.1.dist-info"
+        metadata.mkdir(parents=True)
+        for name, source in sources.items():
+            (site / f"{name}.py").write_text(source)
+        names.extend(sources)
+        (metadata / "entry_points.txt").write_text(f"[modalshell]\n{entry}\n")
+        (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy\nVersion: 0.1\n")
+        monkeypatch.syspath_prepend(str(site))
+        monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+        load_plugins.cache_clear()
+
+    yield install
+    for name in names:
+        sys.modules.pop(name, None)
+    load_plugins.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -1,14 +1,11 @@
 """A load of another package takes one file: a class with a key, which scenes then know."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import modalshell as ms
 from modalshell.cli import main
 from modalshell.loads import LOADS
-from modalshell.plugins import load_plugins
 
 MODULE = '''
 """A force that grows along the shell."""
@@ -36,20 +33,10 @@ WEIGHTLESS = ("[loads]\ngravity = [0, 0, -9.81]\n", "")
 
 
 @pytest.fixture
-def toy(tmp_path, monkeypatch):
-    site = tmp_path / "site"
-    metadata = site / "toy_ramp-0.1.dist-info"
-    metadata.mkdir(parents=True)
-    (site / "toy_ramp.py").write_text(MODULE)
-    (metadata / "entry_points.txt").write_text("[modalshell]\nramp = toy_ramp\n")
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-ramp\nVersion: 0.1\n")
-    monkeypatch.syspath_prepend(str(site))
-    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
-    load_plugins.cache_clear()
+def toy(install_modules):
+    install_modules("ramp = toy_ramp", toy_ramp=MODULE)
     yield
-    sys.modules.pop("toy_ramp", None)
     LOADS.pop("ramp", None)
-    load_plugins.cache_clear()
 
 
 def command(*arguments):

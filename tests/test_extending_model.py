@@ -1,14 +1,11 @@
 """A model of another package takes two files: its own, and a module that registers its record."""
 
-import sys
-
 import numpy as np
 import pytest
 
 import modalshell as ms
 from modalshell.cli import main
 from modalshell.models.registry import MODELS, register
-from modalshell.plugins import load_plugins
 
 MODEL = '''
 """Linear modes whose displacements are scaled."""
@@ -40,22 +37,10 @@ WEAK = ("-9.81", "-0.5")
 
 
 @pytest.fixture
-def toy(tmp_path, monkeypatch):
-    site = tmp_path / "site"
-    metadata = site / "toy_model-0.1.dist-info"
-    metadata.mkdir(parents=True)
-    (site / "toy_model.py").write_text(MODEL)
-    (site / "toy_record.py").write_text(RECORD)
-    (metadata / "entry_points.txt").write_text("[modalshell]\nscaled = toy_record\n")
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-model\nVersion: 0.1\n")
-    monkeypatch.syspath_prepend(str(site))
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
-    load_plugins.cache_clear()
+def toy(install_modules):
+    install_modules("scaled = toy_record", toy_model=MODEL, toy_record=RECORD)
     yield
-    for module in ("toy_model", "toy_record"):
-        sys.modules.pop(module, None)
     MODELS.pop("scaled", None)
-    load_plugins.cache_clear()
 
 
 def command(*arguments):

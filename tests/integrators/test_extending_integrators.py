@@ -12,7 +12,6 @@ from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.models import Damping
 from modalshell.motion import stability
-from modalshell.plugins import load_plugins
 
 MODULE = '''
 """The exponential Euler rule of modes: exact for free motion, and under a modal force that stays what it is."""
@@ -54,22 +53,12 @@ DAMPED = ("duration = 1", "duration = 1\ndamping = [0.5, 0]")
 
 
 @pytest.fixture
-def toy(tmp_path, monkeypatch):
-    """A package of one file beside its metadata, found as an installed one is."""
-    site = tmp_path / "site"
-    metadata = site / "toy_rule-0.1.dist-info"
-    metadata.mkdir(parents=True)
-    (site / "toy_rule.py").write_text(MODULE)
-    (metadata / "entry_points.txt").write_text("[modalshell]\nrule = toy_rule\n")
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-rule\nVersion: 0.1\n")
-    monkeypatch.syspath_prepend(str(site))
-    monkeypatch.setenv("MODALSHELL_RENDERER", "matplotlib")
-    load_plugins.cache_clear()
+def toy(install_modules):
+    """A package of one file, found as an installed one is."""
+    install_modules("rule = toy_rule", toy_rule=MODULE)
     yield
-    sys.modules.pop("toy_rule", None)
     ModalIntegrator.known.pop("exponential", None)
     FullIntegrator.known.pop("frozen", None)
-    load_plugins.cache_clear()
 
 
 def command(*arguments):
