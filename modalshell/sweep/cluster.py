@@ -91,16 +91,19 @@ def run_on_cluster(tasks: Sequence[Task], client: Any) -> Generator[CaseResult, 
     first = [submit(task) for task in itertools.islice(rest, _AHEAD * threads)]
     ahead = as_completed(first, loop=client.loop)
     for future in ahead:
-        if future.status == "finished":
-            yield future.result()
-        else:
-            error = future.exception() if future.status == "error" else None
-            if not isinstance(error, KilledWorker):
-                raise WorkerError(
-                    f"the cluster gives no result but {future.status!r} ({type(error).__name__}: {error}); what it has "
-                    "given is stored, and starting the sweep again does the rest"
-                ) from error
-            digest = future.key.removeprefix("modalshell-")
-            yield CaseResult(digest, Outcome.FAILED, "the cluster's workers died at it")
+        if future.status in ("lost", "pending"):  # its worker died with the result: the scheduler computes it again
+            ahead.add(future)
+            continue
+        digest = future.key.removeprefix("modalshell-")
+        try:
+            result = future.result()
+        except KilledWorker:
+            result = CaseResult(digest, Outcome.FAILED, "the cluster's workers died at it")
+        except Exception as error:
+            raise WorkerError(
+                f"the cluster gives no result but {future.status!r} ({type(error).__name__}: {error}); what it has "
+                "given is stored, and starting the sweep again does the rest"
+            ) from error
+        yield result
         future.release()
         ahead.update([submit(task) for task in itertools.islice(rest, 1)])
