@@ -99,7 +99,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "timings",
         "typing",
     },
-    "export": {"atomic_io", "checks", "errors", "motion", "outcome", "reading", "typing"},
+    "export": {"atomic_io", "checks", "errors", "modes", "motion", "outcome", "reading", "sharing", "typing"},
     "scene": {
         "atomic_io",
         "checks",
