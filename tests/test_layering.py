@@ -208,7 +208,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "timings",
         "typing",
     },
-    "commands": {"errors", ROOT, "outcome", "scene", "viewer"},
+    "commands": {"errors", "export", ROOT, "outcome", "page", "reading", "scene", "viewer"},
     "cli": {
         "atomic_io",
         "checks",
