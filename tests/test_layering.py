@@ -61,7 +61,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "typing",
         "work",
     },
-    "springs": {"checks", "errors", "kernels", "mesh", "shell", "typing"},
+    "springs": {"checks", "errors", "kernels", "mesh", "page", "shell", "typing"},
     "doctor": {"errors", "modes", "render"},
     "statics": {"constraints", "errors", "kernels", "modes", "outcome", "shell", "timings", "typing"},
     "integrators": {"checks", "errors", "modes", "sharing", "shell", "springs", "statics", "timings", "typing"},
@@ -85,7 +85,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "typing",
         "work",
     },
-    "crowd": {"checks", "errors", "integrators", "kernels", "models", "modes", "reduction", "typing"},
+    "crowd": {"checks", "errors", "integrators", "kernels", "models", "modes", "page", "reduction", "typing"},
     "motion": {
         "checks",
         "constraints",
