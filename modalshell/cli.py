@@ -191,7 +191,7 @@ def simulate(
         answer = chosen.equilibrium(gravity=gravity)
         told = answer.outcome.with_message(answer.message)
         print(f"{chosen.name}: {told}, {answer.iterations} iterations, residual {answer.residual:.1e}")
-        found = ms.Trajectory.still(answer, built, built.gravity_force(gravity))
+        found = ms.Trajectory.still(answer, built, built.loading(gravity))
     else:
         with progress(f"{chosen.name} steps") as on_step:
             found = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)

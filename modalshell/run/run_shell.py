@@ -83,7 +83,7 @@ class ShellRun(SceneRun[SceneResult]):
         scene = self._scene
         built = scene.build(self.shell)
         if scene.motion is None:
-            self._take(Trajectory.still(built.equilibrium(), self.shell, built.load(), scene.output.positions))
+            self._take(Trajectory.still(built.equilibrium(), self.shell, built.loading(), scene.output.positions))
             return 0
         run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
         self._take(run)

@@ -103,6 +103,15 @@ class Problem(ABC, Generic[Matrix]):
         """Load (N,) on the free unknowns."""
         return self.load
 
+    @property
+    def is_dead(self) -> bool:
+        """Whether the load leaves the Hessian alone."""
+        return True
+
+    def push_at(self, x: Array) -> Array:  # noqa: ARG002 (dead loads are the same everywhere)
+        """Load (N,) on the free unknowns where they are x."""
+        return self.push
+
     @abstractmethod
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, Matrix]:
         """Gradient (N,) and Hessian on the free unknowns."""
