@@ -46,6 +46,7 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
@@ -54,6 +55,8 @@ from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.statics.bifurcation import PathEvent
+from modalshell.statics.dense import EnergyFunction
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -65,7 +68,9 @@ __all__ = [
     "Crowd",
     "Damping",
     "DiscreteShell",
+    "EnergyFunction",
     "Equilibrium",
+    "EquilibriumPath",
     "FileFormatError",
     "FlightResult",
     "Flock",
@@ -85,6 +90,7 @@ __all__ = [
     "OptionError",
     "OrientationConstraint",
     "Outcome",
+    "PathEvent",
     "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
@@ -109,6 +115,7 @@ __all__ = [
     "advise",
     "coarse_shell",
     "cylinder_panel",
+    "equilibrium_path",
     "flat_beam",
     "leaf",
     "load_mesh",

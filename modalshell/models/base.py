@@ -18,6 +18,7 @@ from modalshell.loads import Load
 from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
+from modalshell.statics.path import Followable
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
 
@@ -164,6 +165,19 @@ class Model(ABC):
     @abstractmethod
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
+
+    def followable(self, load: Array) -> Followable:
+        """The model as :func:`modalshell.equilibrium_path` follows it under a growing ``load`` (n, 3) [N].
+
+        Raises
+        ------
+        OptionError
+            Where its equilibria are not those of a potential.
+        """
+        raise OptionError(
+            f"{self.name} has no path of equilibria to follow, as its force is not that of a potential, or its answer "
+            "is linear: take DS, RSW or MD-ROM"
+        )
 
     def rigid_load(self, load: Array) -> float:
         """Share of a load (n, 3) that pushes along rigid motions which nothing opposes in statics."""

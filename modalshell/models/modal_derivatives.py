@@ -21,6 +21,7 @@ from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
+from modalshell.statics.path import Followable
 from modalshell.statics.verdict import verdict
 from modalshell.typing import Array
 from modalshell.work import count_read
@@ -103,8 +104,7 @@ class ModalDerivatives(Model):
         return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
-        push = load.ravel() @ self._vectors
-        problem = ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
+        problem = self._statics(load)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             found = equilibrium(problem, None if start is None else self.coordinates_of(start))
         return Equilibrium(
@@ -114,6 +114,19 @@ class ModalDerivatives(Model):
             found.residual,
             found.stable,
             coordinates=found.point,
+        )
+
+    def _statics(self, load: Array) -> ReducedPotential:
+        push = load.ravel() @ self._vectors
+        return ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
+
+    def followable(self, load: Array) -> Followable:
+        """The reduced potential, coordinates z as unknowns."""
+        return Followable(
+            self._statics(load),
+            self._positions,
+            self.coordinates_of,
+            lambda _, force: force.ravel() @ self._vectors,
         )
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
