@@ -63,7 +63,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "springs": {"checks", "errors", "kernels", "mesh", "shell", "typing"},
     "doctor": {"errors", "modes", "render"},
-    "statics": {"constraints", "errors", "kernels", "modes", "outcome", "shell", "timings", "typing"},
+    "statics": {"checks", "constraints", "errors", "kernels", "modes", "outcome", "shell", "timings", "typing"},
     "integrators": {"checks", "errors", "modes", "sharing", "shell", "springs", "statics", "timings", "typing"},
     "reduction": {"checks", "errors", "kernels", "modes", "sharing", "shell", "statics", "timings", "typing", "work"},
     "models": {
@@ -78,6 +78,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "outcome",
         "plugins",
         "reduction",
+        "selection",
         "shell",
         "springs",
         "statics",
@@ -192,6 +193,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "run",
         "scene",
         "shell",
+        "statics",
         "sweep",
     },
     "viewer": {
