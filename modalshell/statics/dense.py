@@ -152,7 +152,7 @@ class WorkPotential(DenseProblem):
     def linearise(  # exact, whatever is asked for: there are no stresses
         self,
         x: Array,
-        geometric: int,
+        geometric: int,  # noqa: ARG002
         stresses: list[Array] | None = None,  # noqa: ARG002
     ) -> tuple[Array, Array]:
         """Gradient (m,) and exact Hessian (m, m)."""
@@ -262,7 +262,7 @@ class EnergyPotential(DenseProblem):
     def linearise(  # exact, whatever is asked for: there are no stresses
         self,
         x: Array,
-        geometric: int,
+        geometric: int,  # noqa: ARG002
         stresses: list[Array] | None = None,  # noqa: ARG002
     ) -> tuple[Array, Array]:
         """Gradient (N,) and Hessian (N, N)."""
