@@ -93,10 +93,10 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     forces, difference_error, asymmetry = _derivative_forces(modes)
     # At rest the exact Hessian is its Gauss-Newton part, positive definite where the supports hold.
     stiffness = shell.pattern.free_matrix(shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2])
-    derivatives, free = np.zeros_like(forces), shell.free_unknowns
-    derivatives[free] = Factoriser(backend, use="solve").definite(stiffness).solve(-forces[free])
-    count = modes.count
-    found = orthonormal_extension(modes.modes[free], derivatives[free], np.repeat(shell.mass, 3)[free])
+    unknowns, count = shell.unknowns, modes.count
+    solved = Factoriser(backend, use="solve").definite(stiffness).solve(-unknowns.restrict(forces))
+    derivatives = unknowns.prolong(solved)
+    found = orthonormal_extension(unknowns.values(modes.modes), solved, unknowns.masses(shell.mass))
     # The new vectors are K-orthogonal to the modes as they are M-orthogonal to them: only they need turning.
     further, turned = np.linalg.eigh(found[:, count:].T @ (stiffness @ found[:, count:]))
     if not (further > 0.0).all():  # NaN too
@@ -104,8 +104,7 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
             f"the modal derivatives have no positive stiffness (lowest {further.min():.3g} 1/s^2): the mesh is too "
             "ill-conditioned for them; remesh needles, or bring the stiffnesses nearer together"
         )
-    vectors = np.zeros((modes.modes.shape[0], found.shape[1]))
-    vectors[free] = np.hstack([found[:, :count], found[:, count:] @ turned])
+    vectors = unknowns.prolong(np.hstack([found[:, :count], found[:, count:] @ turned]))
     eigenvalues = np.concatenate([modes.eigenvalues, further])
     return DerivativeBasis(modes, derivatives, vectors, eigenvalues, difference_error, asymmetry)
 

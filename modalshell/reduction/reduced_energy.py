@@ -12,6 +12,7 @@ from modalshell.shell import EXACT, Shell
 from modalshell.shell import elements as sums
 from modalshell.shell.elements import ElementSet
 from modalshell.shell.pattern import build_pattern
+from modalshell.supports import VertexUnknowns
 from modalshell.typing import Array, Index
 from modalshell.work import count_products, count_read
 
@@ -61,7 +62,9 @@ class ReducedEnergy:
         rows = (3 * self.vertices[:, None] + np.arange(3)).ravel()
         self._vectors = np.ascontiguousarray(vectors[rows])
         count = self.vertices.size
-        self._pattern, self._slots = build_pattern(count, [e.stencils for e in self.elements], np.arange(count))
+        self._pattern, self._slots = build_pattern(
+            count, [e.stencils for e in self.elements], VertexUnknowns(np.zeros(count, dtype=bool))
+        )
 
     @property
     def size(self) -> int:
