@@ -203,6 +203,10 @@ class Model(ABC):
         """Move ``state``, a step of ``dt`` after ``before``, onto the targets; also returns each one's residual."""
         raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
 
+    def centred(self) -> tuple[Model, Array]:
+        """The model to step, and where its origin lies (3,) [m]: that of a shell far away is one about the origin."""
+        return self, np.zeros(3)
+
     def holding(self, vertices: Index) -> Model:
         """The same model with further vertices held, which is how models in the world's frame meet constraints."""
         raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -75,9 +76,7 @@ class FullModel(Model):
         before = dict(self.costs)
         patches = held_patches(constraints, self.shell) if constraints else []
         first = None if start is None else hold(self.shell, start)
-        # About the origin, where coordinates have the smallest rounding.
-        model = copy.copy(self)
-        model.shell, origin = self.shell.centred()
+        model, origin = self.centred()
         if origin.any() and first is not None:
             first = first - origin
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
@@ -109,6 +108,15 @@ class FullModel(Model):
             return lowest_tangent_eigenvalue(self.shell, self.shell.checked_positions(positions))
         except SolverError:
             return 0.0
+
+    def centred(self) -> tuple[Self, Array]:
+        """The same model about the origin, where coordinates have the smallest rounding, and where its origin was."""
+        shell, origin = self.shell.centred()
+        if not origin.any():
+            return self, origin
+        model = copy.copy(self)
+        model.shell = shell
+        return model, origin
 
     @abstractmethod
     def holding(self, vertices: Index) -> FullModel:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import warnings
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_npz
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
@@ -19,6 +21,7 @@ from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
+from modalshell.page import Page, modal_page
 from modalshell.plugins import load_plugins
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Isotropic, Material, Shell
@@ -93,6 +96,47 @@ class Basis(ReadOnlyArrays):
             residual=np.array(self.residual),
             backend=np.array(self.backend),
         )
+
+    def page(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        title: str = "modalshell",
+        gravity: Sequence[float] = (0.0, 0.0, -9.81),
+        force: ArrayLike | None = None,
+        damping: tuple[float, float] = (0.5, 0.001),
+        dt: float = 1.0 / 60.0,
+    ) -> Page:
+        """A self-contained web page on which the shell moves by LMA and MWTS; notebooks show it live.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            HTML file to write.
+        title, gravity, force, damping, dt
+            See :func:`modalshell.page.modal_page`.
+
+        Raises
+        ------
+        OptionError
+            If there are more modes than a browser's shader takes, or an option is out of range.
+        """
+        page = modal_page(
+            self.shell.mesh,
+            eigenvalues=self.eigenvalues,
+            modes=self.modes,
+            rotations=self.rotations,
+            mass=self.shell.mass,
+            held=np.flatnonzero(self.shell.clamped),
+            title=title,
+            gravity=gravity,
+            force=force,
+            damping=damping,
+            dt=dt,
+        )
+        if path is not None:
+            page.save(path)
+        return page
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Basis:

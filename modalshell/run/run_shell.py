@@ -134,7 +134,7 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
         ("energies", "<f8", (3,)),
         ("fault", f"S{_FAULT_BYTES}"),
         ("fault_time", "<f8"),
-        ("positions", np.dtype(precision).newbyteorder("<").str, motion.model.shell.rest_positions.shape),
+        ("positions", np.dtype(precision).newbyteorder("<").str, motion.shell.rest_positions.shape),
     ]
     return fields + [(f"{_SNAPSHOT}{name}", "<f8", array.shape) for name, array in motion.snapshot().items()]
 

@@ -190,7 +190,11 @@ def mixed_newton(
             best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor)
         else:
             stalled += 1
-        if best.residual <= problem.rounding(x, hessian, length) / scale:
+        allowed = problem.rounding(x, hessian, length) / scale
+        if best.point is start and iteration > 0 and residual <= allowed:
+            # What rounding makes of the balance may be larger than the load itself: the start is no answer for that.
+            best = NewtonResult(x, residual, iteration, False, best.factor)
+        if best.residual <= allowed and best.point is not start:
             best.converged = True
         if (
             (residual <= goal and best.converged)

@@ -310,7 +310,7 @@ class ViewSession:
         if before is not None:
             motion.count = before.count
             if not model.in_shell_frame:  # its start would put what is held back to time 0
-                motion.state.coordinates = self.positions.copy()
+                motion.place(self.positions)
         if rates is not None:
             motion.state.rates = rates
         return motion
