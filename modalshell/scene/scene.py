@@ -39,7 +39,7 @@ from modalshell.scene.read import located
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.selection import selected
 from modalshell.shell import Shell
-from modalshell.shell.supports import held_vertices
+from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
 
 
