@@ -18,7 +18,7 @@ from modalshell.errors import (
     SupportError,
     WorkerError,
 )
-from modalshell.export import load_trajectory, save_trajectory
+from modalshell.export import load_clip, load_trajectory, save_trajectory
 from modalshell.loads import LineForce, PointForce
 from modalshell.mesh import (
     TriangleMesh,
@@ -57,6 +57,7 @@ from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.dense import EnergyFunction
+from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -64,14 +65,17 @@ __version__ = "0.1.0"
 __all__ = [
     "Advice",
     "Basis",
+    "Clamp",
     "CoarseDiscreteShell",
     "Crowd",
     "Damping",
+    "Diaphragm",
     "DiscreteShell",
     "EnergyFunction",
     "Equilibrium",
     "EquilibriumPath",
     "FileFormatError",
+    "Fix",
     "FlightResult",
     "Flock",
     "Isotropic",
@@ -91,10 +95,12 @@ __all__ = [
     "OrientationConstraint",
     "Outcome",
     "PathEvent",
+    "Pin",
     "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",
+    "Roller",
     "RotationStrain",
     "RunFollower",
     "Scene",
@@ -107,6 +113,8 @@ __all__ = [
     "SupportError",
     "SupportPath",
     "SweepResult",
+    "Symmetry",
+    "Tie",
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
@@ -118,6 +126,7 @@ __all__ = [
     "equilibrium_path",
     "flat_beam",
     "leaf",
+    "load_clip",
     "load_mesh",
     "load_scene",
     "load_trajectory",

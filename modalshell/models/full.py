@@ -128,14 +128,13 @@ class FullModel(Model):
 
     def followable(self, load: Array) -> Followable:
         """The shell about the origin, every vertex an unknown."""
-        model = copy.copy(self)
-        model.shell, origin = self.shell.centred()
-        free = model.shell.free_unknowns
+        model, origin = self.centred()
+        restrict = model.shell.unknowns.restrict
         return Followable(
             model._statics(load),
             lambda x: x + origin,
             lambda positions: hold(self.shell, positions) - origin,
-            lambda _, force: force.ravel()[free],
+            lambda _, force: np.asarray(restrict(force.ravel())),
         )
 
     def stable_step(self, damping: Damping | None = None) -> float:
@@ -155,7 +154,7 @@ class FullModel(Model):
 
     def is_saddle(self, state: MotionState) -> bool:
         """Whether the potential curves down in some direction; never said of a shell that nothing holds."""
-        if not self.shell.clamped.any():
+        if not self.shell.unknowns.supported.any():
             return False
         problem = self._statics(np.zeros_like(state.coordinates))
         hessian = problem.linearise(state.coordinates, EXACT)[1]

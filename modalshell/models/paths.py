@@ -15,6 +15,7 @@ from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.models.base import RIGID_LOAD, Model
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.selection import Selection, selected
 from modalshell.shell import Shell
@@ -253,7 +254,7 @@ def _followed(
     )
     shell = chosen.shell
     load = shell.total_load(gravity, force, loads)
-    if chosen.rigid_load(load) > RIGID_LOAD or not shell.clamped.any():
+    if chosen.rigid_load(load) > RIGID_LOAD or rigid_motions(shell).shape[1]:
         raise OptionError("a path needs a shell that its supports hold: clamp some vertices")
     begin = None if start is None else shell.checked_positions(start)
     followed = chosen.followable(load)
@@ -264,8 +265,7 @@ def _followed(
 def _watched(shell: Shell, load: Array, watch: tuple[Selection, Vector] | ArrayLike | None) -> Array:
     """Weights (n, 3) of the watched displacement."""
     if watch is None:
-        free = load.copy()
-        free[shell.clamped] = 0.0
+        free = np.asarray(shell.unknowns.prolong(shell.unknowns.values(load.ravel())).reshape(-1, 3))
         return free / max(float(np.linalg.norm(free, axis=1).sum()), 1e-300)
     if not isinstance(watch, tuple | list) or len(watch) != 2:
         raise OptionError(f"watch must be a selection of vertices and a direction (got {shown(watch)})")
