@@ -18,7 +18,7 @@ from modalshell.errors import (
     SupportError,
     WorkerError,
 )
-from modalshell.export import load_trajectory, save_trajectory
+from modalshell.export import load_clip, load_trajectory, save_trajectory
 from modalshell.loads import LineForce, PointForce
 from modalshell.mesh import (
     TriangleMesh,
@@ -111,6 +111,7 @@ __all__ = [
     "cylinder_panel",
     "flat_beam",
     "leaf",
+    "load_clip",
     "load_mesh",
     "load_scene",
     "load_trajectory",

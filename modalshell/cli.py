@@ -17,7 +17,7 @@ from rich.table import Table
 import modalshell as ms
 from modalshell.atomic_io import make_folder
 from modalshell.checks import shortened
-from modalshell.commands import scenes
+from modalshell.commands import results, scenes
 from modalshell.commands.terminal import CONSOLE, end_with, progress
 from modalshell.compare import MODES
 from modalshell.doctor import examine
@@ -36,6 +36,7 @@ from modalshell.statics.buckling import ADVICE, buckles
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 scenes.register(app)
+results.register(app)
 _LONGEST_MESSAGE = 1000
 """Characters of an error that the command line prints."""
 

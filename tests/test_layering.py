@@ -99,7 +99,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "timings",
         "typing",
     },
-    "export": {"atomic_io", "checks", "errors", "motion", "outcome", "reading", "typing"},
+    "export": {"atomic_io", "checks", "errors", "modes", "motion", "outcome", "reading", "sharing", "typing"},
     "scene": {
         "atomic_io",
         "checks",
@@ -208,7 +208,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "timings",
         "typing",
     },
-    "commands": {"errors", ROOT, "outcome", "scene", "viewer"},
+    "commands": {"errors", "export", ROOT, "outcome", "page", "reading", "scene", "viewer"},
     "cli": {
         "atomic_io",
         "checks",

@@ -1,4 +1,4 @@
-"""MD-ROM: the true discrete-shell energy on modes and their derivatives, with cubature [barbic2005; an2008]."""
+"""MD-ROM: the true energy on modes and their derivatives, with cubature [barbic2005; an2008]."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _STEP_GOAL = 1e-6
 
 @final
 class ModalDerivatives(Model):
-    """MD-ROM: ``x = X + U z``, U of modes and modal derivatives, under the discrete-shell energy of x.
+    """MD-ROM: ``x = X + U z``, U of modes and modal derivatives, under the shell's own energy of x.
 
     Stiffening, twist and couplings of modes come from the energy itself, and a linear basis with derivatives holds
     turns up to about 90 degrees. Its shapes stretch a little, though, at fourth order in the turn, and a membrane that
@@ -87,7 +87,6 @@ class ModalDerivatives(Model):
         backend: str | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
-        _ = shell.elements  # refuses energies that have no element sets to sum over
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
         self.basis = modal_derivatives(solve_modes(shell, count, backend=backend), backend=backend)

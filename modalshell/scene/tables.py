@@ -17,7 +17,7 @@ Times = Annotated[list[float], Meta(min_length=2)]
 Selection = str | list[Vertex]
 """Vertices by an expression such as ``x < 0.026``, or by index."""
 
-Format = Literal["npz", "vtkhdf", "pvd", "mp4", "png"]
+Format = Literal["npz", "vtkhdf", "pvd", "clip", "usdc", "usda", "glb", "pc2", "mdd", "mp4", "png"]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,22 @@ from modalshell.typing import Array, Index
 
 GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
 """How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""
+
+
+@final
+class Part(NamedTuple):
+    """A weighted sum of some elements of an energy.
+
+    Attributes
+    ----------
+    energy : ElasticEnergy
+        The sum, on its own numbering of the vertices that it touches.
+    vertices : ndarray of int64, shape (k,)
+        Those vertices, as the whole energy numbers them.
+    """
+
+    energy: ElasticEnergy
+    vertices: Index
 
 
 class ElasticEnergy(ABC):
@@ -60,6 +78,14 @@ class ElasticEnergy(ABC):
     @abstractmethod
     def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
         """Gradient (n, 3) [N] at ``rest + displacement``, both (n, 3) [m], in extended precision."""
+
+    @abstractmethod
+    def part(self, chosen: Sequence[Index], factors: Sequence[Array], internal: Array | None = None) -> Part:
+        """The ``chosen`` elements of each kind, times positive ``factors``.
+
+        ``internal`` (m, s) are fields of all internal unknowns, if the energy has any: the part is least over their
+        combinations alone.
+        """
 
     def shifted(self, origin: Array) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
         """The same energy of positions from which ``origin`` (3,) [m] has been taken."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from types import ModuleType
 from typing import Any, ClassVar, final
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
-from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy
+from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy, Part
 from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.material import Material
 from modalshell.shell.pattern import SparsePattern, build_pattern
@@ -231,6 +231,26 @@ class ElementSum(ElasticEnergy):
             e.kernel.measures(rest, e.stencils, stored)
             add_forces(e.stencils, 2.0 * e.weight * (change + (stored - e.rest)), slope, total)
         return total
+
+    def part(self, chosen: Sequence[Index], factors: Sequence[Array], internal: Array | None = None) -> Part:  # noqa: ARG002 (it has none)
+        """Chosen elements of each set times factors."""
+        stencils = [e.stencils[picked].ravel() for e, picked in zip(self.elements, chosen, strict=True)]
+        vertices = np.unique(np.concatenate(stencils))
+        return Part(self.renumbered(chosen, factors, vertices), vertices)
+
+    def renumbered(self, chosen: Sequence[Index], factors: Sequence[Array], vertices: Index) -> ElementSum:
+        """Chosen elements of each set times factors, on a numbering of the sorted ``vertices``."""
+        elements = [
+            replace(
+                e,
+                stencils=np.ascontiguousarray(np.searchsorted(vertices, e.stencils[picked])),
+                rest=e.rest[picked],
+                weight=e.weight[picked] * factor,
+                viscosity=None if e.viscosity is None else e.viscosity[picked] * factor,
+            )
+            for e, picked, factor in zip(self.elements, chosen, factors, strict=True)
+        ]
+        return ElementSum(elements, vertices.size)
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""

@@ -99,6 +99,13 @@ class SparsePattern:
         coupling = self.coupling(data)
         return np.asarray(result - coupling.T @ self.internal.solve(coupling @ vectors) / scale)
 
+    def internal_form(self, data: Array, vectors: Array) -> Array:
+        """What internal unknowns at their minimum take (k, k) from the blocks' ``vectors^T H vectors``; (3n, k)."""
+        if self.internal is None or (scale := self._internal_scale(data)) == 0.0:
+            return np.zeros((vectors.shape[1], vectors.shape[1]))
+        coupled = self.coupling(data) @ vectors
+        return np.asarray(coupled.T @ self.internal.solve(coupled) / scale)
+
     def _internal_scale(self, data: Array) -> float:
         """The stiffness of the internal unknowns in ``data`` over their own; 0 where there is none."""
         inner = self.internal

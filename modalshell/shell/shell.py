@@ -294,6 +294,11 @@ class Shell(ReadOnlyArrays):
 
     # Below: for solvers, on arrays that they own; no checks.
 
+    @property
+    def elastic_energy(self) -> ElasticEnergy:
+        """The elastic energy itself."""
+        return self._energy
+
     def raw_energy(self, x: Array) -> float:
         """Energy [J] without input checks; not finite at collapsed elements."""
         return self._energy.energy(x)

@@ -13,7 +13,7 @@ one constant matrix Q.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -54,6 +54,16 @@ class MembraneElements:
     edges: Index
     matrices: Array
     faces: Index
+
+    def part(self, chosen: Index, factors: Array, vertices: Index) -> MembraneElements:
+        """Chosen elements times factors, on a numbering of the sorted ``vertices``; edges as they were."""
+        return replace(
+            self,
+            stencils=np.ascontiguousarray(np.searchsorted(vertices, self.stencils[chosen])),
+            edges=self.edges[chosen],
+            matrices=self.matrices[chosen] * factors[:, None, None],
+            faces=self.faces[chosen],
+        )
 
 
 def membrane_elements(

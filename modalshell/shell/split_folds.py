@@ -21,7 +21,7 @@ triangle's rest plane. One held row of vertices therefore clamps.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -90,6 +90,31 @@ class SplitFolds:
             sps.csr_array(by_share.T @ blocks @ by_share),
         )
 
+    def part(self, chosen: Index, factors: Array, vertices: Index, count: int) -> tuple[SplitFolds, Index, Index]:
+        """Chosen triangles times factors, on a numbering of the sorted ``vertices`` out of ``count``.
+
+        Ghosts follow these again. Also the hinges and the shares that the part has.
+        """
+        folds, share_index, triangles = self.folds[chosen], self.share_index[chosen], self.triangles[chosen]
+        hinges, shares = (np.unique(numbers[numbers >= 0]) for numbers in (folds, share_index))
+
+        def local(numbers: Index) -> Index:
+            real = np.searchsorted(vertices, numbers)
+            return np.ascontiguousarray(np.where(numbers < count, real, numbers - count + vertices.size))
+
+        part = replace(
+            self,
+            hinges=local(self.hinges[hinges]),
+            triangles=np.where(triangles >= 0, local(triangles), -1),
+            folds=np.where(folds >= 0, np.searchsorted(hinges, folds), -1),
+            places=self.places[chosen],
+            shares=self.shares[chosen],
+            share_index=np.where(share_index >= 0, np.searchsorted(shares, share_index), -1),
+            moments=self.moments[chosen] * factors[:, None, None],
+            share_count=int(shares.size),
+        )
+        return part, hinges, shares
+
 
 def split_folds(
     mesh: TriangleMesh,
@@ -98,6 +123,8 @@ def split_folds(
     clamped: NDArray[np.bool_],
     held_vertices: NDArray[np.bool_],
     scale: float,
+    *,
+    halved: bool = False,
 ) -> SplitFolds:
     """Split folds of a mesh.
 
@@ -113,6 +140,9 @@ def split_folds(
         All held vertices; triangles of them do not bend.
     scale : float
         Diagonal entry that the shares' stiffness is scaled to [N/m], near those of the positions.
+    halved : bool
+        Whether each fold counts by half in both of its triangles, and the shares are what one has more and the other
+        less than that. The energy is the same, but every triangle couples all the vertices around it.
     """
     faces = mesh.faces
     held: NDArray[np.bool_] = np.asarray(held_vertices[faces].all(axis=1))
@@ -143,7 +173,7 @@ def split_folds(
     ghost_index = len(mesh.vertices) + np.arange(triangle.size)
     hinges = np.vstack([real, np.column_stack([first, second, apex, ghost_index])]).astype(np.int64)
 
-    folds = np.where((split & whole) | against_held, number[edges], -1)
+    folds = np.where((split & (whole | halved)) | against_held, number[edges], -1)
     folds[triangle, k] = used.size + np.arange(triangle.size)
     places, opposite = _places(hinges, folds, left | ghost)
     share_number = np.full(len(mesh.edges), -1)
@@ -155,7 +185,13 @@ def split_folds(
     diagonal = np.zeros(shared.size)
     np.add.at(diagonal, share_index[split], np.einsum("tkk->tk", moments)[split])
     shares = np.zeros(split.shape)
-    shares[split] = np.where(whole, -1.0, 1.0)[split] * np.sqrt(scale / diagonal[share_index[split]])
+    shares[split] = np.where(left if halved else ~whole, 1.0, -1.0)[split] * np.sqrt(
+        scale / diagonal[share_index[split]]
+    )
+    if halved:
+        weight = np.where(split, 0.5, 1.0)
+        shares /= weight
+        moments = weight[:, :, None] * moments * weight[:, None, :]
     return SplitFolds(
         ghosts=ghosts,
         hinges=np.ascontiguousarray(hinges),
