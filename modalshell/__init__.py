@@ -54,6 +54,7 @@ from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -61,12 +62,15 @@ __version__ = "0.1.0"
 __all__ = [
     "Advice",
     "Basis",
+    "Clamp",
     "CoarseDiscreteShell",
     "Crowd",
     "Damping",
+    "Diaphragm",
     "DiscreteShell",
     "Equilibrium",
     "FileFormatError",
+    "Fix",
     "FlightResult",
     "Flock",
     "Isotropic",
@@ -85,10 +89,12 @@ __all__ = [
     "OptionError",
     "OrientationConstraint",
     "Outcome",
+    "Pin",
     "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RigidShell",
+    "Roller",
     "RotationStrain",
     "RunFollower",
     "Scene",
@@ -101,6 +107,8 @@ __all__ = [
     "SupportError",
     "SupportPath",
     "SweepResult",
+    "Symmetry",
+    "Tie",
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",

@@ -6,7 +6,7 @@ import io
 import sys
 import warnings
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import App, CycloptsError, Parameter
@@ -31,6 +31,8 @@ from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
 from modalshell.scene.models import model_tables
+from modalshell.scene.parts import build_material
+from modalshell.scene.tables import PhysicalSheet
 from modalshell.selection import select_vertices
 from modalshell.statics.buckling import ADVICE, buckles
 
@@ -115,6 +117,9 @@ def bench(
         print(path)
 
 
+_OR_FILE = ", or a file of one number a triangle"
+
+
 @Parameter(name="*")
 class _ShellOptions:
     """Options that say how a mesh becomes a shell."""
@@ -123,10 +128,15 @@ class _ShellOptions:
         self,
         *,
         clamp: Annotated[str | None, Parameter(help="Vertices to hold, such as 'x < 0.01'; none without it.")] = None,
-        young: Annotated[float, Parameter(help="Young's modulus [Pa].")] = 1e9,
-        poisson: Annotated[float, Parameter(help="Poisson's ratio.")] = 0.3,
-        thickness: Annotated[float | None, Parameter(help="Thickness [m]; else 1/200 of the mesh's size.")] = None,
-        density: Annotated[float, Parameter(help="Mass per volume [kg/m^3].")] = 1000.0,
+        young: Annotated[float | Path, Parameter(help=f"Young's modulus [Pa]{_OR_FILE}.")] = 1e9,
+        poisson: Annotated[float | Path, Parameter(help=f"Poisson's ratio{_OR_FILE}.")] = 0.3,
+        thickness: Annotated[
+            float | Path | None, Parameter(help=f"Thickness [m]{_OR_FILE}; else 1/200 of the mesh's size.")
+        ] = None,
+        density: Annotated[float | Path, Parameter(help=f"Mass per volume [kg/m^3]{_OR_FILE}.")] = 1000.0,
+        calibrated: Annotated[
+            bool, Parameter(help="Discrete shells, calibrated on the mesh, in place of shell theory.", negative="")
+        ] = False,
         component: Annotated[
             Literal["largest", "all"] | int | None,
             Parameter(
@@ -136,17 +146,19 @@ class _ShellOptions:
         join: Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")] = None,
     ) -> None:
         self.component, self.join = component, join
-        self.clamp, self.young, self.poisson, self.thickness, self.density = clamp, young, poisson, thickness, density
+        self.clamp = clamp
+        self.material = {"young": young, "poisson": poisson, "thickness": thickness, "density": density}
+        self.calibrated = calibrated
 
     def build(self, path: Path) -> ms.Shell:
         """Load the mesh and make the shell."""
         mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
-        thickness = self.thickness
-        if thickness is None:
-            thickness = mesh.size / 200.0
-        material = ms.Material.from_physical(
-            young=self.young, poisson=self.poisson, thickness=thickness, density=self.density, mesh=mesh
-        )
+        values: dict[str, Any] = {
+            name: str(value) if isinstance(value, Path) else value for name, value in self.material.items()
+        }
+        if values["thickness"] is None:
+            values["thickness"] = mesh.size / 200.0
+        material = build_material(PhysicalSheet(**values, calibrated=self.calibrated), mesh, Path())
         clamped = None
         if self.clamp is not None:
             clamped = select_vertices(self.clamp, mesh.vertices)

@@ -239,6 +239,6 @@ class Model(ABC):
 
 def rigid_share(shell: Shell, load: Array) -> float:
     """Share of a load (n, 3), in the norm of the inverse mass, along the rigid motions that the supports leave free."""
-    free = load[shell.free]
-    pushed = rigid_motions(shell).T @ free.ravel()
-    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.mass[shell.free, None])))
+    free = shell.unknowns.restrict(load.ravel())
+    pushed = rigid_motions(shell).T @ free
+    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.unknowns.masses(shell.mass))))

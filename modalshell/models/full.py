@@ -142,7 +142,7 @@ class FullModel(Model):
 
     def is_saddle(self, state: MotionState) -> bool:
         """Whether the potential curves down in some direction; never said of a shell that nothing holds."""
-        if not self.shell.clamped.any():
+        if not self.shell.unknowns.supported.any():
             return False
         problem = self._statics(np.zeros_like(state.coordinates))
         hessian = problem.linearise(state.coordinates, EXACT)[1]

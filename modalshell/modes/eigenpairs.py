@@ -63,7 +63,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     backend : str
         Library that held the factor.
     """
-    mass = np.repeat(shell.mass[shell.free], 3)
+    mass = shell.unknowns.masses(shell.mass)
     size = mass.size
     rigid = rigid_motions(shell)
     elastic = count - rigid.shape[1]
@@ -109,7 +109,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
 
 def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, without internal unknowns."""
-    whole, free = _mass_scaled(shell, shell.pattern.free_matrix(data))[0], shell.free_unknowns.size
+    whole, free = _mass_scaled(shell, shell.pattern.free_matrix(data))[0], shell.unknowns.count
     inner = shell.pattern.internal
     if inner is None:
         return spla.aslinearoperator(whole)
@@ -125,7 +125,7 @@ def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
 def _mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
     """``M^-1/2 K M^-1/2`` of the free unknowns and of the internal ones, which have no mass; and ``M^1/2`` (N,)."""
     scaled = matrix.copy()
-    masses = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+    masses = np.sqrt(shell.unknowns.masses(shell.mass))
     root = np.concatenate([masses, np.ones(scaled.shape[0] - masses.size)])
     scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
     finite_answer("the stiffness over the mass", scaled.data)
@@ -134,7 +134,7 @@ def _mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Ar
 
 def _norm(shell: Shell, data: Array) -> float:
     """1-norm of the mass-scaled stiffness by positions, fold shares and the like held."""
-    size = shell.free_unknowns.size
+    size = shell.unknowns.count
     return float(spla.norm(_mass_scaled(shell, shell.pattern.free_matrix(data))[0][:size, :size], 1))
 
 
@@ -327,7 +327,7 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     mass = np.repeat(shell.mass, 3)
     # Internal unknowns do not take part in rigid motions. Vertices that share an element with a clamped edge do resist.
     stiffness = shell.pattern.matrix(data)
-    clamped = (3 * shell.held_slopes()[:, None] + np.arange(3)).ravel()
+    clamped = (3 * np.unique(shell.held_slopes())[:, None] + np.arange(3)).ravel()
     forces = stiffness @ fields
     forces[stiffness[clamped].indices] = 0.0
     return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
@@ -366,8 +366,7 @@ def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array
     apart.
     """
     values = np.empty_like(approximate)
-    step = np.zeros(shell.rest_positions.size)
     for k in range(modes.shape[1]):
-        step[shell.free_unknowns] = modes[:, k]
+        step = shell.unknowns.prolong(modes[:, k])
         values[k] = 2.0 * shell.linear_energy(shell.rest_positions, step.reshape(-1, 3))
     return values
