@@ -179,6 +179,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "render",
         "scene",
         "shell",
+        "statics",
         "timings",
         "typing",
     },
@@ -251,6 +252,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "run",
         "scene",
         "selection",
+        "statics",
     },
     "__main__": {"cli"},
 }
