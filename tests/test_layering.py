@@ -180,6 +180,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "render",
         "scene",
         "shell",
+        "statics",
         "timings",
         "typing",
     },
@@ -253,6 +254,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "run",
         "scene",
         "selection",
+        "statics",
     },
     "__main__": {"cli"},
 }

@@ -37,7 +37,8 @@ class Equilibrium:
         Vertex positions [m]; the best iterate where the solver did not converge.
     outcome : Outcome
         How the search ended; ``Outcome.CONVERGED`` where ``residual`` met the model's tolerance at a state that the
-        model can hold and that is not known to be unstable.
+        model can hold and that is not known to be unstable, ``Outcome.DISTORTED`` where it did at a state that no
+        modal model describes.
     message : str
         What else is to be said of the answer, a sentence; empty if nothing is.
     iterations : int
@@ -72,8 +73,8 @@ class Equilibrium:
 
     @property
     def converged(self) -> bool:
-        """Whether the outcome is ``Outcome.CONVERGED``."""
-        return self.outcome is Outcome.CONVERGED
+        """Whether the model's own equations are solved: ``Outcome.CONVERGED``, or ``DISTORTED`` beyond its reach."""
+        return self.outcome.solved
 
     @property
     def status(self) -> str:

@@ -17,7 +17,7 @@ from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
-from modalshell.models.distortion import distortion
+from modalshell.models.distortion import distortion, judged
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.statics.dense import WorkPotential
@@ -105,13 +105,9 @@ class ModalModel(Model):
         else:
             found = self._free_statics(load, begin)
         positions = self.shell.rest_positions + self.raw_displacement(found.q)
-        message = found.message
-        if not message and (said := distortion(positions, self.shell.mesh)):
-            message = f"beyond what the model can describe: {said}"
         return Equilibrium(
             positions,
-            found.outcome,
-            message,
+            *judged(found.outcome, found.message, positions, self.shell.mesh),
             found.iterations,
             found.residual,
             found.stable,
