@@ -18,7 +18,7 @@ from modalshell.errors import (
     SupportError,
     WorkerError,
 )
-from modalshell.export import load_trajectory, save_trajectory
+from modalshell.export import load_clip, load_trajectory, save_trajectory
 from modalshell.loads import (
     EdgeMoment,
     FollowerForce,
@@ -57,6 +57,7 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
@@ -65,6 +66,9 @@ from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.statics.bifurcation import PathEvent
+from modalshell.statics.dense import EnergyFunction
+from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -72,13 +76,18 @@ __version__ = "0.1.0"
 __all__ = [
     "Advice",
     "Basis",
+    "Clamp",
     "CoarseDiscreteShell",
     "Crowd",
     "Damping",
+    "Diaphragm",
     "DiscreteShell",
     "EdgeMoment",
+    "EnergyFunction",
     "Equilibrium",
+    "EquilibriumPath",
     "FileFormatError",
+    "Fix",
     "FlightResult",
     "Flock",
     "FollowerForce",
@@ -100,11 +109,14 @@ __all__ = [
     "OptionError",
     "OrientationConstraint",
     "Outcome",
+    "PathEvent",
+    "Pin",
     "PointForce",
     "PositionConstraint",
     "Pressure",
     "ReducedRotationStrain",
     "RigidShell",
+    "Roller",
     "RotationStrain",
     "RunFollower",
     "Scaled",
@@ -119,6 +131,8 @@ __all__ = [
     "SupportError",
     "SupportPath",
     "SweepResult",
+    "Symmetry",
+    "Tie",
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
@@ -128,8 +142,10 @@ __all__ = [
     "advise",
     "coarse_shell",
     "cylinder_panel",
+    "equilibrium_path",
     "flat_beam",
     "leaf",
+    "load_clip",
     "load_mesh",
     "load_scene",
     "load_trajectory",

@@ -19,6 +19,7 @@ from modalshell.models.settle import settled
 from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
+from modalshell.statics.path import Followable
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
 
@@ -39,7 +40,8 @@ class Equilibrium:
         Vertex positions [m]; the best iterate where the solver did not converge.
     outcome : Outcome
         How the search ended; ``Outcome.CONVERGED`` where ``residual`` met the model's tolerance at a state that the
-        model can hold and that is not known to be unstable.
+        model can hold and that is not known to be unstable, ``Outcome.DISTORTED`` where it did at a state that no
+        modal model describes.
     message : str
         What else is to be said of the answer, a sentence; empty if nothing is.
     iterations : int
@@ -77,8 +79,8 @@ class Equilibrium:
 
     @property
     def converged(self) -> bool:
-        """Whether the outcome is ``Outcome.CONVERGED``."""
-        return self.outcome is Outcome.CONVERGED
+        """Whether the model's own equations are solved: ``Outcome.CONVERGED``, or ``DISTORTED`` beyond its reach."""
+        return self.outcome.solved
 
     @property
     def status(self) -> str:
@@ -179,6 +181,19 @@ class Model(ABC):
         """Static answer under loads that change; by answers to dead ones, unless a model knows better."""
         return settled(lambda load, begin: self._solve(load, begin, constraints), loading, start)
 
+    def followable(self, load: Array) -> Followable:
+        """The model as :func:`modalshell.equilibrium_path` follows it under a growing ``load`` (n, 3) [N].
+
+        Raises
+        ------
+        OptionError
+            Where its equilibria are not those of a potential.
+        """
+        raise OptionError(
+            f"{self.name} has no path of equilibria to follow, as its force is not that of a potential, or its answer "
+            "is linear: take DS, RSW or MD-ROM"
+        )
+
     def rigid_load(self, load: Array) -> float:
         """Share of a load (n, 3) that pushes along rigid motions which nothing opposes in statics."""
         return 0.0
@@ -268,6 +283,6 @@ class Model(ABC):
 
 def rigid_share(shell: Shell, load: Array) -> float:
     """Share of a load (n, 3), in the norm of the inverse mass, along the rigid motions that the supports leave free."""
-    free = load[shell.free]
-    pushed = rigid_motions(shell).T @ free.ravel()
-    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.mass[shell.free, None])))
+    free = shell.unknowns.restrict(load.ravel())
+    pushed = rigid_motions(shell).T @ free
+    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.unknowns.masses(shell.mass))))

@@ -23,6 +23,7 @@ from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
@@ -134,6 +135,17 @@ class FullModel(Model):
     def _statics(self, load: Array, live: LiveLoads | None = None) -> Potential:
         return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs, live)
 
+    def followable(self, load: Array) -> Followable:
+        """The shell about the origin, every vertex an unknown."""
+        model, origin = self.centred()
+        restrict = model.shell.unknowns.restrict
+        return Followable(
+            model._statics(load),
+            lambda x: x + origin,
+            lambda positions: hold(self.shell, positions) - origin,
+            lambda _, force: np.asarray(restrict(force.ravel())),
+        )
+
     def stable_step(self, damping: Damping | None = None) -> float:
         """Largest stable step [s] of the integrator at the rest shape; of explicit Euler if the integrator is implicit.
 
@@ -151,7 +163,7 @@ class FullModel(Model):
 
     def is_saddle(self, state: MotionState) -> bool:
         """Whether the potential curves down in some direction; never said of a shell that nothing holds."""
-        if not self.shell.clamped.any():
+        if not self.shell.unknowns.supported.any():
             return False
         problem = self._statics(np.zeros_like(state.coordinates))
         hessian = problem.linearise(state.coordinates, EXACT)[1]

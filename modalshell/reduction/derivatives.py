@@ -96,12 +96,11 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     factor = condensed_factor(
         Factoriser(backend, use="solve").definite(stiffness), 0 if internal is None else internal.count
     )
-    derivatives, free = np.zeros_like(forces), shell.free_unknowns
-    derivatives[free] = factor.solve(-forces[free])
-    count = modes.count
-    found = orthonormal_extension(modes.modes[free], derivatives[free], np.repeat(shell.mass, 3)[free])
-    vectors = np.zeros((len(forces), found.shape[1]))
-    vectors[free] = found
+    unknowns, count = shell.unknowns, modes.count
+    solved = factor.solve(-unknowns.restrict(forces))
+    derivatives = unknowns.prolong(solved)
+    found = orthonormal_extension(unknowns.values(modes.modes), solved, unknowns.masses(shell.mass))
+    vectors = np.asarray(unknowns.prolong(found))
     # The new vectors are K-orthogonal to the modes as they are M-orthogonal to them: only they need turning.
     new = vectors[:, count:]
     further, turned = np.linalg.eigh(new.T @ shell.pattern.product(data, new))

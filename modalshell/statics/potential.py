@@ -14,7 +14,7 @@ import scipy.sparse as sps
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
-from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode
+from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode, nearest_tangent_mode
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import GOAL, Factored, NewtonResult, Problem, is_minimum, mixed_newton
@@ -85,7 +85,7 @@ class Potential(Problem[sps.csc_array]):
 
     def push_at(self, x: Array) -> Array:
         """Load (N,) [N] on the free unknowns at x."""
-        return np.asarray(self.force(x).ravel()[self.shell.free_unknowns])
+        return np.asarray(self.shell.unknowns.restrict(self.force(x).ravel()))
 
     def force(self, x: Array) -> Array:
         """Load (n, 3) [N] at x."""
@@ -99,6 +99,19 @@ class Potential(Problem[sps.csc_array]):
         """The same potential under dead loads: those that change as they are at x."""
         return replace(self, load=self.force(x), live=None)
 
+    @property
+    def weights(self) -> Array:
+        """Share of each free unknown in the mass."""
+        return self.shell.unknowns.masses(self.shell.mass) / float(self.shell.mass.sum())
+
+    def difference(self, x: Array, y: Array) -> Array:
+        """``x - y`` on the free unknowns (N,)."""
+        return np.asarray(self.shell.unknowns.values((x - y).ravel()))
+
+    def critical_mode(self, hessian: sps.csc_array) -> tuple[float, Array]:
+        """Eigenvalue [1/s^2] nearest to zero, over the mass, and its direction (N,)."""
+        return nearest_tangent_mode(self.shell, hessian, self.factoriser)
+
     def value(self, x: Array) -> float:
         """Potential [J]."""
         changing = 0.0 if self.live is None else self.live.energy(x)
@@ -109,7 +122,7 @@ class Potential(Problem[sps.csc_array]):
         gradient = self.shell.energy_gradient(x)[1] + self._outer(x)[1]
         if self.live is not None:
             gradient -= self.live.force(x)
-        return np.asarray(gradient.ravel()[self.shell.free_unknowns])
+        return np.asarray(self.shell.unknowns.restrict(gradient.ravel()))
 
     def linearise(
         self, x: Array, geometric: int, stresses: list[Array] | None = None, led: Array | None = None
@@ -131,7 +144,7 @@ class Potential(Problem[sps.csc_array]):
             matrix = self.shell.pattern.free_matrix(data)
             if self._unsymmetric:
                 matrix = sps.csc_array(matrix.T)  # its arrays are those of CSR
-            return total.ravel()[self.shell.free_unknowns], matrix
+            return self.shell.unknowns.restrict(total.ravel()), matrix
 
     @property
     def _unsymmetric(self) -> bool:
@@ -268,8 +281,7 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     fraction : float
         How much of ``direction`` that is.
     """
-    step = np.zeros_like(shell.rest_positions)
-    step.reshape(-1)[shell.free_unknowns] = direction
+    step = shell.unknowns.prolong(direction).reshape(-1, 3)
     turns = np.empty_like(x)
     rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
     angle = rotations.largest_angle(turns)
@@ -280,7 +292,7 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
         turns *= fraction
     displacement = np.empty_like(x)
     rotations.warp(turns, step, 1.0, displacement)
-    return x + displacement, step, fraction
+    return x + shell.unknowns.project(displacement), step, fraction
 
 
 def leave_saddle(problem: Potential, x: Array) -> tuple[Array, float]:

@@ -94,7 +94,7 @@ class ViewSession:
         self._size = self.shell.size
         self.name = scene.model.spec.key
         self.modes = int(getattr(scene.model, "modes", 8))
-        self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.free_unknowns.size)
+        self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.unknowns.count)
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
         self.gravity_limit = gravity_limit(self.gravity)
         model = self._built.model

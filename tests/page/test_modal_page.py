@@ -11,7 +11,9 @@ from matplotlib.image import imread
 from scenes import cantilever, held
 
 import modalshell as ms
+from modalshell.export import compress
 from modalshell.integrators.state import Damping
+from modalshell.page import clip_page
 
 GRAVITY = (0.0, 0.0, -3.0)
 
@@ -185,3 +187,25 @@ def test_a_browser_without_webgl_shows_a_picture(v_basis, browser, tmp_path):
     assert page.is_visible("#missing")
     drawn = imread(BytesIO(page.locator("#picture").screenshot()))[..., :3]
     assert (np.ptp(drawn, axis=2) > 0.05).mean() > 0.01
+
+
+@pytest.mark.slow
+def test_the_page_of_a_clip_plays_it(v_basis, open_file):
+    run = ms.simulate(ms.ModalWarping(v_basis), duration=1.0, dt=1 / 30, gravity=GRAVITY)
+    motion = compress(run)
+    page, errors = open_file(
+        clip_page(
+            motion.times, motion.rest_positions, motion.faces, motion.displacements(), motion.amplitudes, title="clip"
+        )
+    )
+    page.click("#pause")
+    for frame in (0, 11, 30):
+        seen = page.evaluate(f"() => {{ shell.playAt(data.times[{frame}]); return [...shell.positions()]; }}")
+        assert np.abs(np.reshape(seen, (-1, 3)) - run.positions[frame]).max() < 1e-3
+    page.locator("#moment").fill("0.5")
+    page.wait_for_timeout(300)
+    assert page.inner_text("#time") == "0.50 s"
+    assert not page.is_visible("#model")
+    assert not page.is_visible("#settle")
+    assert (picture(page).min(axis=2) < 0.9).mean() > 0.01
+    assert errors == []
