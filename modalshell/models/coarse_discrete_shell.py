@@ -215,6 +215,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | None = N
     """
     checked_kind("shell", shell, Shell)
     checked_kind("mesh", mesh, TriangleMesh)
+    shell.require_clamps("a coarse shell")
     given = shell.material if material is None else checked_kind("material", material, Material)
     if isinstance(given, Isotropic):
         raise OptionError(
