@@ -6,7 +6,7 @@ import io
 import sys
 import warnings
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import App, CycloptsError, Parameter
@@ -31,7 +31,10 @@ from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
 from modalshell.scene.models import model_tables
+from modalshell.scene.parts import build_material
+from modalshell.scene.tables import PhysicalSheet
 from modalshell.selection import select_vertices
+from modalshell.statics.buckling import ADVICE, buckles
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 scenes.register(app)
@@ -114,6 +117,9 @@ def bench(
         print(path)
 
 
+_OR_FILE = ", or a file of one number a triangle"
+
+
 @Parameter(name="*")
 class _ShellOptions:
     """Options that say how a mesh becomes a shell."""
@@ -122,10 +128,15 @@ class _ShellOptions:
         self,
         *,
         clamp: Annotated[str | None, Parameter(help="Vertices to hold, such as 'x < 0.01'; none without it.")] = None,
-        young: Annotated[float, Parameter(help="Young's modulus [Pa].")] = 1e9,
-        poisson: Annotated[float, Parameter(help="Poisson's ratio.")] = 0.3,
-        thickness: Annotated[float | None, Parameter(help="Thickness [m]; else 1/200 of the mesh's size.")] = None,
-        density: Annotated[float, Parameter(help="Mass per volume [kg/m^3].")] = 1000.0,
+        young: Annotated[float | Path, Parameter(help=f"Young's modulus [Pa]{_OR_FILE}.")] = 1e9,
+        poisson: Annotated[float | Path, Parameter(help=f"Poisson's ratio{_OR_FILE}.")] = 0.3,
+        thickness: Annotated[
+            float | Path | None, Parameter(help=f"Thickness [m]{_OR_FILE}; else 1/200 of the mesh's size.")
+        ] = None,
+        density: Annotated[float | Path, Parameter(help=f"Mass per volume [kg/m^3]{_OR_FILE}.")] = 1000.0,
+        calibrated: Annotated[
+            bool, Parameter(help="Discrete shells, calibrated on the mesh, in place of shell theory.", negative="")
+        ] = False,
         component: Annotated[
             Literal["largest", "all"] | int | None,
             Parameter(
@@ -135,17 +146,19 @@ class _ShellOptions:
         join: Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")] = None,
     ) -> None:
         self.component, self.join = component, join
-        self.clamp, self.young, self.poisson, self.thickness, self.density = clamp, young, poisson, thickness, density
+        self.clamp = clamp
+        self.material = {"young": young, "poisson": poisson, "thickness": thickness, "density": density}
+        self.calibrated = calibrated
 
     def build(self, path: Path) -> ms.Shell:
         """Load the mesh and make the shell."""
         mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
-        thickness = self.thickness
-        if thickness is None:
-            thickness = mesh.size / 200.0
-        material = ms.Material.from_physical(
-            young=self.young, poisson=self.poisson, thickness=thickness, density=self.density, mesh=mesh
-        )
+        values: dict[str, Any] = {
+            name: str(value) if isinstance(value, Path) else value for name, value in self.material.items()
+        }
+        if values["thickness"] is None:
+            values["thickness"] = mesh.size / 200.0
+        material = build_material(PhysicalSheet(**values, calibrated=self.calibrated), mesh, Path())
         clamped = None
         if self.clamp is not None:
             clamped = select_vertices(self.clamp, mesh.vertices)
@@ -182,7 +195,8 @@ def simulate(
     built = options.build(mesh)
     print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     kind = known[model]
-    factory = ModelFactory(built, lambda: built.gravity_force(gravity))
+    load = built.gravity_force(gravity)
+    factory = ModelFactory(built, lambda: load)
     chosen = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
     for basis in factory.bases.values():
         span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
@@ -190,14 +204,15 @@ def simulate(
     make_folder(out)
     if static:
         answer = chosen.equilibrium(gravity=gravity)
-        told = answer.outcome.with_message(answer.message)
-        print(f"{chosen.name}: {told}, {answer.iterations} iterations, residual {answer.residual:.1e}")
-        found = ms.Trajectory.still(answer, built, built.gravity_force(gravity))
+        found = ms.Trajectory.still(answer, built, load)
+        work = f"{answer.iterations} iterations, residual {answer.residual:.1e}"
     else:
         with progress(f"{chosen.name} steps") as on_step:
             found = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)
-        told = found.outcome.with_message(found.message)
-        print(f"{chosen.name}: {told}, {len(found.times)} frames in {found.seconds:.3g} s")
+        work = f"{len(found.times)} frames in {found.seconds:.3g} s"
+    if kind.spec.quadratic and buckles(built, load):
+        found = found.with_remark(ADVICE)
+    print(f"{chosen.name}: {found.outcome.with_message(found.message)}, {work}")
     formats = ["npz", "png" if static else "mp4"]
     title = f"{mesh.stem}, {chosen.name}"
     with progress("film") as on_frame:

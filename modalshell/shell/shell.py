@@ -155,8 +155,8 @@ class Shell(ReadOnlyArrays):
         """Element sets of the discrete-shell energies, or of springs; OptionError for an :class:`Isotropic` shell."""
         if not isinstance(self._energy, ElementSum):
             raise OptionError(
-                "this needs a shell of the discrete-shell energies (got one of ms.Isotropic): build the shell with "
-                "ms.Material.from_physical(...) instead"
+                "this needs a shell of the discrete-shell energies (got one of ms.Isotropic): take "
+                "ms.Material.from_physical(...) in its place, in a scene calibrated = true"
             )
         return self._energy.elements
 
