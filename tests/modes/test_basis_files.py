@@ -100,7 +100,9 @@ def test_other_formats_are_refused(saved):
     refused(saved)
 
 
-@pytest.mark.parametrize("name", ["vertices", "supports", "stretch", "correct_clamp", "eigenvalues", "modes", "backend"])
+@pytest.mark.parametrize(
+    "name", ["vertices", "supports", "stretch", "correct_clamp", "eigenvalues", "modes", "backend"]
+)
 def test_files_that_lack_an_array_are_refused(saved, name):
     rewritten(saved, **{name: None})
     refused(saved)
