@@ -16,7 +16,7 @@ from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.settle import settled
-from modalshell.modes.rigid import rigid_motions
+from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
 from modalshell.statics.path import Followable
@@ -116,6 +116,8 @@ class Model(ABC):
     shell: Shell
     in_shell_frame = False
     """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
+    moves_patches = False
+    """Whether patches under constraints are moved as boundaries, exactly, instead of being led by forces."""
     takes_constraints = False
     """Whether position and orientation constraints can be asked of it."""
 
@@ -169,7 +171,7 @@ class Model(ABC):
             message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
             found = replace(found, conservative=False, message=message)
         if not wanted and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
-            message = "the load pushes a shell that its supports leave free"
+            message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         return replace(found, seconds=watch())
 
