@@ -21,12 +21,14 @@ from modalshell.errors import (
 from modalshell.export import load_trajectory, save_trajectory
 from modalshell.loads import LineForce, PointForce
 from modalshell.mesh import (
+    RepairReport,
     TriangleMesh,
     cylinder_panel,
     flat_beam,
     leaf,
     load_mesh,
     paper_bird,
+    repair,
     save_mesh,
     sheet,
     v_beam,
@@ -88,6 +90,7 @@ __all__ = [
     "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
+    "RepairReport",
     "RigidShell",
     "RotationStrain",
     "RunFollower",
@@ -117,6 +120,7 @@ __all__ = [
     "measure",
     "models",
     "paper_bird",
+    "repair",
     "run_scene",
     "run_sweep",
     "save_mesh",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import abstractmethod
 from collections.abc import Callable
 from pathlib import Path
@@ -12,8 +13,9 @@ from scipy.interpolate import CubicSpline
 
 from modalshell.checks import checked_times, checked_vectors
 from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
-from modalshell.errors import OptionError
+from modalshell.errors import ModalShellWarning, OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
+from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
 from modalshell.motion import SupportPath
 from modalshell.provenance import repository_file
@@ -46,7 +48,12 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     file = folder / table.file
     if not file.exists() and table.file.startswith("meshes/"):
         file = repository_file(table.file)
-    return chosen_part(load_mesh(file), table.component, table.join)
+    if not table.repair:
+        return chosen_part(load_mesh(file), table.component, table.join)
+    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component)
+    if report.changed:
+        warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=2)
+    return mesh
 
 
 def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh) -> Material:
