@@ -18,7 +18,7 @@ from modalshell.errors import (
     SupportError,
     WorkerError,
 )
-from modalshell.export import load_trajectory, save_trajectory
+from modalshell.export import load_clip, load_trajectory, save_trajectory
 from modalshell.loads import LineForce, PointForce
 from modalshell.mesh import (
     RepairReport,
@@ -48,6 +48,7 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
@@ -56,6 +57,9 @@ from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.statics.bifurcation import PathEvent
+from modalshell.statics.dense import EnergyFunction
+from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -63,12 +67,17 @@ __version__ = "0.1.0"
 __all__ = [
     "Advice",
     "Basis",
+    "Clamp",
     "CoarseDiscreteShell",
     "Crowd",
     "Damping",
+    "Diaphragm",
     "DiscreteShell",
+    "EnergyFunction",
     "Equilibrium",
+    "EquilibriumPath",
     "FileFormatError",
+    "Fix",
     "FlightResult",
     "Flock",
     "Isotropic",
@@ -87,11 +96,14 @@ __all__ = [
     "OptionError",
     "OrientationConstraint",
     "Outcome",
+    "PathEvent",
+    "Pin",
     "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
     "RepairReport",
     "RigidShell",
+    "Roller",
     "RotationStrain",
     "RunFollower",
     "Scene",
@@ -104,6 +116,8 @@ __all__ = [
     "SupportError",
     "SupportPath",
     "SweepResult",
+    "Symmetry",
+    "Tie",
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
@@ -112,8 +126,10 @@ __all__ = [
     "advise",
     "coarse_shell",
     "cylinder_panel",
+    "equilibrium_path",
     "flat_beam",
     "leaf",
+    "load_clip",
     "load_mesh",
     "load_scene",
     "load_trajectory",

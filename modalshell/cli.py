@@ -16,7 +16,7 @@ from rich.table import Table
 import modalshell as ms
 from modalshell.atomic_io import make_folder
 from modalshell.checks import shortened
-from modalshell.commands import meshes, scenes
+from modalshell.commands import meshes, results, scenes
 from modalshell.commands.terminal import CONSOLE, progress
 from modalshell.compare import MODES
 from modalshell.doctor import examine
@@ -28,6 +28,7 @@ from modalshell.reproduce import reproduce as reproduce_study
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 scenes.register(app)
 meshes.register(app)
+results.register(app)
 _LONGEST_MESSAGE = 1000
 """Characters of an error that the command line prints."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import App, Parameter
@@ -23,8 +23,12 @@ from modalshell.models.registry import MODELS
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.run import write_results
 from modalshell.scene.models import model_tables
+from modalshell.scene.parts import build_material
+from modalshell.scene.tables import PhysicalSheet
 from modalshell.selection import select_vertices
+from modalshell.statics.buckling import ADVICE, buckles
 
+_OR_FILE = ", or a file of one number a triangle"
 _YOUNG = 1e9
 """Young's modulus [Pa] where none is named or chosen."""
 _TIMING = Timing(2.0, 1.0 / 30.0, (0.5, 0.001))
@@ -51,16 +55,22 @@ class _ShellOptions:
         clamp: Annotated[
             str | None, Parameter(help="Vertices to hold, such as 'x < 0.01', or 'none'; see the command without it.")
         ] = None,
-        young: Annotated[float | None, Parameter(help="Young's modulus [Pa].")] = None,
-        poisson: Annotated[float, Parameter(help="Poisson's ratio.")] = 0.3,
-        thickness: Annotated[float | None, Parameter(help="Thickness [m]; else 1/200 of the mesh's size.")] = None,
-        density: Annotated[float, Parameter(help="Mass per volume [kg/m^3].")] = 1000.0,
+        young: Annotated[float | Path | None, Parameter(help=f"Young's modulus [Pa]{_OR_FILE}.")] = None,
+        poisson: Annotated[float | Path, Parameter(help=f"Poisson's ratio{_OR_FILE}.")] = 0.3,
+        thickness: Annotated[
+            float | Path | None, Parameter(help=f"Thickness [m]{_OR_FILE}; else 1/200 of the mesh's size.")
+        ] = None,
+        density: Annotated[float | Path, Parameter(help=f"Mass per volume [kg/m^3]{_OR_FILE}.")] = 1000.0,
+        calibrated: Annotated[
+            bool, Parameter(help="Discrete shells, calibrated on the mesh, in place of shell theory.", negative="")
+        ] = False,
         repair: Repair = False,
         component: Part = None,
         join: Join = None,
     ) -> None:
         self.repair, self.component, self.join = repair, component, join
-        self.clamp, self.young, self.poisson, self.thickness, self.density = clamp, young, poisson, thickness, density
+        self.clamp, self.calibrated = clamp, calibrated
+        self.material = {"young": young, "poisson": poisson, "thickness": thickness, "density": density}
 
     def mesh(self, path: Path) -> ms.TriangleMesh:
         """Load the mesh, repaired and of the parts that are asked for."""
@@ -84,11 +94,14 @@ class _ShellOptions:
 
     def build(self, mesh: ms.TriangleMesh, held: NDArray[np.bool_]) -> ms.Shell:
         """The shell of a mesh with vertices held."""
-        thickness = mesh.size / 200.0 if self.thickness is None else self.thickness
-        young = _YOUNG if self.young is None else self.young
-        material = ms.Material.from_physical(
-            young=young, poisson=self.poisson, thickness=thickness, density=self.density, mesh=mesh
-        )
+        values: dict[str, Any] = {
+            name: str(value) if isinstance(value, Path) else value for name, value in self.material.items()
+        }
+        if values["thickness"] is None:
+            values["thickness"] = mesh.size / 200.0
+        if values["young"] is None:
+            values["young"] = _YOUNG
+        material = build_material(PhysicalSheet(**values, calibrated=self.calibrated), mesh, Path())
         return ms.Shell(mesh, material, held if held.any() else None)
 
 
@@ -110,20 +123,19 @@ def _choose(options: _ShellOptions, mesh: ms.TriangleMesh, gravity: tuple[float,
     """Supports for a mesh of which nothing is said, and unless it is named a stiffness that lets it sag visibly."""
     ends = hold_one_end(mesh, np.array(gravity))
     shell = options.build(mesh, ends.held)
-    if options.young is not None:
+    if options.material["young"] is not None:
         return _Chosen(shell, _TIMING, ends.told)
-    material = shell.material
-    assert isinstance(material, ms.Material)
     factor = softening(ms.solve_modes(shell, min(modes, 3 * int(shell.free.sum()))), np.array(gravity))
-    softer = replace(
-        material,
-        stretch=factor * np.asarray(material.stretch),
-        shear=factor * np.asarray(material.shear),
-        flexure=factor * np.asarray(material.flexure),
-    )
     timing = Timing.of_sag(mesh.size, np.array(gravity))
     told = f"Young's modulus {factor * _YOUNG:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
-    return _Chosen(ms.Shell(mesh, softer, ends.held), timing, f"{ends.told}; {told}")
+    return _Chosen(ms.Shell(mesh, _softer(shell.material, factor), ends.held), timing, f"{ends.told}; {told}")
+
+
+def _softer(material: ms.Material | ms.Isotropic, factor: float) -> ms.Material | ms.Isotropic:
+    """The material with all stiffnesses times ``factor``."""
+    names = ("young",) if isinstance(material, ms.Isotropic) else ("stretch", "shear", "flexure")
+    changed: dict[str, Any] = {name: factor * np.asarray(getattr(material, name)) for name in names}
+    return replace(material, **changed)
 
 
 def simulate(
@@ -162,7 +174,8 @@ def simulate(
     if chosen.told:
         print(f"{mesh}: {chosen.told}")
     kind = known[model]
-    factory = ModelFactory(built, lambda: built.gravity_force(gravity))
+    load = built.gravity_force(gravity)
+    factory = ModelFactory(built, lambda: load)
     model_used = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
     for basis in factory.bases.values():
         span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
@@ -170,9 +183,8 @@ def simulate(
     make_folder(out)
     if static:
         answer = model_used.equilibrium(gravity=gravity)
-        told = answer.outcome.with_message(answer.message)
-        print(f"{model_used.name}: {told}, {answer.iterations} iterations, residual {answer.residual:.1e}")
-        found = ms.Trajectory.still(answer, built, built.gravity_force(gravity))
+        found = ms.Trajectory.still(answer, built, load)
+        work = f"{answer.iterations} iterations, residual {answer.residual:.1e}"
     else:
         with progress(f"{model_used.name} steps") as on_step:
             found = ms.simulate(
@@ -183,8 +195,10 @@ def simulate(
                 damping=damping or timing.damping,
                 on_step=on_step,
             )
-        told = found.outcome.with_message(found.message)
-        print(f"{model_used.name}: {told}, {len(found.times)} frames in {found.seconds:.3g} s")
+        work = f"{len(found.times)} frames in {found.seconds:.3g} s"
+    if kind.spec.quadratic and buckles(built, load):
+        found = found.with_remark(ADVICE)
+    print(f"{model_used.name}: {found.outcome.with_message(found.message)}, {work}")
     if built.clamped.any():
         print(f"{model_used.name}: {motion_in_words(found, built.mesh.size)}")
     formats = ["npz", "png" if static else "mp4"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eige
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.continuation import equilibrium
+from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
@@ -75,9 +77,7 @@ class FullModel(Model):
         before = dict(self.costs)
         patches = held_patches(constraints, self.shell) if constraints else []
         first = None if start is None else hold(self.shell, start)
-        # About the origin, where coordinates have the smallest rounding.
-        model = copy.copy(self)
-        model.shell, origin = self.shell.centred()
+        model, origin = self.centred()
         if origin.any() and first is not None:
             first = first - origin
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
@@ -110,12 +110,32 @@ class FullModel(Model):
         except SolverError:
             return 0.0
 
+    def centred(self) -> tuple[Self, Array]:
+        """The same model about the origin, where coordinates have the smallest rounding, and where its origin was."""
+        shell, origin = self.shell.centred()
+        if not origin.any():
+            return self, origin
+        model = copy.copy(self)
+        model.shell = shell
+        return model, origin
+
     @abstractmethod
     def holding(self, vertices: Index) -> FullModel:
         """The same model, with further vertices held."""
 
     def _statics(self, load: Array) -> Potential:
         return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs)
+
+    def followable(self, load: Array) -> Followable:
+        """The shell about the origin, every vertex an unknown."""
+        model, origin = self.centred()
+        restrict = model.shell.unknowns.restrict
+        return Followable(
+            model._statics(load),
+            lambda x: x + origin,
+            lambda positions: hold(self.shell, positions) - origin,
+            lambda _, force: np.asarray(restrict(force.ravel())),
+        )
 
     def stable_step(self, damping: Damping | None = None) -> float:
         """Largest stable step [s] of the integrator at the rest shape; of explicit Euler if the integrator is implicit.
@@ -134,7 +154,7 @@ class FullModel(Model):
 
     def is_saddle(self, state: MotionState) -> bool:
         """Whether the potential curves down in some direction; never said of a shell that nothing holds."""
-        if not self.shell.clamped.any():
+        if not self.shell.unknowns.supported.any():
             return False
         problem = self._statics(np.zeros_like(state.coordinates))
         hessian = problem.linearise(state.coordinates, EXACT)[1]

@@ -205,8 +205,7 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
     Factoriser(backend)  # refuses an unknown back end before any work
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
-    modes = np.zeros((shell.rest_positions.size, count))
-    modes[shell.free_unknowns] = free_modes
+    modes = np.asarray(shell.unknowns.prolong(free_modes))
     rotations = np.asarray(rotation_matrix(shell.mesh) @ modes)
     finite_answer("the modes", eigenvalues, modes, rotations)
     return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name)

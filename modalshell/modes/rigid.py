@@ -28,25 +28,31 @@ def rigid_motions(shell: Shell) -> Array:
     Each connected part of the shell has six; held vertices take away those that would move them, so a part held along
     one straight line keeps one, the turn about that line, unless an edge on it is clamped.
     """
-    positions = shell.rest_positions
+    positions, unknowns = shell.rest_positions, shell.unknowns
     labels = shell.mesh.components
     columns = []
     for part in range(int(labels.max()) + 1):
         vertices = np.flatnonzero(labels == part)
         motions = six_motions(positions[vertices])
-        held = shell.clamped[vertices]
-        if held.any():
-            _, values, right = np.linalg.svd(np.linalg.qr(motions[held].reshape(-1, 6), mode="r"))
-            rank = int(np.count_nonzero(values > 1e-6 * values[0]))
-            if rank == 6 or np.isin(shell.held_slopes(), vertices).any():
-                continue
-            motions = motions @ right[rank:].T
-        whole = np.zeros((positions.shape[0], 3, motions.shape[2]))
+        whole = np.zeros((positions.shape[0], 3, 6))
         whole[vertices] = motions
-        columns.append(whole.reshape(positions.size, -1)[shell.free_unknowns])
+        resisted = unknowns.resisted(whole).reshape(-1, 6)
+        edges = shell.held_slopes()
+        edges = edges[labels[edges[:, 0]] == part]
+        if edges.size:  # about their own directions they cannot turn
+            along = positions[edges[:, 1]] - positions[edges[:, 0]]
+            turns = along / np.linalg.norm(along, axis=1, keepdims=True)
+            resisted = np.vstack([resisted, np.hstack([np.zeros_like(turns), turns])])
+        if resisted.any():
+            _, values, right = np.linalg.svd(np.linalg.qr(resisted, mode="r"))
+            rank = int(np.count_nonzero(values > 1e-6 * values[0]))
+            if rank == 6:
+                continue
+            whole = whole @ right[rank:].T
+        columns.append(unknowns.values(whole.reshape(positions.size, -1)))
     if not columns:
-        return np.empty((shell.free_unknowns.size, 0))
-    root_mass = np.sqrt(np.repeat(shell.mass[shell.free], 3))[:, None]
+        return np.empty((unknowns.count, 0))
+    root_mass = np.sqrt(unknowns.masses(shell.mass))[:, None]
     orthonormal, _ = np.linalg.qr(root_mass * np.hstack(columns))
     return orthonormal / root_mass
 

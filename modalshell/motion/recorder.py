@@ -137,7 +137,7 @@ class Recorder:
     def trajectory(self, positions: NDArray[np.floating]) -> Trajectory:
         """The recorded motion, with the ``positions`` (F, n, 3) [m] of its stored frames."""
         outcome, message = self.verdict()
-        shell = self.motion.model.shell
+        shell = self.motion.shell
         return Trajectory(
             times=np.array(self.times),
             positions=positions,
@@ -163,7 +163,7 @@ class Recorder:
             found[Outcome.RUNS_AWAY] = "its energy grows on and on, far beyond the work of the load"
         elif self._cycles():
             found[Outcome.CYCLING] = "the motion does not settle although it is damped"
-        size = motion.model.shell.size
+        size = motion.shell.size
         missed = float(np.max(self.residuals, initial=0.0))
         if missed > CONSTRAINT_MET * max(size, 1.0):
             found[Outcome.CONSTRAINTS_MISSED] = f"constraints were missed by up to {missed:.2e}"

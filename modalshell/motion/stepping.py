@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import final
 
 import numpy as np
@@ -36,6 +37,10 @@ class Motion:
 
     Attributes
     ----------
+    shell : Shell
+        The shell in the world.
+    model : Model
+        The model that moves: of a shell far from the origin, one about the origin.
     count : int
         Steps done.
     state : MotionState
@@ -77,10 +82,13 @@ class Motion:
         if self.constraints and not model.in_shell_frame:
             self._patches = held_patches(self.constraints, shell)
             model = model.holding(np.concatenate([patch.vertices for patch in self._patches]))
-        self.model = model
-        self.state = model.start_motion(None if start is None else shell.checked_positions(start))
+        self.shell = model.shell
+        # About the origin, where coordinates have the smallest rounding.
+        self.model, self._origin = model.centred()
+        model = self.model
+        self.state = model.start_motion(None if start is None else shell.checked_positions(start) - self._origin)
         if supports is not None:
-            self.state = model.placed(self.state, supports.at(0.0))
+            self.state = model.placed(self.state, self._pose(supports, 0.0))
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
         self.count, self.unconverged, self.finite = 0, 0, True
@@ -95,8 +103,17 @@ class Motion:
         """Vertex positions (n, 3) [m] in the world."""
         own = self._own(self.state)
         if self.supports is None or not self.model.in_shell_frame:
-            return own
+            return own + self._origin if self._origin.any() else own
         return self.supports.at(self.time).to_world(own)
+
+    def place(self, positions: Array) -> None:
+        """Put every vertex of a model in the world's frame at ``positions`` (n, 3) [m], held ones too."""
+        self.state.coordinates = positions - self._origin
+
+    def _pose(self, supports: SupportPath, time: float) -> Pose:
+        """Where the supports are, in the coordinates of the model."""
+        pose = supports.at(time)
+        return replace(pose, pivot=pose.pivot - self._origin) if self._origin.any() else pose
 
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
@@ -118,7 +135,7 @@ class Motion:
         model, dt, time = self.model, self.dt, (self.count + 1) * self.dt
         load, held, pose = self.load, None, None
         if self.supports is not None:
-            pose = self.supports.at(time)
+            pose = self._pose(self.supports, time)
             if model.in_shell_frame:
                 current = self._own(self.state)
                 velocities = (current - self._own(self._before)) / dt
@@ -167,7 +184,7 @@ class Motion:
         placed = shell.rest_positions if pose is None else pose.to_world(shell.rest_positions)
         placed = placed.copy()
         for patch in self._patches:
-            placed[patch.vertices] = patch.at(time)
+            placed[patch.vertices] = patch.at(time) - self._origin
         return placed[shell.clamped]
 
 

@@ -32,13 +32,14 @@ from modalshell.scene.parts import (
     build_material,
     build_mesh,
     build_path,
+    material_values,
     spread_force,
 )
 from modalshell.scene.read import located
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.selection import selected
 from modalshell.shell import Shell
-from modalshell.shell.supports import held_vertices
+from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
 
 
@@ -77,6 +78,10 @@ class Scene(ABC):
             name: getattr(self, name) for name in ("material", "model", "supports", "energies", "loads", "motion")
         }
         content = {name: table.plain() for name, table in declared.items() if table is not None}
+        if isinstance(self.material, tables.PhysicalSheet):
+            with located(self.file, "material", self.material):
+                values = material_values(self.material, self.file.parent)
+            content["material"] |= {name: np.asarray(value).tolist() for name, value in values.items()}
         return content | {"positions": self.output.positions}
 
     def digests(self, mesh: TriangleMesh) -> dict[str, str]:
@@ -97,7 +102,7 @@ class Scene(ABC):
         """
         mesh = mesh or self.build_mesh()
         with located(self.file, "material", self.material):
-            material = build_material(self.material, mesh)
+            material = build_material(self.material, mesh, self.file.parent)
         held = None
         if self.supports is not None:
             with located(self.file, "supports", self.supports):

@@ -17,7 +17,7 @@ Times = Annotated[list[float], Meta(min_length=2)]
 Selection = str | list[Vertex]
 """Vertices by an expression such as ``x < 0.026``, or by index."""
 
-Format = Literal["npz", "vtkhdf", "pvd", "mp4", "png"]
+Format = Literal["npz", "vtkhdf", "pvd", "clip", "usdc", "usda", "glb", "pc2", "mdd", "mp4", "png"]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -52,16 +52,22 @@ class Stiffnesses(Table, frozen=True):
     density: Positive
 
 
-class PhysicalSheet(Table, frozen=True):
-    """``[material]`` by an isotropic sheet, calibrated on the mesh.
+Field = Positive | Annotated[list[Positive], Meta(min_length=1)] | Annotated[str, Meta(min_length=1)]
+"""One number, one a triangle, or a file of these: ``.npy``, or text with a number a line."""
+_Ratio = Annotated[float, Meta(gt=-1.0, le=0.5)]
 
-    ``young`` [Pa], ``poisson``, ``thickness`` [m], ``density`` per volume [kg/m^3].
+
+class PhysicalSheet(Table, frozen=True):
+    """``[material]`` by an isotropic sheet of shell theory, or ``calibrated`` stiffnesses of discrete shells.
+
+    ``young`` [Pa], ``poisson``, ``thickness`` [m], ``density`` per volume [kg/m^3]; files as those of ``[mesh]``.
     """
 
-    young: Positive
-    poisson: Annotated[float, Meta(gt=-1.0, le=0.5)]
-    thickness: Positive
-    density: Positive
+    young: Field
+    poisson: _Ratio | Annotated[list[_Ratio], Meta(min_length=1)] | Annotated[str, Meta(min_length=1)]
+    thickness: Field
+    density: Field
+    calibrated: bool = False
 
 
 class Supports(Table, frozen=True):

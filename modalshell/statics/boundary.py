@@ -65,12 +65,12 @@ def lead(
             gradient, hessian = problem.linearise(x, EXACT)
             tangent = held.energy_gradient_hessian(x, EXACT)[2]
             pull = held.pattern.product(tangent, moved.ravel())
-            direction = problem.step(problem.factor(hessian), gradient + pull[held.free_unknowns])
+            direction = problem.step(problem.factor(hessian), gradient + held.unknowns.restrict(pull))
             iterations += 1
-            moved.reshape(-1)[held.free_unknowns] = direction
+            moved += held.unknowns.prolong(direction).reshape(-1, 3)
             reaction = float(np.linalg.norm(held.pattern.product(tangent, moved.ravel()).reshape(-1, 3)[vertices]))
             scale = max(size, reaction, 1e-300)
-            guess, _, fraction = warped_step(shell, x, moved.ravel()[shell.free_unknowns], _STEP_TURN)
+            guess, _, fraction = warped_step(shell, x, shell.unknowns.values(moved.ravel()), _STEP_TURN)
             guess[vertices] = target
             result = mixed_newton(problem, guess, scale, limit=25, stresses=held.predicted_stresses(x, moved))
             iterations += result.iterations

@@ -14,7 +14,7 @@ import scipy.sparse as sps
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
-from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode
+from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode, nearest_tangent_mode
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.newton import GOAL, Factored, NewtonResult, Problem, is_minimum, mixed_newton
 from modalshell.timings import Timings
@@ -68,7 +68,20 @@ class Potential(Problem[sps.csc_array]):
     @property
     def push(self) -> Array:
         """Load (N,) [N] on the free unknowns."""
-        return np.asarray(self.load.ravel()[self.shell.free_unknowns])
+        return np.asarray(self.shell.unknowns.restrict(self.load.ravel()))
+
+    @property
+    def weights(self) -> Array:
+        """Share of each free unknown in the mass."""
+        return self.shell.unknowns.masses(self.shell.mass) / float(self.shell.mass.sum())
+
+    def difference(self, x: Array, y: Array) -> Array:
+        """``x - y`` on the free unknowns (N,)."""
+        return np.asarray(self.shell.unknowns.values((x - y).ravel()))
+
+    def critical_mode(self, hessian: sps.csc_array) -> tuple[float, Array]:
+        """Eigenvalue [1/s^2] nearest to zero, over the mass, and its direction (N,)."""
+        return nearest_tangent_mode(self.shell, hessian, self.factoriser)
 
     def value(self, x: Array) -> float:
         """Potential [J]."""
@@ -76,7 +89,8 @@ class Potential(Problem[sps.csc_array]):
 
     def residual(self, x: Array) -> Array:
         """Gradient on the free unknowns (N,) [N]."""
-        return (self.shell.energy_gradient(x)[1] + self._outer(x)[1]).ravel()[self.shell.free_unknowns]
+        total = self.shell.energy_gradient(x)[1] + self._outer(x)[1]
+        return np.asarray(self.shell.unknowns.restrict(total.ravel()))
 
     def linearise(
         self, x: Array, geometric: int, stresses: list[Array] | None = None, led: Array | None = None
@@ -92,7 +106,7 @@ class Potential(Problem[sps.csc_array]):
             total = gradient + self._outer(x)[1]
             if led is not None and led.any():
                 total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
-            return total.ravel()[self.shell.free_unknowns], self.shell.pattern.free_matrix(data)
+            return self.shell.unknowns.restrict(total.ravel()), self.shell.pattern.free_matrix(data)
 
     def dragged(self, x: Array, drag: float) -> Potential:
         """The same potential with ``drag |y - x|^2 / 2`` added, in the norm of the mass."""
@@ -201,8 +215,7 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     fraction : float
         How much of ``direction`` that is.
     """
-    step = np.zeros_like(shell.rest_positions)
-    step.reshape(-1)[shell.free_unknowns] = direction
+    step = shell.unknowns.prolong(direction).reshape(-1, 3)
     turns = np.empty_like(x)
     rotations.vertex_rotations(x, step, shell.mesh.faces, turns)
     angle = rotations.largest_angle(turns)
@@ -213,7 +226,7 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
         turns *= fraction
     displacement = np.empty_like(x)
     rotations.warp(turns, step, 1.0, displacement)
-    return x + displacement, step, fraction
+    return x + shell.unknowns.project(displacement), step, fraction
 
 
 def leave_saddle(problem: Potential, x: Array) -> tuple[Array, float]:

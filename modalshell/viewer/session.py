@@ -94,7 +94,7 @@ class ViewSession:
         self._size = self.shell.size
         self.name = scene.model.spec.key
         self.modes = int(getattr(scene.model, "modes", 8))
-        self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.free_unknowns.size)
+        self.mode_limit = min(max(_MODE_LIMIT, self.modes), self.shell.unknowns.count)
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
         self.gravity_limit = gravity_limit(self.gravity)
         model = self._built.model
@@ -310,7 +310,7 @@ class ViewSession:
         if before is not None:
             motion.count = before.count
             if not model.in_shell_frame:  # its start would put what is held back to time 0
-                motion.state.coordinates = self.positions.copy()
+                motion.place(self.positions)
         if rates is not None:
             motion.state.rates = rates
         return motion

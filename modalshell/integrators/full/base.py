@@ -12,6 +12,7 @@ from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
 from modalshell.statics.potential import Potential
+from modalshell.supports import VertexUnknowns
 from modalshell.timings import Timings
 from modalshell.typing import Array
 
@@ -77,6 +78,8 @@ def symplectic_limit(stiffness: float, damp: float) -> float:
 
 def hold(shell: Shell, positions: Array, held: Array | None = None) -> Array:
     """Copy of ``positions`` with the held vertices where they belong: at ``held`` (h, 3), or at rest."""
+    if not isinstance(shell.unknowns, VertexUnknowns):
+        return np.asarray(shell.rest_positions + shell.unknowns.project(positions - shell.rest_positions))
     placed = positions.copy()
     placed[shell.clamped] = shell.rest_positions[shell.clamped] if held is None else held
     return placed
