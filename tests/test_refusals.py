@@ -64,6 +64,7 @@ def methods():
     made = [
         Target("Shell.fields", shell.fields, {"positions": moved}),
         Target("Shell.reactions", shell.reactions, {"positions": moved, "gravity": gravity, "force": vectors}),
+        Target("Shell.support_reactions", shell.support_reactions, {"positions": moved, "force": vectors}),
         Target("Shell.total_load", shell.total_load, {"gravity": gravity, "force": vectors}),
         Target("Shell.checked_positions", shell.checked_positions, {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", models["ds"].lowest_eigenvalue, {"positions": rest}),
