@@ -21,6 +21,7 @@ EXCEPTIONS = {
         "WarpFrame.positions",
         "q",
     ): "runs each frame; its documentation says that NaN gives NaN, and that it checks shapes",
+    ("repair", "vertices"): "drops the faces of vertices that are not finite, and says so",
 }
 """Arguments that may hold NaN, and why. Text and wrong shapes are refused there, too."""
 NOT_FINITE = ("not a number", "one not a number", "infinite")

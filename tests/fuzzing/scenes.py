@@ -60,7 +60,7 @@ BASES: tuple[dict[str, Any], ...] = (
             "moment": [{"sel": "x > 0.9", "m": 0.01, "times": [0.0, 0.1], "factors": [0.0, 1.0]}],
             "follower": [{"sel": [0, 8], "force": [0.0, 0.0, 0.01]}],
             "weight": [{"gravity": [0.0, 0.0, -1.0]}],
-            "frame": [{"acceleration": [0.0, 1.0, 0.0], "angular_velocity": [0.0, 0.0, 1.0], "origin": [0.0, 0.0, 0.0]}],
+            "frame": [{"acceleration": [0.0, 1.0, 0.0], "angular_velocity": [0.0, 0.0, 1.0]}],
             "line": [{"sel": "x > 0.9", "force": [0.0, 0.0, 0.01]}],
         },
     },
