@@ -21,12 +21,14 @@ from modalshell.errors import (
 from modalshell.export import load_clip, load_trajectory, save_trajectory
 from modalshell.loads import LineForce, PointForce
 from modalshell.mesh import (
+    RepairReport,
     TriangleMesh,
     cylinder_panel,
     flat_beam,
     leaf,
     load_mesh,
     paper_bird,
+    repair,
     save_mesh,
     sheet,
     v_beam,
@@ -99,6 +101,7 @@ __all__ = [
     "PointForce",
     "PositionConstraint",
     "ReducedRotationStrain",
+    "RepairReport",
     "RigidShell",
     "Roller",
     "RotationStrain",
@@ -133,6 +136,7 @@ __all__ = [
     "measure",
     "models",
     "paper_bird",
+    "repair",
     "run_scene",
     "run_sweep",
     "save_mesh",

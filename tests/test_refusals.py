@@ -21,6 +21,7 @@ EXCEPTIONS = {
         "WarpFrame.positions",
         "q",
     ): "runs each frame; its documentation says that NaN gives NaN, and that it checks shapes",
+    ("repair", "vertices"): "drops the faces of vertices that are not finite, and says so",
 }
 """Arguments that may hold NaN, and why. Text and wrong shapes are refused there, too."""
 NOT_FINITE = ("not a number", "one not a number", "infinite")
@@ -63,6 +64,7 @@ def methods():
     made = [
         Target("Shell.fields", shell.fields, {"positions": moved}),
         Target("Shell.reactions", shell.reactions, {"positions": moved, "gravity": gravity, "force": vectors}),
+        Target("Shell.support_reactions", shell.support_reactions, {"positions": moved, "force": vectors}),
         Target("Shell.total_load", shell.total_load, {"gravity": gravity, "force": vectors}),
         Target("Shell.checked_positions", shell.checked_positions, {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", models["ds"].lowest_eigenvalue, {"positions": rest}),

@@ -15,7 +15,7 @@ from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Load
-from modalshell.modes.rigid import rigid_motions
+from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
 from modalshell.statics.path import Followable
@@ -110,6 +110,8 @@ class Model(ABC):
     shell: Shell
     in_shell_frame = False
     """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
+    moves_patches = False
+    """Whether patches under constraints are moved as boundaries, exactly, instead of being led by forces."""
     takes_constraints = False
     """Whether position and orientation constraints can be asked of it."""
 
@@ -159,7 +161,7 @@ class Model(ABC):
             raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
         found = self._solve(load, begin, wanted)
         if not wanted and (rigid := self.rigid_load(load)) > RIGID_LOAD:
-            message = "the load pushes a shell that its supports leave free"
+            message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         return replace(found, seconds=watch())
 

@@ -215,6 +215,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
     """
     checked_kind("shell", shell, Shell)
     checked_kind("mesh", mesh, TriangleMesh)
+    shell.require_clamps("a coarse shell")
     given = shell.material if material is None else material
     if not isinstance(given, Isotropic):
         checked_kind("material", given, Material)

@@ -17,6 +17,7 @@ from modalshell.integrators.full.base import hold
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, Placement
 from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
+from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.continuation import equilibrium
@@ -55,6 +56,7 @@ class FullModel(Model):
     """
 
     takes_constraints = True
+    moves_patches = True
 
     def __init__(
         self,
@@ -66,6 +68,8 @@ class FullModel(Model):
         backend: str | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
+        # Supports of single components turn with the frame that they belong to.
+        self.in_shell_frame = shell.unknowns.matrix is not None
         self.integrator: FullIntegrator = FullIntegrator.chosen(integrator)
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None
@@ -89,9 +93,12 @@ class FullModel(Model):
             else:
                 problem = model._statics(load)
                 result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
+        note = _LEFT if result.left_saddle else ""
+        if not result.converged and not patches:
+            note = left_free(self.shell) or note
         return Equilibrium(
             result.point + origin if origin.any() else result.point,
-            *verdict(result.residual, result.stable, limited=result.limited, note=_LEFT if result.left_saddle else ""),
+            *verdict(result.residual, result.stable, limited=result.limited, note=note),
             result.iterations,
             result.residual,
             result.stable,
@@ -185,6 +192,8 @@ class FullModel(Model):
 
     def placed(self, state: MotionState, pose: Placement) -> MotionState:
         """``state`` where the supports are put: positions, rates and what the integrator keeps."""
+        if self.in_shell_frame:
+            return state
         memory = {name: vectors @ pose.rotation.T for name, vectors in state.memory.items()}
         return MotionState(pose.to_world(state.coordinates), state.rates @ pose.rotation.T, memory)
 

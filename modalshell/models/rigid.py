@@ -14,7 +14,7 @@ from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, rigid_share
 from modalshell.modes.modal_rotation import cross_matrices
-from modalshell.modes.rigid import rigid_motions
+from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
 from modalshell.typing import Array
@@ -53,11 +53,11 @@ class RigidShell(Model):
     def __init__(self, shell: Shell) -> None:
         self.shell = checked_kind("shell", shell, Shell)
         loose = rigid_motions(shell).shape[1]
-        self._free = loose == 6 and not shell.clamped.any()
+        self._free = loose == 6 and not shell.unknowns.supported.any()
         if loose and not self._free:
             raise OptionError(
-                f"a rigid shell must be in one piece and held entirely or not at all, but {loose} rigid motions are "
-                "left free; clamp more vertices, or none"
+                f"a rigid shell must be in one piece and held entirely or not at all, but {left_free(shell)}: clamp "
+                "more vertices, or none"
             )
         self._mass = float(shell.mass.sum())
         self._centre = np.asarray(shell.mass @ shell.rest_positions / self._mass)

@@ -74,12 +74,12 @@ class Motion:
         shell = model.shell
         if supports is not None:
             checked_kind("supports", supports, SupportPath)
-        if supports is not None and not shell.clamped.any():
+        if supports is not None and not shell.unknowns.supported.any():
             raise SupportError("supports move the held vertices, but this shell holds none: name them with clamped=")
         self.supports = supports
         self.constraints = checked_constraints(constraints, shell)
         self._patches: list[HeldPatch] = []
-        if self.constraints and not model.in_shell_frame:
+        if self.constraints and model.moves_patches:
             self._patches = held_patches(self.constraints, shell)
             model = model.holding(np.concatenate([patch.vertices for patch in self._patches]))
         self.shell = model.shell
@@ -104,7 +104,8 @@ class Motion:
         own = self._own(self.state)
         if self.supports is None or not self.model.in_shell_frame:
             return own + self._origin if self._origin.any() else own
-        return self.supports.at(self.time).to_world(own)
+        moved = self._pose(self.supports, self.time).to_world(own)
+        return moved + self._origin if self._origin.any() else moved
 
     def place(self, positions: Array) -> None:
         """Put every vertex of a model in the world's frame at ``positions`` (n, 3) [m], held ones too."""
@@ -140,11 +141,11 @@ class Motion:
                 current = self._own(self.state)
                 velocities = (current - self._own(self._before)) / dt
                 load = pose.shell_load(load, model.shell.mass, current, velocities)
-        if not model.in_shell_frame and (pose is not None or self._patches):
+        if self._patches or (pose is not None and not model.in_shell_frame):
             held = self._held_positions(time, pose)
         with np.errstate(over="ignore", invalid="ignore"):
             state, converged = model.step(self.state, dt, load, self.damping, held)
-            if self.constraints and model.in_shell_frame:
+            if self.constraints and not model.moves_patches:
                 targets = [_resolved(constraint, time, pose) for constraint in self.constraints]
                 state, self.constraint_residuals = model.meet_constraints(state, self.state, dt, self.damping, targets)
             # False for NaN, too.
@@ -180,11 +181,12 @@ class Motion:
 
     def _held_positions(self, time: float, pose: Pose | None) -> Array:
         """Where supports and patches are at ``time``, in the order of the held vertices."""
-        shell = self.model.shell
-        placed = shell.rest_positions if pose is None else pose.to_world(shell.rest_positions)
+        shell, own = self.model.shell, self.model.in_shell_frame
+        placed = shell.rest_positions if pose is None or own else pose.to_world(shell.rest_positions)
         placed = placed.copy()
         for patch in self._patches:
-            placed[patch.vertices] = patch.at(time) - self._origin
+            target = patch.at(time) - self._origin
+            placed[patch.vertices] = target if pose is None or not own else pose.to_shell(target)
         return placed[shell.clamped]
 
 

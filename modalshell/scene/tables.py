@@ -36,6 +36,8 @@ class MeshFile(Table, frozen=True):
     """Part of a file in several: its number from 0 by falling area, "largest", or "all" though some are not held."""
     join: Annotated[float, Meta(gt=0)] | None = None
     """Distance [m] up to which vertices are merged, to join parts that touch."""
+    repair: bool = False
+    """Whether the mesh is mended first, as ``ms.repair`` does; what was done is a warning."""
 
 
 class Stiffnesses(Table, frozen=True):

@@ -32,6 +32,7 @@ from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
+from modalshell.supports.reactions import shared_reactions
 from modalshell.typing import Array, Index
 
 _VERTEX_BYTES = 8_000
@@ -143,6 +144,12 @@ class Shell(ReadOnlyArrays):
             "use ms.Clamp or ms.Pin, or a model that takes the others, such as ms.DiscreteShell"
         )
 
+    def require_clamps(self, name: str) -> None:
+        """SupportError if a support is anything but a clamp, which ``name`` does not take."""
+        for support in self.supports:
+            if not support.clamps:
+                raise SupportError(f"{name} takes clamped vertices only (got a support of kind {support.key!r})")
+
     @property
     def elements(self) -> list[ElementSet]:
         """Element sets of the discrete-shell energies, or of springs; OptionError for an :class:`Isotropic` shell."""
@@ -164,6 +171,8 @@ class Shell(ReadOnlyArrays):
 
     def with_elements(self, elements: list[ElementSet]) -> Shell:
         """The same vertices, masses and supports under other energies, such as those of springs."""
+        if self._slopes.mirrored.size:
+            raise SupportError("springs across hinges know no plane of symmetry: take a mesh of the whole surface")
         other = copy.copy(self)
         other.energies = ()
         other._energy = ElementSum(elements, len(self.rest_positions))
@@ -308,6 +317,32 @@ class Shell(ReadOnlyArrays):
         reactions = np.zeros_like(out_of_balance)
         reactions[self.unknowns.supported] = self.unknowns.resisted(out_of_balance[:, :, None])[:, :, 0]
         return reactions
+
+    def support_reactions(
+        self,
+        positions: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
+    ) -> list[Array]:
+        """The :meth:`reactions` (n, 3) [N] of each of :attr:`supports`; their sum over the vertices is its resultant.
+
+        Where several supports hold a vertex along one direction they share the force evenly.
+
+        Parameters
+        ----------
+        positions, gravity, force, loads
+            As for :meth:`reactions`.
+
+        Raises
+        ------
+        LoadError
+            As for :meth:`reactions`.
+        """
+        return shared_reactions(
+            self.supports, self.mesh.vertices, self.reactions(positions, gravity=gravity, force=force, loads=loads)
+        )
 
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""

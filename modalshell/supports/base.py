@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,13 @@ class Support(ABC):
 
     def __init__(self, sel: Selection) -> None:
         self.sel = checked_selection("sel", sel)
+
+    def plain(self) -> dict[str, Any]:
+        """The parameters of its constructor, as texts and lists."""
+        plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+        if isinstance(self.sel, np.ndarray) and self.sel.dtype == bool:
+            plain["sel"] = np.flatnonzero(self.sel).tolist()
+        return plain
 
     @abstractmethod
     def directions(self) -> Array:

@@ -115,6 +115,7 @@ def _meshes() -> list[Target]:
     return [
         Target("TriangleMesh", _meshed(ms.TriangleMesh), soup),
         Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup | {"tolerance": 1e-6}),
+        Target("repair", _meshed(lambda **given: ms.repair(**given)[0]), soup | {"tolerance": 1e-6}),
         Target("TriangleMesh.weld", mesh.weld, {"tolerance": 1e-6}),
         Target("flat_beam", ms.flat_beam, size, family),
         Target("sheet", ms.sheet, size, family),

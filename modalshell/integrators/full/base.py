@@ -12,7 +12,6 @@ from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
 from modalshell.statics.potential import Potential
-from modalshell.supports import VertexUnknowns
 from modalshell.timings import Timings
 from modalshell.typing import Array
 
@@ -78,16 +77,18 @@ def symplectic_limit(stiffness: float, damp: float) -> float:
 
 def hold(shell: Shell, positions: Array, held: Array | None = None) -> Array:
     """Copy of ``positions`` with the held vertices where they belong: at ``held`` (h, 3), or at rest."""
-    if not isinstance(shell.unknowns, VertexUnknowns):
-        return np.asarray(shell.rest_positions + shell.unknowns.project(positions - shell.rest_positions))
     placed = positions.copy()
+    if shell.unknowns.matrix is not None:
+        placed = shell.rest_positions + shell.unknowns.project(positions - shell.rest_positions)
     placed[shell.clamped] = shell.rest_positions[shell.clamped] if held is None else held
     return placed
 
 
-def led_rates(shell: Shell, x: Array, dt: float, held: Array | None) -> Array | float:
-    """Velocity [m/s] that leads the held vertices to ``held`` within a step."""
-    return 0.0 if held is None else (held - x[shell.clamped]) / dt
+def led_rates(shell: Shell, rates: Array, x: Array, dt: float, held: Array | None) -> Array:
+    """Velocities (n, 3) [m/s] that supports allow, and that lead the held vertices to ``held`` within a step."""
+    led = shell.unknowns.project(rates, shell.mass)
+    led[shell.clamped] = 0.0 if held is None else (held - x[shell.clamped]) / dt
+    return led
 
 
 def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping) -> Array:
