@@ -276,8 +276,8 @@ def _watched(shell: Shell, load: Array, watch: tuple[Selection, Vector] | ArrayL
     if not isinstance(watch, tuple | list) or len(watch) != 2:
         raise OptionError(f"watch must be a selection of vertices and a direction (got {shown(watch)})")
     chosen, direction = cast("tuple[Selection, Vector]", watch)
-    along = checked_vectors("the direction of watch", direction, (3,), OptionError)
+    along = checked_vectors("direction", direction, (3,), OptionError)
     if not along.any():
-        raise OptionError("the direction of watch must not be zero")
+        raise OptionError("direction must not be zero (got that of watch)")
     mask = selected("watch", chosen, shell.mesh.vertices)
     return np.where(mask[:, None], along / np.linalg.norm(along), 0.0) / mask.sum()

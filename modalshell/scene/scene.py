@@ -130,9 +130,12 @@ class ShellScene(Scene):
         See :class:`Scene`.
     constraints : tuple of Constrained
         Where patches of vertices shall be.
+    path : PathTable or None
+        How its path of equilibria is followed.
     """
 
     constraints: tuple[tables.Constrained, ...] = ()
+    path: tables.PathTable | None = None
 
     def require_shell(self) -> ShellScene:
         """The scene itself."""

@@ -127,6 +127,24 @@ class MotionTable(Table, frozen=True):
     store_every: Count = 1
 
 
+class PathTable(Table, frozen=True):
+    """``[path]``: how ``modalshell path`` follows the equilibria under the scene's load times a growing factor.
+
+    ``until`` and ``begin`` are load factors, ``control`` what steps are measured by, ``steps`` their number at least,
+    ``points`` the most of a path, ``branches`` the bifurcations whose other branch is followed. ``watch`` names the
+    vertices whose mean displacement along ``direction`` is told; the load's own without it.
+    """
+
+    until: float = 1.0
+    begin: float = 0.0
+    control: Literal["arc", "load", "displacement"] = "arc"
+    steps: Count = 20
+    points: Annotated[int, Meta(ge=2)] = 400
+    branches: Annotated[int, Meta(ge=0)] = 0
+    watch: Selection | None = None
+    direction: Vector | None = None
+
+
 class Output(Table, frozen=True):
     """``[output]``: ``folder`` (relative to the working folder), precision of the positions, and formats.
 
