@@ -51,15 +51,15 @@ class CoarseMesh:
         The mesh.
     name : str
         Short name.
-    material : Material or None
-        Where that is calibrated on the mesh; else the fine shell's serves.
+    material : Material, Isotropic or None
+        Where that is another than the fine shell's.
     cells : tuple of int, or None
         Cells along and across of a generated shape.
     """
 
     mesh: TriangleMesh
     name: str
-    material: Material | None = None
+    material: Material | Isotropic | None = None
     cells: tuple[int, int] | None = None
 
 
@@ -189,7 +189,7 @@ class CoarseDiscreteShell(Model):
         return self.coarse.kinetic_energy(state)
 
 
-def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | None = None) -> Shell:
+def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropic | None = None) -> Shell:
     """A coarse shell on ``mesh`` with the supports of ``shell`` and, by calibration, its lowest frequency.
 
     A coarse mesh is too stiff, mostly in its membrane: that is scaled until the lowest elastic eigenvalues agree; or
@@ -215,8 +215,11 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | None = N
     """
     checked_kind("shell", shell, Shell)
     checked_kind("mesh", mesh, TriangleMesh)
-    given = shell.material if material is None else checked_kind("material", material, Material)
-    if isinstance(given, Isotropic):
+    shell.require_clamps("a coarse shell")
+    given = shell.material if material is None else material
+    if not isinstance(given, Isotropic):
+        checked_kind("material", given, Material)
+    else:
         raise OptionError(
             "coarse_shell calibrates discrete-shell stiffnesses, which a shell of ms.Isotropic has not: build the "
             "coarse shell as ms.Shell(mesh, ms.Isotropic(...), clamped=...), or pass a Material as material="

@@ -7,6 +7,7 @@ import numpy as np
 from modalshell.kernels.blocks import multiply
 from modalshell.shell import EXACT, Shell
 from modalshell.shell.elastic_energy import Part
+from modalshell.supports import VertexUnknowns
 from modalshell.typing import Array
 from modalshell.work import count_products, count_read
 
@@ -37,7 +38,8 @@ class ReducedEnergy:
         self._rest = shell.rest_positions[self.vertices]
         rows = (3 * self.vertices[:, None] + np.arange(3)).ravel()
         self._vectors = np.ascontiguousarray(vectors[rows])
-        self._pattern, self._slots = self.energy.pattern(np.arange(self.vertices.size))
+        unknowns = VertexUnknowns(np.zeros(self.vertices.size, dtype=bool))
+        self._pattern, self._slots = self.energy.pattern(unknowns)
 
     @property
     def size(self) -> int:

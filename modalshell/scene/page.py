@@ -30,9 +30,10 @@ def scene_page(scene: Scene) -> Page:
         return flight.page(camera=(eye.position, eye.target), dt=span.dt, duration=span.duration, title=scene.name)
     declared = scene.require_shell()
     shell = declared.build_shell()
-    path, force, constraints = declared.build_loading(shell)
+    path, force, loads, constraints = declared.build_loading(shell)
     model, motion = declared.model, declared.motion
     left = ["the supports rest"] if path is not None else []
+    left += ["there are no loads that change with the shell or in time"] if loads else []
     left += ["there are no constraints"] if constraints else []
     left += [f"the model is LMA or MWTS, not {model.spec.name}"] if model.spec.key not in ("lma", "mwts") else []
     if left:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.extended import Extended
 from modalshell.shell.pattern import SparsePattern
+from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 
 GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
@@ -38,8 +39,8 @@ class ElasticEnergy(ABC):
     """Elastic energy of the vertices' positions, with its derivatives; no input checks."""
 
     @abstractmethod
-    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
-        """Pattern of the Hessian with the vertices ``free`` to move, and the slots of the elements in it."""
+    def pattern(self, unknowns: Unknowns) -> tuple[SparsePattern, list[Index]]:
+        """Pattern of the Hessian with its part of the free ``unknowns``, and the slots of the elements in it."""
 
     @property
     def has_dashpots(self) -> bool:
@@ -47,8 +48,8 @@ class ElasticEnergy(ABC):
         return False
 
     def held_slopes(self) -> Index:
-        """Vertices about which the surface cannot turn, as the energy clamps an edge there."""
-        return np.empty(0, dtype=np.int64)
+        """Vertices (k, 2) of the edges about which the surface cannot turn, as the energy clamps or mirrors them."""
+        return np.empty((0, 2), dtype=np.int64)
 
     @abstractmethod
     def energy(self, x: Array) -> float:

@@ -19,9 +19,12 @@ from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
-from modalshell.shell.smoothed_membrane import membrane_elements, membrane_matrix
+from modalshell.shell.slopes import HeldSlopes
+from modalshell.shell.smoothed_membrane import SHARP, membrane_elements, membrane_matrix
 from modalshell.shell.split_folds import split_folds
+from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 from modalshell.work import count_elements
 
@@ -46,13 +49,13 @@ class SplitFoldEnergy(ElasticEnergy):
         Rest shape.
     material : Isotropic
         The sheet.
-    clamped : ndarray of bool, shape (n,)
-        Held vertices: their edges are clamped.
+    slopes : HeldSlopes
+        Clamped edges, and edges in planes of symmetry.
     further : list of ElementSet
         Further energies, which are added.
-    held : ndarray of bool, shape (n,), optional
-        Vertices held by constraints besides: triangles of them do not bend, and are clamps of their neighbours, but
-        single rows of them leave the slope free.
+    held : ndarray of bool, shape (n,)
+        Vertices that cannot move: triangles of them do not bend, and are clamps of their neighbours, but single rows of
+        them leave the slope free.
     halved : bool
         Whether folds are halved between their triangles; see :func:`split_folds`.
     """
@@ -61,40 +64,45 @@ class SplitFoldEnergy(ElasticEnergy):
         self,
         mesh: TriangleMesh,
         material: Isotropic,
-        clamped: NDArray[np.bool_],
+        slopes: HeldSlopes,
         further: list[ElementSet],
-        held: NDArray[np.bool_] | None = None,
+        held: NDArray[np.bool_],
         *,
         halved: bool = False,
     ) -> None:
-        self._parts = mesh, material, clamped, further
+        self._parts = mesh, material, slopes, further
+        self._held_vertices = held
         self._origin = np.zeros(3)
-        held = clamped if held is None else held
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
         self._held: NDArray[np.bool_] = np.asarray(held[mesh.faces].all(axis=1))
         scale = float(stiffness.mean())
-        folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, held, scale, halved=halved)
+        folds = self._folds = split_folds(mesh, rigidity, poisson, slopes, held, scale, halved=halved)
         self._shares = FoldShares(folds)
         self._edges = np.ascontiguousarray(mesh.edges)
         self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
         angles = np.zeros(len(mesh.hinges))
         rest = np.asarray(mesh.vertices)
         kernels.fold_angles(rest, np.asarray(mesh.hinges), np.zeros_like(angles), angles, np.empty((angles.size, 9)))
-        self._membrane = membrane_elements(mesh, stiffness, poisson, held, angles)
-        self._tension = membrane_matrix(self._membrane, len(self._edges))
+        self._mirrors = MirroredHinges(folds.hinges, folds.reflections)
         state = self._measured(rest)
         self._rest_angles, self._rest_squares = state.folds, state.stretches
+        self._rest_angles[self._mirrors.places] *= 2.0
+        smooth = np.abs(self._rest_angles[self._mirrors.places]) <= SHARP
+        mirrored = self._mirrors.edges(mesh)[smooth]
+        self._membrane = membrane_elements(mesh, stiffness, poisson, held, angles, mirrored)
+        self._tension = membrane_matrix(self._membrane, len(self._edges))
 
     def _points(self, x: Array) -> Array:
-        return np.vstack([x, self._folds.ghosts])
+        return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))
 
     def _measured(self, x: Array) -> _State:
         points, hinges = self._points(x), self._folds.hinges
         count_elements(len(hinges) + len(self._edges))
         angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
         kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
+        self._mirrors.halve(angles, slopes)
         kernels.half_squares(points, self._edges, self._rest_squares, stretches)
         return _State(points, angles, slopes, stretches)
 
@@ -124,13 +132,13 @@ class SplitFoldEnergy(ElasticEnergy):
         kernels.half_square_rates(state.points, moved, self._edges, stretches)
         return folds, stretches
 
-    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+    def pattern(self, unknowns: Unknowns) -> tuple[SparsePattern, list[Index]]:
         """Pattern of the Hessian, and the slots of the elements in it."""
         folds = self._folds
         stencils = [folds.triangles, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
         stencils += [e.stencils for e in self._further.elements]
         internal, share_slots = self._internal()
-        pattern, slots = build_pattern(self._vertex_count, stencils, free, internal)
+        pattern, slots = build_pattern(self._vertex_count, stencils, unknowns, internal)
         share_slots = np.where(share_slots >= 0, pattern.indices.size + 3 * share_slots, -1)
         return pattern, [*slots, np.ascontiguousarray(share_slots)]
 
@@ -140,9 +148,9 @@ class SplitFoldEnergy(ElasticEnergy):
         return self._further.has_dashpots
 
     def held_slopes(self) -> Index:
-        """Vertices of the edges that ghosts clamp."""
+        """Vertices (k, 2) of the edges that ghosts clamp or mirror."""
         hinges = self._folds.hinges
-        return np.unique(hinges[hinges[:, 3] >= self._vertex_count][:, :2])
+        return hinges[hinges[:, 3] >= self._vertex_count][:, :2]
 
     def _internal(self) -> tuple[InternalUnknowns, Index]:
         """The fold shares, and the place (B, 3, 6) of each triangle's vertices in their coupling (or -1)."""
@@ -174,7 +182,7 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def halved(self) -> SplitFoldEnergy:
         """The same energy, each fold halved between its triangles: shares are small, but more positions coupled."""
-        other = SplitFoldEnergy(*self._parts, halved=True)
+        other = SplitFoldEnergy(*self._parts, self._held_vertices, halved=True)
         return other.shifted(self._origin)
 
     def least_shares(self, x: Array) -> Array:
@@ -236,6 +244,7 @@ class SplitFoldEnergy(ElasticEnergy):
         other = copy.copy(self)
         other._vertex_count = vertices.size
         other._folds, hinges, shares = self._folds.part(chosen[0], factors[0], vertices, self._vertex_count)
+        other._mirrors = MirroredHinges(other._folds.hinges, other._folds.reflections)
         other._shares = FoldShares(other._folds, None if internal is None else internal[shares])
         kinds = zip(self._membrane, chosen[1:3], factors[1:3], strict=True)
         own = [e.part(picked, factor, vertices) for e, picked, factor in kinds]
@@ -295,6 +304,8 @@ class SplitFoldEnergy(ElasticEnergy):
             projected = geometric == PROJECTED
             strides = pattern.strides
             hinges = self._folds.hinges
+            self._mirrors.add_curvatures(state.points, couples, projected, slots[1], strides, data)
+            couples = self._mirrors.without(couples)
             kernels.add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
@@ -315,9 +326,10 @@ class SplitFoldEnergy(ElasticEnergy):
         """Gradient (n, 3) [N] in extended precision: of the measures, as the constant matrices do not cancel."""
         still = self._measured(rest)
         ghosts = np.zeros((len(self._folds.ghosts), 3), dtype=np.longdouble)
-        moved: Extended = np.concatenate([displacement, ghosts])
+        moved: Extended = self._mirrors.placed(np.concatenate([displacement, ghosts]))
         hinges = self._folds.hinges
         change, slope = measure_changes(flexure, hinges, still.points, moved)
+        self._mirrors.halve(change, slope.T)
         total = np.zeros(moved.shape, dtype=np.longdouble)
         add_forces(hinges, self._shares.couples(still.folds + change.astype(np.float64)), slope, total)
         first, second = self._edges.T

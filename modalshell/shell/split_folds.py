@@ -16,7 +16,8 @@ positions are coupled across every other triangle only and factors stay sparse.
 
 Edges: a free edge has no moment, so its fold is condensed out of K_T. At a clamped edge the whole fold belongs to the
 one free triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the
-triangle's rest plane. One held row of vertices therefore clamps.
+triangle's rest plane. One held row of vertices therefore clamps. At an edge in a plane of symmetry half of the fold
+belongs to the one triangle, against the mirror image of its opposite vertex, which moves with that vertex.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 
 from modalshell.kernels.split_folds import colour_triangles
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.slopes import HeldSlopes
 from modalshell.typing import Array, Index
 
 
@@ -42,6 +44,8 @@ class SplitFolds:
     ----------
     ghosts : ndarray, shape (g, 3)
         Positions of the ghost vertices [m]; they follow the n vertices of the mesh in every stencil.
+    reflections : ndarray, shape (s, 3, 3)
+        Reflections that make the last s ghosts, and the last s hinges, of the vertices across their edges.
     hinges : ndarray of int64, shape (H, 4)
         Hinges that carry energy, in the order of the flexure kernel.
     triangles : ndarray of int64, shape (B, 6)
@@ -61,6 +65,7 @@ class SplitFolds:
     """
 
     ghosts: Array
+    reflections: Array
     hinges: Index
     triangles: Index
     folds: Index
@@ -102,8 +107,10 @@ class SplitFolds:
             real = np.searchsorted(vertices, numbers)
             return np.ascontiguousarray(np.where(numbers < count, real, numbers - count + vertices.size))
 
+        mirrored = hinges - (len(self.hinges) - len(self.reflections))
         part = replace(
             self,
+            reflections=self.reflections[mirrored[mirrored >= 0]],
             hinges=local(self.hinges[hinges]),
             triangles=np.where(triangles >= 0, local(triangles), -1),
             folds=np.where(folds >= 0, np.searchsorted(hinges, folds), -1),
@@ -120,7 +127,7 @@ def split_folds(
     mesh: TriangleMesh,
     rigidity: Array,
     poisson: Array,
-    clamped: NDArray[np.bool_],
+    slopes: HeldSlopes,
     held_vertices: NDArray[np.bool_],
     scale: float,
     *,
@@ -134,8 +141,8 @@ def split_folds(
         Rest shape.
     rigidity, poisson : ndarray, shape (T,)
         Bending stiffness D [N m] and Poisson's ratio of every triangle.
-    clamped : ndarray of bool, shape (n,)
-        Vertices held by supports; an edge is clamped where both ends are.
+    slopes : HeldSlopes
+        Clamped and mirrored edges.
     held_vertices : ndarray of bool, shape (n,)
         All held vertices; triangles of them do not bend.
     scale : float
@@ -153,9 +160,12 @@ def split_folds(
     sides = mesh.edge_faces[edges]
     left = sides[:, :, 0] == bending[:, None]
     across = np.where(left, sides[:, :, 1], sides[:, :, 0])
-    held_edge = clamped[mesh.edges[edges]].all(axis=2)
+    held_edge = slopes.clamped[mesh.edges[edges]].all(axis=2)
     against_held = (across >= 0) & held[across]
-    ghost = held_edge & ~against_held
+    plane = np.full(len(mesh.edges), -1)
+    plane[slopes.mirrored] = np.arange(slopes.mirrored.size)
+    mirrored = plane[edges] >= 0
+    ghost = (held_edge & ~against_held) | mirrored
     free = (across < 0) & ~ghost
     split = ~free & ~ghost & ~against_held
     whole = _takes_fold(held, bending, np.where(split, across, -1), left)
@@ -167,9 +177,10 @@ def split_folds(
     hinge_of_edge[mesh.hinge_edges] = np.arange(len(mesh.hinges))
     real = mesh.hinges[hinge_of_edge[used]]
 
-    triangle, k = np.nonzero(ghost)
+    triangle, k = np.hstack([np.nonzero(ghost & ~mirrored), np.nonzero(mirrored)])
     first, second, apex = (corners[triangle, (k + shift) % 3] for shift in (1, 2, 0))
     ghosts = _mirror_images(mesh.vertices, first, second, apex)
+    reflections = slopes.reflections()[plane[edges][mirrored]]
     ghost_index = len(mesh.vertices) + np.arange(triangle.size)
     hinges = np.vstack([real, np.column_stack([first, second, apex, ghost_index])]).astype(np.int64)
 
@@ -194,6 +205,7 @@ def split_folds(
         moments = weight[:, :, None] * moments * weight[:, None, :]
     return SplitFolds(
         ghosts=ghosts,
+        reflections=reflections,
         hinges=np.ascontiguousarray(hinges),
         triangles=np.ascontiguousarray(np.hstack([corners, opposite])),
         folds=np.ascontiguousarray(folds),
