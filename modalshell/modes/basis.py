@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from modalshell.atomic_io import read_npz, write_npz
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
 from modalshell.errors import FileFormatError, ModalShellWarning
+from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.eigenpairs import eigenpairs
@@ -31,6 +32,8 @@ from modalshell.typing import Array
 
 _FORMAT = 1
 """Version of the saved file."""
+_COPIES, _RIGID_COPIES = 6, 6
+"""Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
 
 @dataclass(frozen=True)
@@ -209,8 +212,19 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     if fault := loose_parts_fault(shell.mesh, shell.clamped):
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
     Factoriser(backend)  # refuses an unknown back end before any work
+    _demand_memory(shell, count)
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
     modes = np.asarray(shell.unknowns.prolong(free_modes))
     rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
     finite_answer("the modes", eigenvalues, modes, rotations)
     return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name)
+
+
+def _demand_memory(shell: Shell, count: int) -> None:
+    """OptionError if ``count`` modes need more memory than there is; the factor is counted with the shell."""
+    vertices, parts = len(shell.rest_positions), int(shell.mesh.components.max()) + 1
+    loose = 6 * (parts - np.unique(shell.mesh.components[shell.clamped]).size)
+    columns = _COPIES * count + _RIGID_COPIES * loose
+    size = 8.0 * 3 * vertices * columns + 8.0 * (3.0 * min(count, shell.free_unknowns.size)) ** 2
+    told = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")
+    demand_memory(told, size, "take fewer modes, a coarser mesh, or one part of it")

@@ -69,7 +69,6 @@ class _Shown:
     ) -> None:
         self._surface = surface
         vertices, self._faces = np.array(surface.vertices), np.asarray(surface.faces)
-        self._table = EdgeTable.of(vertices, self._faces)
         self._mesh = self._lines = None
         if surface.style == "surface":
             self._mesh = pyvista.PolyData.from_regular_faces(vertices, self._faces)
@@ -92,6 +91,7 @@ class _Shown:
         if surface.style == "surface" and not surface.lined:
             self.move(vertices, camera)
             return
+        self._table = EdgeTable.of(vertices, self._faces)
         self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(vertices, camera))
         width = MESH_LINE_WIDTH if surface.style == "wireframe" else LINE_WIDTH
         plotter.add_mesh(
