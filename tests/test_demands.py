@@ -32,8 +32,8 @@ def test_modes_that_do_not_fit_are_refused(shell, little):
     with pytest.raises(ms.OptionError, match=r"30 modes of 65 vertices needs about .* of memory .*: take fewer modes"):
         ms.solve_modes(shell, 30)
     little(10**9)
-    basis = ms.solve_modes(shell, 30)
-    little(basis.modes.nbytes)
+    ms.solve_modes(shell, 30)
+    little(2_000_000)
     with pytest.raises(ms.OptionError, match="the derivatives of 30 modes needs about"):
         ms.ModalDerivatives(shell, 30)
 
@@ -41,7 +41,9 @@ def test_modes_that_do_not_fit_are_refused(shell, little):
 def test_rigid_motions_of_many_parts_are_counted(little):
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     vertices = np.concatenate([corners + [0.0, 0.0, k] for k in range(3000)])
-    shell = ms.Shell(ms.TriangleMesh(vertices, np.arange(9000).reshape(-1, 3)), ms.Material(1.0, 1.0, 1.0, 1.0))
+    shell = ms.Shell(
+        ms.TriangleMesh(vertices, np.arange(9000).reshape(-1, 3)), ms.Material(1.0, 1.0, 1.0, 1.0), loose_parts=True
+    )
     little(4 * 10**9)
     with pytest.warns(ms.ModalShellWarning, match="3000 of 3000"), pytest.raises(ms.OptionError, match="18000 rigid"):
         ms.solve_modes(shell, 4)

@@ -63,7 +63,7 @@ def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_]) -> str:
     return (
         f"{loose.size} of {count} parts of the mesh are not held (one of them has vertex {first}, counted from 0) and "
         "would only fall; take one part (component 'largest', or its number from 0 by falling area), "
-        f"{_joining(mesh)}hold each of them, or ask for all as they are (component 'all')"
+        f"{_joining(mesh)}hold each of them, or ask for all as they are (component 'all', in Python loose_parts=True)"
     )
 
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_npz
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
-from modalshell.errors import FileFormatError, ModalShellWarning
+from modalshell.errors import FileFormatError, ModalShellWarning, SupportError
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
@@ -197,19 +197,23 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     Basis
         Modes with a fixed start vector and sign convention, so that results repeat. None is missing, of repeated
         eigenvalues neither; where ``count`` cuts such an eigenvalue in two, a ModalShellWarning says so, and as many
-        orthonormal modes of its eigenspace are returned as there is room for. A ModalShellWarning says where a mesh in
-        several parts has some that nothing holds: six modes each are their rigid motions.
+        orthonormal modes of its eigenspace are returned as there is room for. Where loose parts are asked for
+        (``Shell(..., loose_parts=True)``), a ModalShellWarning says that six modes each are their rigid motions.
 
     Raises
     ------
+    SupportError
+        If the mesh is in several parts of which no support holds some.
     OptionError
-        If ``count`` is not between 1 and the number of free unknowns.
+        If ``count`` is not between 1 and the number of free unknowns, or the modes do not fit into memory.
     SolverError
         If the stiffness is singular beyond its rigid motions, or a mode fails the residual check.
     """
     checked_kind("shell", shell, Shell)
     count = checked_count("count", count)
-    if fault := loose_parts_fault(shell.mesh, shell.clamped):
+    if fault := loose_parts_fault(shell.mesh, shell.supported):
+        if not shell.loose_parts:
+            raise SupportError(fault)
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
     Factoriser(backend)  # refuses an unknown back end before any work
     _demand_memory(shell, count)
@@ -223,8 +227,8 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
 def _demand_memory(shell: Shell, count: int) -> None:
     """OptionError if ``count`` modes need more memory than there is; the factor is counted with the shell."""
     vertices, parts = len(shell.rest_positions), int(shell.mesh.components.max()) + 1
-    loose = 6 * (parts - np.unique(shell.mesh.components[shell.clamped]).size)
+    loose = 6 * (parts - np.unique(shell.mesh.components[shell.supported]).size)
     columns = _COPIES * count + _RIGID_COPIES * loose
-    size = 8.0 * 3 * vertices * columns + 8.0 * (3.0 * min(count, shell.free_unknowns.size)) ** 2
+    size = 8.0 * 3 * vertices * columns + 8.0 * (3.0 * min(count, 3 * vertices)) ** 2
     told = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")
     demand_memory(told, size, "take fewer modes, a coarser mesh, or one part of it")

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from modalshell.errors import OptionError, SolverError
+from modalshell.memory import demand_memory
 from modalshell.modes.basis import Basis
 from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.rigid import left_free

@@ -108,7 +108,8 @@ class Scene(ABC):
         if self.supports is not None:
             with located(self.file, "supports", self.supports):
                 held = held_vertices(selected("clamped", self.supports.clamped, mesh.vertices), len(mesh.vertices))
-        if isinstance(self.mesh, tables.MeshFile) and self.mesh.component != "all":
+        all_parts = isinstance(self.mesh, tables.MeshFile) and self.mesh.component == "all"
+        if isinstance(self.mesh, tables.MeshFile) and not all_parts:
             with located(self.file, "supports", self.mesh):
                 refuse_loose_parts(mesh, np.zeros(len(mesh.vertices), bool) if held is None else held)
         energies = []
@@ -116,7 +117,7 @@ class Scene(ABC):
             with located(self.file, path, entry):
                 energies.append(entry.build())
         with located(self.file, "material", self.material):
-            return Shell(mesh, material, held, energies=energies)
+            return Shell(mesh, material, held, energies=energies, loose_parts=all_parts)
 
 
 @final
