@@ -161,7 +161,7 @@ class _ShellOptions:
         material = build_material(PhysicalSheet(**values, calibrated=self.calibrated), mesh, Path())
         clamped = None
         if self.clamp is not None:
-            clamped = select_vertices(self.clamp, mesh.vertices)
+            clamped = select_vertices(self.clamp, mesh)
             if not clamped.any():
                 low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
                 raise OptionError(f"--clamp {self.clamp!r} holds no vertex; the mesh reaches from {low} to {high}")

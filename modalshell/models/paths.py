@@ -273,5 +273,5 @@ def _watched(shell: Shell, load: Array, watch: tuple[Selection, Vector] | ArrayL
     along = checked_vectors("the direction of watch", direction, (3,), OptionError)
     if not along.any():
         raise OptionError("the direction of watch must not be zero")
-    mask = selected("watch", chosen, shell.mesh.vertices)
+    mask = selected("watch", chosen, shell.mesh)
     return np.where(mask[:, None], along / np.linalg.norm(along), 0.0) / mask.sum()
