@@ -84,10 +84,10 @@ class ShellRun(SceneRun[SceneResult]):
         scene = self._scene
         built = scene.build(self.shell)
         if scene.motion is None:
-            run, resumed = Trajectory.still(built.equilibrium(), self.shell, built.load(), scene.output.positions), 0
+            run, resumed = Trajectory.still(built.equilibrium(), self.shell, built.loading(), scene.output.positions), 0
         else:
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
-        if scene.model.spec.quadratic and buckles(self.shell, built.load()):
+        if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
             run = run.with_remark(ADVICE)
         self._take(run)
         return resumed

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import abstractmethod
 from collections.abc import Callable
 from io import BytesIO
@@ -13,8 +14,9 @@ from scipy.interpolate import CubicSpline
 
 from modalshell.checks import checked_times, checked_vectors, shortened, shown
 from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
-from modalshell.errors import OptionError
+from modalshell.errors import ModalShellWarning, OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
+from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
 from modalshell.motion import SupportPath
 from modalshell.provenance import repository_file
@@ -54,7 +56,13 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     """The mesh; files are looked for in ``folder``, then among those that come with the package."""
     if isinstance(table, Shape):
         return table.build()
-    return chosen_part(load_mesh(_found(table.file, folder)), table.component, table.join)
+    file = _found(table.file, folder)
+    if not table.repair:
+        return chosen_part(load_mesh(file), table.component, table.join)
+    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component)
+    if report.changed:
+        warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=2)
+    return mesh
 
 
 def _found(name: str, folder: Path) -> Path:

@@ -36,6 +36,8 @@ class MeshFile(Table, frozen=True):
     """Part of a file in several: its number from 0 by falling area, "largest", or "all" though some are not held."""
     join: Annotated[float, Meta(gt=0)] | None = None
     """Distance [m] up to which vertices are merged, to join parts that touch."""
+    repair: bool = False
+    """Whether the mesh is mended first, as ``ms.repair`` does; what was done is a warning."""
 
 
 class Stiffnesses(Table, frozen=True):
@@ -148,6 +150,24 @@ class MotionTable(Table, frozen=True):
     dt: Positive = 1.0 / 30.0
     damping: tuple[NotNegative, NotNegative] = (0.0, 0.0)
     store_every: Count = 1
+
+
+class PathTable(Table, frozen=True):
+    """``[path]``: how ``modalshell path`` follows the equilibria under the scene's load times a growing factor.
+
+    ``until`` and ``begin`` are load factors, ``control`` what steps are measured by, ``steps`` their number at least,
+    ``points`` the most of a path, ``branches`` the bifurcations whose other branch is followed. ``watch`` names the
+    vertices whose mean displacement along ``direction`` is told; the load's own without it.
+    """
+
+    until: float = 1.0
+    begin: float = 0.0
+    control: Literal["arc", "load", "displacement"] = "arc"
+    steps: Count = 20
+    points: Annotated[int, Meta(ge=2)] = 400
+    branches: Annotated[int, Meta(ge=0)] = 0
+    watch: Selection | None = None
+    direction: Vector | None = None
 
 
 class Output(Table, frozen=True):

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_vectors, shown
 from modalshell.errors import LoadError, OptionError, SupportError
-from modalshell.loads import Load
+from modalshell.loads import Load, Loading
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
@@ -274,16 +274,35 @@ class Shell(ReadOnlyArrays):
     def total_load(
         self, gravity: ArrayLike | None = None, force: ArrayLike | None = None, loads: Sequence[Load] | None = None
     ) -> Array:
-        """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
+        """Load (n, 3) [N] of the shape at rest, at time 0, or LoadError for a part of the wrong shape or not finite."""
+        return self.loading(gravity, force, loads).force(self.rest_positions)
+
+    def loading(
+        self, gravity: ArrayLike | None = None, force: ArrayLike | None = None, loads: Sequence[Load] | None = None
+    ) -> Loading:
+        """All loads together, those that change with the shell apart from the sum of the dead ones.
+
+        LoadError if a part is of the wrong shape or not finite.
+        """
         total = np.zeros_like(self.rest_positions)
         if gravity is not None:
             total += self.gravity_force(gravity)
         if force is not None:
             total += checked_vectors("force", force, total.shape)
+        live = []
         for load in loads or ():
             checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
-            total += checked_vectors(f"the force of {type(load).__name__}", load.force(self.mesh), total.shape)
-        return total
+            applied = load.applied(self.mesh, self.mass)
+            if applied is None:
+                part = load.force(self.mesh)
+            else:
+                part = applied.force(self.rest_positions)
+                if not applied.is_dead:
+                    live.append(applied)
+            part = checked_vectors(f"the force of {type(load).__name__}", part, total.shape)
+            if applied is None or applied.is_dead:
+                total += part
+        return Loading(self.rest_positions, total, live, self.clamped)
 
     def reactions(
         self,
@@ -313,7 +332,7 @@ class Shell(ReadOnlyArrays):
         x = self.checked_positions(positions)
         gradient = self._energy.support_gradient(x)
         self._refuse_collapse("force", gradient, x)
-        out_of_balance = gradient - self.total_load(gravity, force, loads)
+        out_of_balance = gradient - self.loading(gravity, force, loads).force(x)
         reactions = np.zeros_like(out_of_balance)
         reactions[self.unknowns.supported] = self.unknowns.resisted(out_of_balance[:, :, None])[:, :, 0]
         return reactions

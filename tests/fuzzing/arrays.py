@@ -115,6 +115,7 @@ def _meshes() -> list[Target]:
     return [
         Target("TriangleMesh", _meshed(ms.TriangleMesh), soup),
         Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup | {"tolerance": 1e-6}),
+        Target("repair", _meshed(lambda **given: ms.repair(**given)[0]), soup | {"tolerance": 1e-6}),
         Target("TriangleMesh.weld", mesh.weld, {"tolerance": 1e-6}),
         Target("flat_beam", ms.flat_beam, size, family),
         Target("sheet", ms.sheet, size, family),
@@ -187,8 +188,21 @@ def _shells() -> list[Target]:
         *(
             Target(load.__name__, lambda sel, force, load=load: load(sel, force).force(mesh),
                    {"sel": np.array(held), "force": np.array([0.0, 0.0, -1.0])})
-            for load in (ms.PointForce, ms.LineForce)
+            for load in (ms.PointForce, ms.LineForce, ms.FollowerForce)
         ),
+        Target("EdgeMoment", lambda sel, m: ms.EdgeMoment(sel, m).force(mesh), {"sel": np.array(held), "m": 0.1}),
+        Target("Pressure", lambda p, sel, follower=True: ms.Pressure(p, follower, sel).force(mesh),
+               {"p": 2.0, "sel": np.array(held)}, {"follower": (False, True)}),
+        Target("Wind", lambda sel, **given: ms.Wind(sel=sel, **given).force(mesh),
+               {"velocity": np.array([1.0, 0.0, 2.0]), "density": 1.2, "normal": 1.0, "tangential": 0.01,
+                "sel": np.array(held)}),
+        Target("SelfWeight", lambda gravity: shell.total_load(loads=[ms.SelfWeight(gravity)]),
+               {"gravity": np.array([0.0, 0.0, -9.81])}),
+        Target("FrameInertia", lambda **given: shell.total_load(loads=[ms.FrameInertia(**given)]),
+               {name: np.array([0.0, 1.0, 0.5])
+                for name in ("acceleration", "angular_velocity", "angular_acceleration", "origin")}),
+        Target("Scaled", lambda times, factors: ms.Scaled(ms.Pressure(1.0), (times, factors)).force(mesh),
+               {"times": np.array([0.0, 1.0]), "factors": np.array([1.0, 2.0])}),
         Target("WarpFrame", lambda **given: ms.WarpFrame(**given).positions(np.zeros(3)), {"threads": 1},
                {"dtype": ("float64", "float32", "int")}, {"basis": world_["basis"]}),
         Target("solve_modes", ms.solve_modes, {"count": 3}, {"backend": (None, "superlu", "x", 3)}, {"shell": shell}),
