@@ -17,8 +17,9 @@ from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.mesh import TriangleMesh
-from modalshell.models.base import Equilibrium, Model
+from modalshell.models.base import Model
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import solve_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.poisson import PoissonFit

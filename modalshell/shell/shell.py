@@ -10,41 +10,28 @@ import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_vectors, shown
-from modalshell.errors import LoadError, OptionError, SupportError
+from modalshell.errors import OptionError, SupportError
 from modalshell.loads import Load, Loading
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
+from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.extended import Extended
-from modalshell.shell.fields import (
-    ShellFields,
-    curvature_of_moment,
-    membrane_strain,
-    moment_of_folds,
-    resultants,
-    von_mises,
-)
+from modalshell.shell.fields import ShellFields, fields_at
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
+from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 from modalshell.typing import Array, Index
 
 _VERTEX_BYTES = 8_000
 """Memory that the pattern of the stiffness takes while it is made."""
-
-
-def _checked_supports(supports: Sequence[Support]) -> tuple[Support, ...]:
-    try:
-        given = tuple(supports)
-    except TypeError as error:
-        raise SupportError(f"supports must be a list of supports (got {shown(supports)})") from error
-    return tuple(checked_kind("each of supports", support, Support) for support in given)  # type: ignore[type-abstract]
 
 
 class Shell(ReadOnlyArrays):
@@ -109,7 +96,7 @@ class Shell(ReadOnlyArrays):
         count = len(mesh.vertices)
         demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
         clamp = held_vertices(clamped, count)
-        self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *_checked_supports(supports))
+        self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
         self._slopes = held_slopes(self.supports, mesh)
         self.energies = tuple(
@@ -207,7 +194,7 @@ class Shell(ReadOnlyArrays):
         """Elastic energy [J] at ``positions`` (n, 3) [m]; LoadError where it is not finite."""
         x = self.checked_positions(positions)
         energy = self.raw_energy(x)
-        self._refuse_collapse("energy", energy, x)
+        refuse_collapse(self.mesh, "energy", energy, x)
         return energy
 
     def force(self, positions: ArrayLike) -> Array:
@@ -217,7 +204,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         gradient = self.energy_gradient(x)[1]
-        self._refuse_collapse("force", gradient, x)
+        refuse_collapse(self.mesh, "force", gradient, x)
         return -gradient
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
@@ -229,7 +216,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
         data = self.energy_gradient_hessian(x, EXACT)[2]
-        self._refuse_collapse("stiffness", data, x)
+        refuse_collapse(self.mesh, "stiffness", data, x)
         return self.pattern.condensed(data)
 
     def fields(self, positions: ArrayLike) -> ShellFields:
@@ -252,20 +239,8 @@ class Shell(ReadOnlyArrays):
         mesh = self.mesh
         sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
         flat = (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
-        self._refuse_collapse("curvature", np.where(flat, np.nan, 0.0), x)
-        material = self.material if isinstance(self.material, Isotropic) else Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
-        energy = self._energy
-        if not isinstance(energy, SplitFoldEnergy):
-            energy = SplitFoldEnergy(mesh, material, self._slopes, [], self.clamped)
-        moment = moment_of_folds(mesh, energy.bending(x)[0])
-        membrane, rigidity, poisson = material.elasticity(mesh)
-        curvature = curvature_of_moment(rigidity, poisson, moment)
-        strain = membrane_strain(mesh, x)
-        density = self._energy.face_energies(mesh, x) / mesh.face_areas
-        if not isinstance(self.material, Isotropic):
-            return ShellFields(strain, curvature, density)
-        force = resultants(membrane, poisson, strain)
-        return ShellFields(strain, curvature, density, force, moment, von_mises(mesh, material, force, moment))
+        refuse_collapse(self.mesh, "curvature", np.where(flat, np.nan, 0.0), x)
+        return fields_at(mesh, self.material, self._energy, self._slopes, self.clamped, x)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -331,7 +306,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         gradient = self._energy.support_gradient(x)
-        self._refuse_collapse("force", gradient, x)
+        refuse_collapse(self.mesh, "force", gradient, x)
         out_of_balance = gradient - self.loading(gravity, force, loads).force(x)
         reactions = np.zeros_like(out_of_balance)
         reactions[self.unknowns.supported] = self.unknowns.resisted(out_of_balance[:, :, None])[:, :, 0]
@@ -366,20 +341,6 @@ class Shell(ReadOnlyArrays):
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
         return checked_vectors("positions", positions, self.rest_positions.shape)
-
-    def _refuse_collapse(self, name: str, values: ArrayLike, x: Array) -> None:
-        if np.isfinite(values).all():
-            return
-        corners = x[self.mesh.faces]
-        sides = corners - np.roll(corners, 1, axis=1)
-        longest = np.max(np.sum(sides**2, axis=2), axis=1)
-        flatness = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.where(longest > 0.0, longest, 1.0)
-        worst = int(np.argmin(flatness))
-        raise LoadError(
-            f"the {name} is not finite at these positions; the flattest triangle is {worst}, vertices "
-            f"{self.mesh.faces[worst].tolist()} (counted from 0), twice its area {flatness[worst]:.1e} of its longest "
-            "side squared: move its corners apart"
-        )
 
     # Below: for solvers, on arrays that they own; no checks.
 
