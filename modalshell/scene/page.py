@@ -36,7 +36,11 @@ def scene_page(scene: Scene) -> Page:
     left = ["the supports rest"] if path is not None else []
     left += ["there are no loads that change with the shell or in time"] if loads else []
     left += ["there are no constraints"] if constraints else []
-    left += [f"the model is LMA or MWTS, not {model.spec.name}"] if model.spec.builder not in (LinearModal, ModalWarping) else []
+    left += (
+        [f"the model is LMA or MWTS, not {model.spec.name}"]
+        if model.spec.builder not in (LinearModal, ModalWarping)
+        else []
+    )
     if left:
         warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)
