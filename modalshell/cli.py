@@ -5,74 +5,32 @@ from __future__ import annotations
 import io
 import sys
 import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
-import numpy as np
 from cyclopts import App, CycloptsError, Parameter
-from rich.console import Console
 from rich.markdown import Markdown
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 import modalshell as ms
 from modalshell.atomic_io import make_folder
 from modalshell.checks import shortened
+from modalshell.commands import meshes, results, scenes
+from modalshell.commands.terminal import CONSOLE, progress
 from modalshell.compare import MODES
 from modalshell.doctor import examine
-from modalshell.errors import ModalShellError, OptionError
+from modalshell.errors import ModalShellError
 from modalshell.memory import available_memory, gigabytes
-from modalshell.mesh.parts import chosen_part, refuse_loose_parts
-from modalshell.models.factory import MODE_COUNT, ModelFactory
-from modalshell.models.registry import MODELS
-from modalshell.outcome import Outcome
-from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
-from modalshell.run import write_results
-from modalshell.scene.models import model_tables
-from modalshell.selection import select_vertices
-from modalshell.viewer import attach as follow_run
-from modalshell.viewer import open_window, serve_page, take_picture
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
-_console = Console()
-_errors = Console(stderr=True)
+scenes.register(app)
+meshes.register(app)
+results.register(app)
 _LONGEST_MESSAGE = 1000
 """Characters of an error that the command line prints."""
-
-
-@contextmanager
-def _progress(text: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar with the time left, as a callback of (done, total)."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
-    bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=_errors)
-    task = bar.add_task(text, total=None)
-
-    def advance(done: int, total: int) -> None:
-        bar.start()  # at the first step, so that refused options leave one line alone
-        bar.update(task, completed=done, total=total)
-
-    stopped = None
-    try:
-        yield advance
-    except KeyboardInterrupt as stop:  # cyclopts would end without a word
-        stopped = ": ".join(["modalshell: stopped", *map(str, stop.args)])
-    finally:
-        if bar.live.is_started:
-            bar.stop()
-    if stopped is not None:
-        print(stopped, file=sys.stderr)
-        sys.exit(130)
-
-
-def _end_with(*outcomes: Outcome) -> None:
-    """End with exit status 1 where some work did not succeed; what it wrote stays."""
-    if not all(outcome.succeeded for outcome in outcomes):
-        sys.exit(1)
 
 
 @app.command
@@ -88,95 +46,10 @@ def reproduce(
     names = chosen_studies(only, everything)
     make_folder(out)
     for name in names:
-        with _progress(name) as on_step:
+        with progress(name) as on_step:
             written = reproduce_study(name, out, figures or out / "figures", quick=quick, on_step=on_step)
         for path in written:
             print(path)
-
-
-@app.command
-def run(
-    scene: Annotated[Path, Parameter(help="TOML file.")],
-    *,
-    out: Annotated[Path | None, Parameter(help="Folder of the results instead of the scene's own.")] = None,
-    restart: Annotated[bool, Parameter(help="Drop what a stopped run has left and start anew.")] = False,
-) -> None:
-    """Run a scene file, or go on with a run of it that was stopped."""
-    with _progress(f"{scene.stem} steps") as on_step:
-        result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
-    print(f"{scene.stem}: {result.summary}")
-    for path in result.files:
-        print(path)
-    _end_with(result.outcome)
-
-
-@app.command
-def view(
-    scene: Annotated[Path | None, Parameter(help="TOML file; not with --attach.")] = None,
-    *,
-    web: Annotated[bool, Parameter(help="A page for a browser on this machine instead of a window.")] = False,
-    port: Annotated[int, Parameter(help="Of the page; 0 takes a free one.")] = 8080,
-    frames: Annotated[
-        int | None, Parameter(help="Frames to play, of 1/30 s each, before the screenshot; 30 without it.")
-    ] = None,
-    screenshot: Annotated[Path | None, Parameter(help="Write the window's picture to this PNG file instead.")] = None,
-    attach: Annotated[
-        Path | None, Parameter(help="Folder, scene file or .frames file of a run to follow live instead of playing.")
-    ] = None,
-    wait: Annotated[float, Parameter(help="Time [s] that an attached run may take to its first frame.")] = 60.0,
-    follow: Annotated[bool, Parameter(help="Print a line for each new frame of an attached run instead.")] = False,
-) -> None:
-    """Play a scene: pause it, pull at it by gravity, give it another model or number of modes; or follow a run."""
-    if attach is not None:
-        if scene is not None or frames is not None:
-            raise OptionError("--attach shows a run's own scene and frames: leave out SCENE and --frames")
-        follow_run(attach, wait=wait, web=web, port=port, screenshot=screenshot, follow=follow)
-        return
-    if scene is None or follow:
-        raise OptionError("name a scene file to play, or a run to follow with --attach RUN")
-    if web and screenshot is not None:
-        raise OptionError("--screenshot pictures the window: leave out --web")
-    declared = ms.load_scene(scene)
-    if web:
-        serve_page(declared, port)
-    elif screenshot is None:
-        open_window(declared)
-    else:
-        print(take_picture(declared, 30 if frames is None else frames, screenshot))
-
-
-@app.command
-def sweep(
-    file: Annotated[Path, Parameter(help="TOML file.")],
-    *,
-    out: Annotated[Path | None, Parameter(help="Folder of the results instead of the sweep's own.")] = None,
-    workers: Annotated[int | None, Parameter(help="Processes; one for each core without it.")] = None,
-    cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, tcp:// or tls://.")] = None,
-    certificates: Annotated[
-        tuple[Path, Path, Path] | None, Parameter(help="Files for tls://: authority, certificate, key.")
-    ] = None,
-    time_limit: Annotated[float | None, Parameter(help="Seconds after which a case is given up.")] = None,
-    retry: Annotated[bool, Parameter(help="Also do again what failed or took too long.")] = False,
-) -> None:
-    """Run a grid of scenes, or what is missing of it, and sum up what each found."""
-    with _progress(f"{file.stem} cases") as on_step:
-        found = ms.run_sweep(
-            file,
-            out=out,
-            workers=workers,
-            cluster=cluster,
-            certificates=certificates,
-            time_limit=time_limit,
-            retry=retry,
-            on_step=on_step,
-        )
-    counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
-    print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
-    if found.note:
-        print(found.note)
-    for path in found.files:
-        print(path)
-    _end_with(*found.counts())
 
 
 @app.command
@@ -191,7 +64,7 @@ def tradeoff(
 ) -> None:
     """Measure every rung that a scene allows: error against DS, cost of a frame, and what none cheaper matches."""
     make_folder(out)
-    with _progress(f"{scene.stem} rungs") as on_step:
+    with progress(f"{scene.stem} rungs") as on_step:
         found = ms.tradeoff(scene, truth=truth, modes=modes, on_step=on_step)
     print(found.table())
     for path in found.save(out):
@@ -210,9 +83,9 @@ def advise(
 ) -> None:
     """Name the cheapest rung that is as accurate and as fast as asked on a scene, from measured runs."""
     make_folder(out)
-    with _progress(f"{scene.stem} rungs") as on_step:
+    with progress(f"{scene.stem} rungs") as on_step:
         found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
-    _console.print(Markdown(found.explanation))
+    CONSOLE.print(Markdown(found.explanation))
     for path in found.save(out):
         print(path)
     if write is not None:
@@ -227,134 +100,11 @@ def bench(
     quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
 ) -> None:
     """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
-    with _progress("benchmarks") as on_step:
+    with progress("benchmarks") as on_step:
         written = run_benchmarks(out, quick=quick, only=only, on_step=on_step)
-    _console.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
+    CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     for path in written:
         print(path)
-
-
-@Parameter(name="*")
-class _ShellOptions:
-    """Options that say how a mesh becomes a shell."""
-
-    def __init__(
-        self,
-        *,
-        clamp: Annotated[str | None, Parameter(help="Vertices to hold, such as 'x < 0.01'; none without it.")] = None,
-        young: Annotated[float, Parameter(help="Young's modulus [Pa].")] = 1e9,
-        poisson: Annotated[float, Parameter(help="Poisson's ratio.")] = 0.3,
-        thickness: Annotated[float | None, Parameter(help="Thickness [m]; else 1/200 of the mesh's size.")] = None,
-        density: Annotated[float, Parameter(help="Mass per volume [kg/m^3].")] = 1000.0,
-        component: Annotated[
-            Literal["largest", "all"] | int | None,
-            Parameter(
-                help="Part of a mesh in several: its number from 0 by falling area, largest, or all as they are."
-            ),
-        ] = None,
-        join: Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")] = None,
-    ) -> None:
-        self.component, self.join = component, join
-        self.clamp, self.young, self.poisson, self.thickness, self.density = clamp, young, poisson, thickness, density
-
-    def build(self, path: Path) -> ms.Shell:
-        """Load the mesh and make the shell."""
-        mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
-        thickness = self.thickness
-        if thickness is None:
-            thickness = mesh.size / 200.0
-        material = ms.Material.from_physical(
-            young=self.young, poisson=self.poisson, thickness=thickness, density=self.density, mesh=mesh
-        )
-        clamped = None
-        if self.clamp is not None:
-            clamped = select_vertices(self.clamp, mesh.vertices)
-            if not clamped.any():
-                low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
-                raise OptionError(f"--clamp {self.clamp!r} holds no vertex; the mesh reaches from {low} to {high}")
-        if self.component != "all":
-            refuse_loose_parts(mesh, np.zeros(len(mesh.vertices), bool) if clamped is None else clamped)
-        return ms.Shell(mesh, material, clamped)
-
-
-@app.command
-def simulate(
-    mesh: Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")],
-    *,
-    shell: _ShellOptions | None = None,
-    gravity: Annotated[tuple[float, float, float], Parameter(help="Acceleration [m/s^2].")] = (0.0, 0.0, -9.81),
-    model: Annotated[str, Parameter(help=f"One of {', '.join(MODELS)}.")] = "mwts",
-    modes: Annotated[int, Parameter(help="Number of modes of the modal models.")] = MODE_COUNT,
-    static: Annotated[bool, Parameter(help="Equilibrium instead of motion: a picture instead of a film.")] = False,
-    duration: Annotated[float, Parameter(help="Simulated time [s].")] = 2.0,
-    dt: Annotated[float, Parameter(help="Time step, and time between frames [s].")] = 1.0 / 30.0,
-    damping: Annotated[tuple[float, float], Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s].")] = (
-        0.5,
-        0.001,
-    ),
-    out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
-) -> None:
-    """Let a mesh of your own hang, fall or swing; write a film or a picture, and the positions."""
-    known = model_tables()
-    if model not in known:
-        raise OptionError(f"there is no model {model!r}; choose from {', '.join(known)}")
-    options = shell or _ShellOptions()
-    built = options.build(mesh)
-    print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
-    kind = known[model]
-    factory = ModelFactory(built, lambda: built.gravity_force(gravity))
-    chosen = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
-    for basis in factory.bases.values():
-        span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
-        print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
-    make_folder(out)
-    if static:
-        answer = chosen.equilibrium(gravity=gravity)
-        told = answer.outcome.with_message(answer.message)
-        print(f"{chosen.name}: {told}, {answer.iterations} iterations, residual {answer.residual:.1e}")
-        found = ms.Trajectory.still(answer, built, built.gravity_force(gravity))
-    else:
-        with _progress(f"{chosen.name} steps") as on_step:
-            found = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)
-        told = found.outcome.with_message(found.message)
-        print(f"{chosen.name}: {told}, {len(found.times)} frames in {found.seconds:.3g} s")
-    formats = ["npz", "png" if static else "mp4"]
-    title = f"{mesh.stem}, {chosen.name}"
-    with _progress("film") as on_frame:
-        written = write_results(found, out, f"{mesh.stem}_{model}", formats, title=title, on_step=on_frame)
-    for path in written:
-        print(path)
-    _end_with(found.outcome)
-
-
-@app.command
-def modes(
-    mesh: Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")],
-    *,
-    shell: _ShellOptions | None = None,
-    count: Annotated[int, Parameter(help="Number of modes, rigid ones counted in.")] = 8,
-    out: Annotated[Path, Parameter(help="Folder for the picture and the basis.")] = Path("results"),
-) -> None:
-    """Print the natural frequencies of a mesh and draw its mode shapes."""
-    built = (shell or _ShellOptions()).build(mesh)
-    make_folder(out)
-    basis = ms.solve_modes(built, count)
-    table = Table("mode", "frequency [Hz]", "kind")
-    size = built.size
-    views = []
-    for k, frequency in enumerate(basis.frequencies):
-        rigid = k < basis.rigid_modes
-        table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if rigid else "elastic")
-        shape = basis.modes[:, k].reshape(-1, 3)
-        length = np.linalg.norm(shape, axis=1)
-        moved = built.rest_positions + shape * (0.15 * size / length.max())
-        title = f"mode {k + 1}: " + ("rigid" if rigid else f"{frequency:.4g} Hz")
-        surface = ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)
-        views.append(View([surface], title=title))
-    _console.print(table)
-    basis.save(out / f"{mesh.stem}_basis.npz")
-    print(out / f"{mesh.stem}_basis.npz")
-    print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))
 
 
 @app.command
@@ -363,7 +113,7 @@ def doctor() -> None:
     table = Table("what", "found", "what would better it")
     for reading in examine():
         table.add_row(reading.name, escape(reading.value), escape(reading.hint))
-    _console.print(table)
+    CONSOLE.print(table)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from modalshell.checks import as_array, shortened, shown
 from modalshell.errors import OptionError
+from modalshell.sharing import read_only_copy
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Lt: operator.lt,
@@ -35,6 +36,20 @@ _LONGEST = 1000
 
 Selection = str | Sequence[int] | NDArray[np.bool_] | NDArray[np.int64]
 """Vertices by a text, by indices, or by a mask."""
+
+
+def checked_selection(name: str, selection: Selection) -> Selection:
+    """A selection that no one can change, before there is a mesh; OptionError about ``name`` where it can be none."""
+    if isinstance(selection, str):
+        try:
+            select_vertices(selection, np.zeros((1, 3)))
+        except OptionError as error:
+            raise OptionError(f"{name} {error}") from error
+        return selection
+    entries = as_array(name, selection, "bool (n,) or vertex indices", OptionError, "biu")
+    if entries.ndim > 1:
+        raise OptionError(f"{name} must be a mask (n,) or a list of vertex indices (got shape {entries.shape})")
+    return read_only_copy(np.atleast_1d(entries))
 
 
 def selected(name: str, selection: Selection, vertices: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -1,6 +1,8 @@
 """Scenes that several test files share; one BLAS thread, since two on a busy machine take many times as long."""
 
 import contextlib
+import os
+import shutil
 import sys
 import warnings
 
@@ -144,3 +146,19 @@ def v_basis(v_shell):
 @pytest.fixture(scope="session")
 def v_ridge_tip(v_shell):
     return int(np.argmin(np.linalg.norm(v_shell.rest_positions - (1.0, 0.0, 0.0), axis=1)))
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A headless Chromium with WebGL2 in software."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as driver:
+        names = ("chromium", "chromium-browser", "google-chrome")
+        found = [driver.chromium.executable_path, *(shutil.which(name) or "" for name in names)]
+        browsers = [path for path in found if os.path.exists(path)]
+        if not browsers:
+            pytest.skip("there is no Chromium (apt-get install chromium, or playwright install chromium)")
+        options = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        started = driver.chromium.launch(executable_path=browsers[0], args=options)
+        yield started
+        started.close()

@@ -62,11 +62,11 @@ def in_fresh_processes(folder, threads, cells=(24, 6)):
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    return in_fresh_processes(tmp_path_factory.mktemp("determinism"), (1, 1, 2))
+    return in_fresh_processes(tmp_path_factory.mktemp("determinism"), (1, 1))
 
 
 def test_one_thread_gives_the_same_bits(small):
-    first, second, _ = small
+    first, second = small
     assert list(first) == list(second)
     assert len(first) >= 4 + 2 * 6
     for name, array in first.items():
@@ -75,18 +75,12 @@ def test_one_thread_gives_the_same_bits(small):
     assert [name for name in first if first[name].tobytes() != second[name].tobytes()] == []
 
 
-def check_two_threads(one, two):
+@pytest.mark.slow
+@pytest.mark.parametrize("cells", [(24, 6), (80, 20)])  # the larger keeps two threads busy
+def test_two_threads_stay_within_their_bound(tmp_path, cells):
+    one, two = in_fresh_processes(tmp_path, (1, 2), cells)
     for name, array in one.items():
         np.testing.assert_allclose(two[name], array, rtol=0, atol=TWO_THREADS * np.abs(array).max(), err_msg=name)
-
-
-def test_two_threads_stay_within_their_bound(small):
-    check_two_threads(small[0], small[2])
-
-
-@pytest.mark.slow
-def test_two_threads_stay_within_their_bound_on_a_mesh_that_keeps_them_busy(tmp_path):
-    check_two_threads(*in_fresh_processes(tmp_path, (1, 2), (80, 20)))
 
 
 if __name__ == "__main__":

@@ -69,22 +69,24 @@ FLAT = ('"v_beam"', '"flat_beam"')
 WEAK = ("-9.81", "-1.0")
 
 
-@pytest.fixture
-def toy(tmp_path, monkeypatch):
-    """A package of three files beside its metadata, found as an installed one is."""
-    package = tmp_path / "site" / "toy_fibres"
+@pytest.fixture(scope="module")
+def toy(tmp_path_factory):
+    """A package of three files beside its metadata, found as an installed one is; its kernel is compiled once."""
+    site = tmp_path_factory.mktemp("site")
+    package = site / "toy_fibres"
     package.mkdir(parents=True)
     (package / "definition.py").write_text(DEFINITION)
     (package / "__init__.py").write_text(REGISTRATION)
-    metadata = tmp_path / "site" / "toy_fibres-0.1.dist-info"
+    metadata = site / "toy_fibres-0.1.dist-info"
     metadata.mkdir()
     (metadata / "entry_points.txt").write_text(ENTRY)
     (metadata / "METADATA").write_text(METADATA)
     exec(compile(DEFINITION, str(package / "definition.py"), "exec"), {"__file__": str(package / "definition.py")})
-    monkeypatch.syspath_prepend(str(tmp_path / "site"))
-    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
-    load_plugins.cache_clear()
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(site))
+        patch.setenv("MODALSHELL_RENDERER", "built-in")
+        load_plugins.cache_clear()
+        yield
     for name in [name for name in sys.modules if name.split(".")[0] == "toy_fibres"]:
         del sys.modules[name]
     ENERGIES.pop("fibres", None)
@@ -127,7 +129,7 @@ def test_an_energy_of_another_package_runs_by_scene(scene_text, tmp_path):
 
 
 @pytest.mark.usefixtures("toy")
-def test_its_derivatives_and_its_saved_basis_are_right(tmp_path):
+def test_its_derivatives_and_its_saved_basis_are_right(tmp_path, monkeypatch):
     load_plugins()
     mesh = ms.v_beam(cells=(8, 4))
     fibres = ENERGIES["fibres"](stiffness=40.0, direction=(1.0, 0.5, 0.0))
@@ -144,7 +146,7 @@ def test_its_derivatives_and_its_saved_basis_are_right(tmp_path):
     basis.save(tmp_path / "basis.npz")
     loaded = ms.Basis.load(tmp_path / "basis.npz")
     assert loaded.shell.energy(x) == shell.energy(x)
-    ENERGIES.pop("fibres")
+    monkeypatch.delitem(ENERGIES, "fibres")
     with pytest.raises(ms.FileFormatError, match="fibres"):
         ms.Basis.load(tmp_path / "basis.npz")
 

@@ -42,7 +42,7 @@ SURFACES = {
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 750, 4000
+DEFAULT, LONG = 480, 4000
 
 
 def attempts(surface, count, folder, seed=None):
@@ -233,8 +233,8 @@ def memory_error_escapes(monkeypatch):
     [
         (crash, "mesh_files", UncaughtException),
         (hang, "mesh_files", Hang),
-        (hang_that_swallows, "mesh_files", Hang),
-        (special_files, "mesh_files", Hang),
+        pytest.param(hang_that_swallows, "mesh_files", Hang, marks=pytest.mark.slow),
+        pytest.param(special_files, "mesh_files", Hang, marks=pytest.mark.slow),
         (short_message, "mesh_files", UselessMessage),
         (not_a_number, "arrays", SilentNonFinite),
         (unchecked_files, "saved", HalfRead),
@@ -243,7 +243,7 @@ def memory_error_escapes(monkeypatch):
         (evaluated, "scenes", (UncaughtException, Hang)),
         (traceback_at_the_command_line, "command_line", (UncaughtException, DirtyExit)),
         (two_lines, "command_line", DirtyExit),
-        (mark_read_as_text, "properties", Contradiction),
+        pytest.param(mark_read_as_text, "properties", Contradiction, marks=pytest.mark.slow),
         (measured_from_the_origin, "properties", Contradiction),
         (shared_scratch, "properties", Contradiction),
         (loose_parts_unseen, "properties", Unsaid),

@@ -21,10 +21,22 @@ EXCEPTIONS = {
         "WarpFrame.positions",
         "q",
     ): "runs each frame; its documentation says that NaN gives NaN, and that it checks shapes",
+    ("repair", "vertices"): "drops the faces of vertices that are not finite, and says so",
 }
 """Arguments that may hold NaN, and why. Text and wrong shapes are refused there, too."""
 NOT_FINITE = ("not a number", "one not a number", "infinite")
-BETWEEN_PARTS = {"check_step", "meet_constraints", "decay_rate", "step", "damping_force", "damping_matrix"}
+BETWEEN_PARTS = {
+    "check_step",
+    "meet_constraints",
+    "decay_rate",
+    "dragged",
+    "factor",
+    "step",
+    "step_live",
+    "velocity_at",
+    "damping_force",
+    "damping_matrix",
+}
 """Methods that models, shells and integrators call each step with numbers that were checked where they came in."""
 ELSEWHERE = {
     "RunFollower.wait": "test_waiting_refuses_what_is_no_time below, for without a run it is refused anyway",
@@ -63,9 +75,12 @@ def methods():
     made = [
         Target("Shell.fields", shell.fields, {"positions": moved}),
         Target("Shell.reactions", shell.reactions, {"positions": moved, "gravity": gravity, "force": vectors}),
+        Target("Shell.support_reactions", shell.support_reactions, {"positions": moved, "force": vectors}),
         Target("Shell.total_load", shell.total_load, {"gravity": gravity, "force": vectors}),
+        Target("Shell.loading", shell.loading, {"gravity": gravity, "force": vectors}),
         Target("Shell.checked_positions", shell.checked_positions, {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", models["ds"].lowest_eigenvalue, {"positions": rest}),
+        Target("EquilibriumPath.crossings", ms.equilibrium_path(shell, gravity=gravity).crossings, {"factor": 0.5}),
         Target("SupportPath.at", parts["path"].at, {"time": 0.05}),
         Target("PositionConstraint.at", ms.PositionConstraint([8], [1.0, 0.0, 0.0]).at, {"time": 0.05}),
         Target("OrientationConstraint.at", ms.OrientationConstraint([8], [0.1, 0.0, 0.0]).at, {"time": 0.05}),

@@ -14,8 +14,9 @@ from modalshell.constraints.constraints import Constraint
 from modalshell.errors import MeshError
 from modalshell.integrators.full.profile_step import profile_step
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model
+from modalshell.models.base import Model
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.reduction.prolongation import Prolongation, closest_points
 from modalshell.shell import Shell
 from modalshell.typing import Array

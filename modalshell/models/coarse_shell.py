@@ -33,15 +33,15 @@ class CoarseMesh:
         The mesh.
     name : str
         Short name.
-    material : Material or None
-        Where that is calibrated on the mesh; else the fine shell's serves.
+    material : Material, Isotropic or None
+        Where that is another than the fine shell's.
     cells : tuple of int, or None
         Cells along and across of a generated shape.
     """
 
     mesh: TriangleMesh
     name: str
-    material: Material | None = None
+    material: Material | Isotropic | None = None
     cells: tuple[int, int] | None = None
 
 
@@ -71,6 +71,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
     """
     checked_kind("shell", shell, Shell)
     checked_kind("mesh", mesh, TriangleMesh)
+    shell.require_clamps("a coarse shell")
     given = shell.material if material is None else material
     if not isinstance(given, Material | Isotropic):
         raise OptionError(f"material must be a Material or an Isotropic (got {shown(given)})")

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import os
 import warnings
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_npz
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
@@ -19,10 +21,12 @@ from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.modal_rotation import rotation_matrix
+from modalshell.page import Page, modal_page
 from modalshell.plugins import load_plugins
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
+from modalshell.supports import SUPPORTS, Clamp, Support
 from modalshell.typing import Array
 
 _FORMAT = 1
@@ -83,7 +87,7 @@ class Basis(ReadOnlyArrays):
             modalshell_basis=np.array(_FORMAT),
             vertices=shell.mesh.vertices,
             faces=shell.mesh.faces,
-            clamped=shell.clamped,
+            supports=np.array(json.dumps([[support.key, support.plain()] for support in shell.supports])),
             **{field.name: np.asarray(getattr(material, field.name)) for field in fields(material)},
             energies=np.array(json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])),  # type: ignore[call-overload]
             eigenvalues=self.eigenvalues,
@@ -93,6 +97,47 @@ class Basis(ReadOnlyArrays):
             residual=np.array(self.residual),
             backend=np.array(self.backend),
         )
+
+    def page(
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        title: str = "modalshell",
+        gravity: Sequence[float] = (0.0, 0.0, -9.81),
+        force: ArrayLike | None = None,
+        damping: tuple[float, float] = (0.5, 0.001),
+        dt: float = 1.0 / 60.0,
+    ) -> Page:
+        """A self-contained web page on which the shell moves by LMA and MWTS; notebooks show it live.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            HTML file to write.
+        title, gravity, force, damping, dt
+            See :func:`modalshell.page.modal_page`.
+
+        Raises
+        ------
+        OptionError
+            If there are more modes than a browser's shader takes, or an option is out of range.
+        """
+        page = modal_page(
+            self.shell.mesh,
+            eigenvalues=self.eigenvalues,
+            modes=self.modes,
+            rotations=self.rotations,
+            mass=self.shell.mass,
+            held=np.flatnonzero(self.shell.clamped),
+            title=title,
+            gravity=gravity,
+            force=force,
+            damping=damping,
+            dt=dt,
+        )
+        if path is not None:
+            page.save(path)
+        return page
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Basis:
@@ -115,7 +160,11 @@ class Basis(ReadOnlyArrays):
             further = json.loads(str(data["energies"])) if "energies" in data else []
             energies = [ENERGIES[key](**fields) for key, fields in further]
             mesh = TriangleMesh(data["vertices"], data["faces"])
-            shell = Shell(mesh, kind(**constants), data["clamped"], energies=energies)
+            if "clamped" in data:  # a file from before there were other supports
+                supports: list[Support] = [Clamp(data["clamped"])] if data["clamped"].any() else []
+            else:
+                supports = [SUPPORTS[key](**parameters) for key, parameters in json.loads(str(data["supports"]))]
+            shell = Shell(mesh, kind(**constants), supports=supports, energies=energies)
             values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
             shape = (shell.rest_positions.size, values.size)
             modes = checked_vectors("modes", data["modes"], shape)
@@ -161,8 +210,7 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
     Factoriser(backend)  # refuses an unknown back end before any work
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
-    modes = np.zeros((shell.rest_positions.size, count))
-    modes[shell.free_unknowns] = free_modes
-    rotations = np.asarray(rotation_matrix(shell.mesh) @ modes)
+    modes = np.asarray(shell.unknowns.prolong(free_modes))
+    rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
     finite_answer("the modes", eigenvalues, modes, rotations)
     return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name)

@@ -20,7 +20,7 @@ from modalshell.scene.signatures import energies_table, loads_table
 
 _NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
-_TABLES = ("name", *_REQUIRED, "supports", "energies", "loads", "constraints", "motion", "flock", "output")
+_TABLES = ("name", *_REQUIRED, "supports", "energies", "loads", "constraints", "motion", "path", "flock", "output")
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -65,6 +65,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             ("energies", energies_table()),
             ("loads", loads_table()),
             ("motion", tables.MotionTable),
+            ("path", tables.PathTable),
             ("flock", FlockTable),
             ("output", tables.Output),
         )
@@ -92,6 +93,8 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         raise SceneError(f"{file}: motion: missing; a flight needs it")
     if constraints:
         raise SceneError(f"{file}: constraints: a flock takes none")
+    if "path" in declared:
+        raise SceneError(f"{file}: path: a flock has none; leave the table out")
     return FlockScene(**declared)
 
 

@@ -34,10 +34,12 @@ RECORDS = {
     "Basis",
     "Damping",
     "Equilibrium",
+    "EquilibriumPath",
     "FlightResult",
     "Model",
     "Outcome",
     "ModelSpec",
+    "PathEvent",
     "Scene",
     "SceneResult",
 }
@@ -113,6 +115,7 @@ def _meshes() -> list[Target]:
     return [
         Target("TriangleMesh", _meshed(ms.TriangleMesh), soup),
         Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup | {"tolerance": 1e-6}),
+        Target("repair", _meshed(lambda **given: ms.repair(**given)[0]), soup | {"tolerance": 1e-6}),
         Target("TriangleMesh.weld", mesh.weld, {"tolerance": 1e-6}),
         Target("flat_beam", ms.flat_beam, size, family),
         Target("sheet", ms.sheet, size, family),
@@ -185,12 +188,36 @@ def _shells() -> list[Target]:
         *(
             Target(load.__name__, lambda sel, force, load=load: load(sel, force).force(mesh),
                    {"sel": np.array(held), "force": np.array([0.0, 0.0, -1.0])})
-            for load in (ms.PointForce, ms.LineForce)
+            for load in (ms.PointForce, ms.LineForce, ms.FollowerForce)
         ),
+        Target("EdgeMoment", lambda sel, m: ms.EdgeMoment(sel, m).force(mesh), {"sel": np.array(held), "m": 0.1}),
+        Target("Pressure", lambda p, sel, follower=True: ms.Pressure(p, follower, sel).force(mesh),
+               {"p": 2.0, "sel": np.array(held)}, {"follower": (False, True)}),
+        Target("Wind", lambda sel, **given: ms.Wind(sel=sel, **given).force(mesh),
+               {"velocity": np.array([1.0, 0.0, 2.0]), "density": 1.2, "normal": 1.0, "tangential": 0.01,
+                "sel": np.array(held)}),
+        Target("SelfWeight", lambda gravity: shell.total_load(loads=[ms.SelfWeight(gravity)]),
+               {"gravity": np.array([0.0, 0.0, -9.81])}),
+        Target("FrameInertia", lambda **given: shell.total_load(loads=[ms.FrameInertia(**given)]),
+               {name: np.array([0.0, 1.0, 0.5])
+                for name in ("acceleration", "angular_velocity", "angular_acceleration", "origin")}),
+        Target("Scaled", lambda times, factors: ms.Scaled(ms.Pressure(1.0), (times, factors)).force(mesh),
+               {"times": np.array([0.0, 1.0]), "factors": np.array([1.0, 2.0])}),
         Target("WarpFrame", lambda **given: ms.WarpFrame(**given).positions(np.zeros(3)), {"threads": 1},
                {"dtype": ("float64", "float32", "int")}, {"basis": world_["basis"]}),
         Target("solve_modes", ms.solve_modes, {"count": 3}, {"backend": (None, "superlu", "x", 3)}, {"shell": shell}),
     ]  # fmt: skip
+
+
+def _followed_well(**given: Any) -> ms.EquilibriumPath:
+    """The path of a double well, through both of its limit points."""
+
+    def energy(x: Any) -> tuple[Any, Any, Any]:
+        slope = x * (x**2 - 1.0)
+        return 0.25 * np.sum((x**2 - 1.0) ** 2), slope, np.diag(3.0 * x**2 - 1.0)
+
+    system = ms.EnergyFunction(energy, **given)
+    return ms.equilibrium_path(system, force=np.ones_like(system.rest), points=60)
 
 
 def _models() -> list[Target]:
@@ -227,6 +254,12 @@ def _models() -> list[Target]:
         Target("RigidShell", answered(ms.RigidShell), {}, {}, {"shell": shell}),
         Target("coarse_shell", ms.coarse_shell, {}, {}, {"shell": shell, "mesh": mesh, "material": world_["material"]}),
         Target("CoarseDiscreteShell", answered(ms.CoarseDiscreteShell), {}, {}, {"shell": shell, "coarse": shell}),
+        Target("EnergyFunction", _followed_well, {"rest": np.array([-1.0]), "size": 1.0}),
+        Target("equilibrium_path", ms.equilibrium_path,
+               {"gravity": gravity, "force": force, "until": 1.5, "begin": 0.0, "start": start, "steps": 3,
+                "points": 20, "branches": 1},
+               {"control": ("arc", "load", "displacement", "time", None, 1), "watch": (None, ([9], (0, 0, 1)), 3)},
+               {"model": shell}),
         Target("PositionConstraint", _constraint(ms.PositionConstraint),
                {"vertices": np.array([8, 9]), "target": np.array([1.0, 0.0, -0.1])}),
         Target("OrientationConstraint", _constraint(ms.OrientationConstraint),

@@ -54,6 +54,18 @@ BASES: tuple[dict[str, Any], ...] = (
     },
     BASE
     | {
+        "loads": {
+            "pressure": [{"p": 0.5, "follower": True, "sel": "x > 0.2"}],
+            "wind": [{"velocity": [0.0, 0.0, 1.0], "density": 1.2, "normal": 1.0, "tangential": 0.01}],
+            "moment": [{"sel": "x > 0.9", "m": 0.01, "times": [0.0, 0.1], "factors": [0.0, 1.0]}],
+            "follower": [{"sel": [0, 8], "force": [0.0, 0.0, 0.01]}],
+            "weight": [{"gravity": [0.0, 0.0, -1.0]}],
+            "frame": [{"acceleration": [0.0, 1.0, 0.0], "angular_velocity": [0.0, 0.0, 1.0]}],
+            "line": [{"sel": "x > 0.9", "force": [0.0, 0.0, 0.01]}],
+        },
+    },
+    BASE
+    | {
         "mesh": {"file": "panel.obj"},
         "supports": {"clamped": "x < 0.3 or not (abs(y) * 2 - z / 3 >= -9)"},
         "loads": {"gravity": [0.0, 0.0, -1.0], "forces": [{"where": "x > 0.9", "total": [0.0, 0.1, 0.0]}]},

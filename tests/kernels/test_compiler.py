@@ -53,7 +53,7 @@ def test_kernels_leave_nothing_in_the_package():
     assert cache_folder() is None or not cache_folder().is_relative_to(Path(njit.__code__.co_filename).parent)
 
 
-@pytest.mark.parametrize("count", ["0", "-3"])
+@pytest.mark.parametrize("count", ["0", pytest.param("-3", marks=pytest.mark.slow)])
 def test_a_number_of_threads_that_numba_refuses_is_ignored(count, tmp_path):
     answer = used(tmp_path, NUMBA_NUM_THREADS=count)
     assert f"NUMBA_NUM_THREADS must be a positive integer (got '{count}')" in answer.stderr

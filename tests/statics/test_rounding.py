@@ -1,5 +1,7 @@
 """What rounding does to a balance of forces: coordinates far away, stiff membranes, tiny loads."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scenes import cantilever
@@ -35,6 +37,70 @@ def test_a_steel_strip_at_map_coordinates_drops_as_at_the_origin(offset, given):
     assert 0.38 < -expected.positions[:, 2].min() < 0.43
     drops = answer.positions - far.rest_positions
     np.testing.assert_allclose(drops, expected.positions - near.rest_positions, rtol=0, atol=1e-3)
+
+
+MESHES = [("alternating", (20, 4)), ("equilateral", (20, 2)), ("equilateral", (20, 4))]
+MAP = np.array([5e5, 5e6, 0.0])
+
+
+def narrow_strip(family, cells, thickness=1e-3, offset=(0.0, 0.0, 0.0)):
+    """A strip of steel 1 m long and 5 cm wide, its first two rows held; calibrated where it lies."""
+    mesh = ms.flat_beam(length=1.0, width=0.05, cells=cells, family=family)
+    held = mesh.vertices[:, 0] < 1.01 / cells[0]
+    mesh = ms.TriangleMesh(mesh.vertices + np.array(offset), mesh.faces)
+    material = ms.Material.from_physical(young=210e9, poisson=0.0, thickness=thickness, density=7850.0, mesh=mesh)
+    return ms.Shell(mesh, material, held)
+
+
+@pytest.mark.parametrize(("family", "cells"), MESHES)
+def test_a_steel_strip_that_drops_by_0_389_m_does_so_at_map_coordinates_from_its_own_vertices(family, cells):
+    near, far = narrow_strip(family, cells), narrow_strip(family, cells, offset=MAP)
+    expected = ms.DiscreteShell(near).equilibrium(gravity=(0.0, 0.0, -9.81))
+    answer = ms.DiscreteShell(far).equilibrium(gravity=(0.0, 0.0, -9.81), start=far.rest_positions)
+    assert round(-expected.positions[:, 2].min(), 3) == 0.389
+    assert expected.outcome is answer.outcome is ms.Outcome.CONVERGED
+    assert answer.residual <= 1e-7
+    # Positions there are whole multiples of 1e-9 m.
+    drops = answer.positions - far.rest_positions
+    np.testing.assert_allclose(drops, expected.positions - near.rest_positions, rtol=0, atol=3e-9)
+
+
+@pytest.mark.parametrize("rule", ["implicit", "linear_implicit", "explicit", "verlet"])
+@pytest.mark.filterwarnings("ignore:the calibration does not hold")
+def test_motion_at_map_coordinates_is_that_at_the_origin(rule):
+    """Implicit steps of the thin strip used to be accepted where the shell was: it never moved."""
+    shells = [narrow_strip("alternating", (20, 4), 1e-4, offset) for offset in (np.zeros(3), MAP)]
+    models = [ms.DiscreteShell(shell, integrator=rule) for shell in shells]
+    dt = 1.0 / 60.0 if "implicit" in rule else 0.8 * models[0].stable_step()
+    options = {"dt": dt, "duration": min(0.2, 400.0 * dt), "gravity": (0.0, 0.0, -9.81), "damping": (1.0, 0.0)}
+    near, far = (ms.simulate(model, **options) for model in models)
+    moved = near.positions - shells[0].rest_positions
+    assert near.outcome is far.outcome is ms.Outcome.COMPLETED
+    size = np.abs(moved).max()
+    assert size > (0.1 if "implicit" in rule else 1e-6)
+    np.testing.assert_allclose(far.positions - shells[1].rest_positions, moved, rtol=0, atol=1e-9 + 1e-7 * size)
+    np.testing.assert_array_equal(far.rest_positions, shells[1].rest_positions)
+
+
+def led_tip(rest, velocity, time):
+    return rest + time * velocity
+
+
+def test_supports_and_constraints_of_motion_at_map_coordinates():
+    runs = []
+    for offset in (np.zeros(3), MAP):
+        shell = narrow_strip("alternating", (10, 2), 5e-3, offset)
+        tip = np.flatnonzero(shell.rest_positions[:, 0] > offset[0] + 1.0 - 1e-6)
+        path = ms.SupportPath([0.0, 0.5], [[0.0] * 3, [0.1, 0.0, 0.0]], [[0.0] * 3, [0.0, 0.3, 0.0]], pivot=offset)
+        rest, moved = shell.rest_positions[tip].mean(axis=0), np.array([-0.05, 0.0, 0.2])
+        constraint = ms.PositionConstraint(tip, partial(led_tip, rest, 2.0 * moved))
+        model = ms.DiscreteShell(shell)
+        led = ms.simulate(model, duration=0.5, supports=path, constraints=[constraint], damping=(1.0, 0.0))
+        start = model.equilibrium(gravity=(0.0, 0.0, -40.0)).positions
+        bent = ms.simulate(model, duration=0.1, start=start, gravity=(0.0, 0.0, -9.81))
+        runs.append([motion.positions - offset for motion in (led, bent)])
+    for near, far in zip(*runs, strict=True):
+        np.testing.assert_allclose(far, near, rtol=0, atol=1e-7)
 
 
 @pytest.mark.parametrize("given", [False, True])
@@ -85,6 +151,27 @@ def test_a_foil_is_limited_by_rounding_and_says_so(given):
     assert answer.converged == (answer.residual <= 1e-7)
     assert answer.converged or "rounding" in answer.message
     assert -answer.positions[:, 2].min() == pytest.approx(-reference.positions[:, 2].min(), rel=0.05)
+
+
+@pytest.mark.parametrize("thickness", [1e-6, 3e-7])
+@pytest.mark.parametrize("gamma", [0.1, 4.4])
+@pytest.mark.filterwarnings("ignore:the calibration does not hold")
+def test_a_foil_never_stays_at_a_start_that_is_out_of_balance(thickness, gamma):
+    """Stretch over flexure above 4e12: rounding alone is a force as large as the load."""
+    shell = narrow_strip("alternating", (20, 4), thickness)
+    assert np.mean(np.abs(shell.material.stretch / shell.material.flexure)) > 4e12
+
+    def gravity(thickness):
+        return (0.0, 0.0, -gamma * 210e9 * thickness**2 / 12.0 / 7850.0)
+
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=gravity(thickness), start=shell.rest_positions)
+    thicker = ms.DiscreteShell(narrow_strip("alternating", (20, 4), 1e-4)).equilibrium(gravity=gravity(1e-4))
+    assert answer.outcome in (ms.Outcome.ROUNDING_LIMITED, ms.Outcome.CONVERGED)
+    assert answer.converged == (answer.residual <= 1e-7)
+    assert answer.positions[:, 2].min() == pytest.approx(thicker.positions[:, 2].min(), rel=0.01)
+    duration = 0.1 / np.sqrt(-gravity(thickness)[2])
+    motion = ms.simulate(ms.DiscreteShell(shell), duration=duration, dt=duration / 4, gravity=gravity(thickness))
+    assert -motion.positions[-1][:, 2].min() > 1e-3  # about half of 0.1^2
 
 
 def test_extended_gradient_agrees_with_the_kernels():

@@ -38,6 +38,7 @@ def sweep(tmp_path):
     return file
 
 
+@pytest.mark.slow
 def test_a_killed_worker_of_a_cluster_costs_nothing(cluster, sweep, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("modalshell.sweep.driver.run_locally", lambda tasks, *_: (run_case(task) for task in tasks))

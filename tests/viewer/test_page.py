@@ -1,7 +1,5 @@
 """The viewer's pages, served by processes of their own, in a headless browser."""
 
-import os
-import shutil
 import socket
 import subprocess
 import sys
@@ -15,8 +13,6 @@ import pytest
 from matplotlib.image import imread
 
 import modalshell as ms
-
-HEADLESS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
 class Stopped(Exception):
@@ -59,26 +55,17 @@ def test_page_is_served_on_loopback_alone(page_address):
 
 
 @pytest.fixture
-def open_page():
+def open_page(browser):
     """Opens an address in a headless browser."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as driver:
-        names = ("chromium", "chromium-browser", "google-chrome")
-        found = [driver.chromium.executable_path, *(shutil.which(name) or "" for name in names)]
-        browsers = [path for path in found if os.path.exists(path)]
-        if not browsers:
-            pytest.skip("there is no Chromium (apt-get install chromium, or playwright install chromium)")
-        browser = driver.chromium.launch(executable_path=browsers[0], args=HEADLESS)
 
-        def opened(address):
-            page = browser.new_page(viewport={"width": 1000, "height": 700})
-            page.set_default_timeout(60_000)
-            page.goto(address)
-            page.wait_for_selector("#picture")
-            return page
+    def opened(address):
+        page = browser.new_page(viewport={"width": 1000, "height": 700})
+        page.set_default_timeout(60_000)
+        page.goto(address)
+        page.wait_for_selector("#picture")
+        return page
 
-        yield opened
-        browser.close()
+    return opened
 
 
 @pytest.fixture

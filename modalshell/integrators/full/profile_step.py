@@ -91,8 +91,10 @@ class ProfileStep:
 
 
 def profile_step(shell: Shell) -> ProfileStep | None:
-    """The compiled step of a shell; None for energies, or sizes, that it does not serve."""
+    """The compiled step of a shell; None for energies, supports or sizes that it does not serve."""
     if isinstance(shell.material, Isotropic) or tuple(e.kernel for e in shell.elements) != KERNELS:
+        return None
+    if shell.unknowns.matrix is not None:  # supports of single components
         return None
     analysis = ProfileAnalysis(shell.pattern.free_matrix(np.ones(shell.pattern.size)), shell.rest_positions[shell.free])
     return ProfileStep(shell, analysis) if analysis.products <= _PRODUCTS else None

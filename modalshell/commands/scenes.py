@@ -1,0 +1,144 @@
+"""Commands on a scene file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import App, Parameter
+
+import modalshell as ms
+from modalshell.atomic_io import make_folder
+from modalshell.commands.terminal import end_with, progress
+from modalshell.errors import OptionError
+from modalshell.run.path_files import write_path
+from modalshell.scene.page import scene_page
+from modalshell.scene.paths import scene_path
+from modalshell.viewer import attach as follow_run
+from modalshell.viewer import open_window, serve_page, take_picture
+
+
+def run(
+    scene: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    out: Annotated[Path | None, Parameter(help="Folder of the results instead of the scene's own.")] = None,
+    restart: Annotated[bool, Parameter(help="Drop what a stopped run has left and start anew.")] = False,
+) -> None:
+    """Run a scene file, or go on with a run of it that was stopped."""
+    with progress(f"{scene.stem} steps") as on_step:
+        result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
+    print(f"{scene.stem}: {result.summary}")
+    for path in result.files:
+        print(path)
+    end_with(result.outcome)
+
+
+def view(
+    scene: Annotated[Path | None, Parameter(help="TOML file; not with --attach.")] = None,
+    *,
+    web: Annotated[bool, Parameter(help="A page for a browser on this machine instead of a window.")] = False,
+    port: Annotated[int, Parameter(help="Of the page; 0 takes a free one.")] = 8080,
+    frames: Annotated[
+        int | None, Parameter(help="Frames to play, of 1/30 s each, before the screenshot; 30 without it.")
+    ] = None,
+    screenshot: Annotated[Path | None, Parameter(help="Write the window's picture to this PNG file instead.")] = None,
+    attach: Annotated[
+        Path | None, Parameter(help="Folder, scene file or .frames file of a run to follow live instead of playing.")
+    ] = None,
+    wait: Annotated[float, Parameter(help="Time [s] that an attached run may take to its first frame.")] = 60.0,
+    follow: Annotated[bool, Parameter(help="Print a line for each new frame of an attached run instead.")] = False,
+) -> None:
+    """Play a scene: pause it, pull at it by gravity, give it another model or number of modes; or follow a run."""
+    if attach is not None:
+        if scene is not None or frames is not None:
+            raise OptionError("--attach shows a run's own scene and frames: leave out SCENE and --frames")
+        follow_run(attach, wait=wait, web=web, port=port, screenshot=screenshot, follow=follow)
+        return
+    if scene is None or follow:
+        raise OptionError("name a scene file to play, or a run to follow with --attach RUN")
+    if web and screenshot is not None:
+        raise OptionError("--screenshot pictures the window: leave out --web")
+    declared = ms.load_scene(scene)
+    if web:
+        serve_page(declared, port)
+    elif screenshot is None:
+        open_window(declared)
+    else:
+        print(take_picture(declared, 30 if frames is None else frames, screenshot))
+
+
+def sweep(
+    file: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    out: Annotated[Path | None, Parameter(help="Folder of the results instead of the sweep's own.")] = None,
+    workers: Annotated[int | None, Parameter(help="Processes; one for each core without it.")] = None,
+    cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, tcp:// or tls://.")] = None,
+    certificates: Annotated[
+        tuple[Path, Path, Path] | None, Parameter(help="Files for tls://: authority, certificate, key.")
+    ] = None,
+    time_limit: Annotated[float | None, Parameter(help="Seconds after which a case is given up.")] = None,
+    retry: Annotated[bool, Parameter(help="Also do again what failed or took too long.")] = False,
+) -> None:
+    """Run a grid of scenes, or what is missing of it, and sum up what each found."""
+    with progress(f"{file.stem} cases") as on_step:
+        found = ms.run_sweep(
+            file,
+            out=out,
+            workers=workers,
+            cluster=cluster,
+            certificates=certificates,
+            time_limit=time_limit,
+            retry=retry,
+            on_step=on_step,
+        )
+    counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
+    print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
+    if found.note:
+        print(found.note)
+    for path in found.files:
+        print(path)
+    end_with(*found.counts())
+
+
+def path(
+    scene: Annotated[Path, Parameter(help="TOML file; its [path] table says how.")],
+    *,
+    until: Annotated[float | None, Parameter(help="Load factor at the end instead of the scene's.")] = None,
+    branches: Annotated[int | None, Parameter(help="Bifurcations whose other branch is followed.")] = None,
+    out: Annotated[Path, Parameter(help="Folder of the numbers and pictures.")] = Path("results"),
+) -> None:
+    """Follow a scene's equilibria under its growing load through snaps: load-deflection curve, stable or not.
+
+    Example: modalshell path studies/scenes/v_beam_stiff.toml --branches 1
+    """
+    declared = ms.load_scene(scene)
+    changed = {name: value for name, value in (("until", until), ("branches", branches)) if value is not None}
+    make_folder(out)
+    with progress(f"{scene.stem} points") as on_step:
+        found = scene_path(declared, on_step, **changed)
+    print(f"{declared.name}: {found.outcome.with_message(found.message)}, {len(found.factors)} points")
+    for number, one in enumerate([found, *found.branches]):
+        begin = "" if one is found else f"branch {number}: "
+        for kind, index, factor in one.events:
+            print(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
+    for file in write_path(found, out, declared.name):
+        print(file)
+    end_with(found.outcome)
+
+
+def page(
+    scene: Annotated[Path, Parameter(help="TOML file.")],
+    *,
+    out: Annotated[Path, Parameter(help="HTML file to write.")],
+) -> None:
+    """Write a scene as one web page that moves by itself: LMA and MWTS in any browser, without a server.
+
+    Example: modalshell page studies/scenes/v_beam.toml --out v_beam.html
+    """
+    print(scene_page(ms.load_scene(scene)).save(out))
+
+
+def register(app: App) -> None:
+    """Add the commands to ``app``."""
+    for command in (run, view, sweep, path, page):
+        app.command(command)

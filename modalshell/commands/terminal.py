@@ -1,0 +1,45 @@
+"""What the commands share: the terminal, a progress bar, and the exit status."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from modalshell.outcome import Outcome
+
+CONSOLE = Console()
+ERRORS = Console(stderr=True)
+
+
+@contextmanager
+def progress(text: str) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar with the time left, as a callback of (done, total)."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
+    bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=ERRORS)
+    task = bar.add_task(text, total=None)
+
+    def advance(done: int, total: int) -> None:
+        bar.start()  # at the first step, so that refused options leave one line alone
+        bar.update(task, completed=done, total=total)
+
+    stopped = None
+    try:
+        yield advance
+    except KeyboardInterrupt as stop:  # cyclopts would end without a word
+        stopped = ": ".join(["modalshell: stopped", *map(str, stop.args)])
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+    if stopped is not None:
+        print(stopped, file=sys.stderr)
+        sys.exit(130)
+
+
+def end_with(*outcomes: Outcome) -> None:
+    """End with exit status 1 where some work did not succeed; what it wrote stays."""
+    if not all(outcome.succeeded for outcome in outcomes):
+        sys.exit(1)

@@ -1,0 +1,108 @@
+"""The page of a modal basis: it steps LMA and MWTS in a browser, from modes and rotations in half floats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.checks import checked_number, checked_vectors
+from modalshell.errors import LoadError, OptionError
+from modalshell.mesh import TriangleMesh
+from modalshell.page.html import MOST_SHAPES, Page, encoded, filled_page, halves
+from modalshell.typing import Array, Index
+
+_SHOWN_SHARE = 0.2
+"""Largest displacement of a mode shown by itself, as a share of the shell's size."""
+_PULL = 20.0
+"""Force of the pointer at a distance of the shell's size, in weights of the shell on Earth."""
+
+
+def modal_page(
+    mesh: TriangleMesh,
+    *,
+    eigenvalues: Array,
+    modes: Array,
+    rotations: Array,
+    mass: Array,
+    held: Index,
+    title: str,
+    gravity: Sequence[float] = (0.0, 0.0, -9.81),
+    force: ArrayLike | None = None,
+    damping: tuple[float, float] = (0.5, 0.001),
+    dt: float = 1.0 / 60.0,
+) -> Page:
+    """The page of a modal basis.
+
+    The page integrates ``q'' + (xi + zeta Lambda) q' + Lambda q = p(q)`` by implicit Euler with the force of the
+    step's beginning, p = Phi^T f for LMA and Phi^T R(Psi q)^T f for MWTS [choi2007, eq. 16-20]. Its modes and rotations
+    are half floats: coordinates agree with the models of this package to about 1e-3.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Rest shape.
+    eigenvalues : ndarray, shape (m,)
+        Squared angular frequencies [1/s^2].
+    modes, rotations : ndarray, shape (3n, m)
+        Phi and Psi.
+    mass : ndarray, shape (n,)
+        Of the vertices [kg].
+    held : ndarray of int
+        Vertices that the supports hold.
+    title : str
+        Headline of the page.
+    gravity : sequence of 3 floats
+        Acceleration [m/s^2] at which the page starts.
+    force : array_like, shape (n, 3), optional
+        Further dead forces on the vertices [N].
+    damping : tuple of float
+        Rayleigh factors of mass [1/s] and stiffness [s].
+    dt : float
+        Time step [s].
+
+    Raises
+    ------
+    OptionError
+        If there are more modes than a browser's shader takes, or an option is out of range.
+    LoadError
+        If ``force`` is not (n, 3) finite numbers.
+    """
+    count = len(eigenvalues)
+    if count > MOST_SHAPES:
+        raise OptionError(f"a page takes at most {MOST_SHAPES} modes (got {count}): solve for fewer")
+    pull = checked_vectors("gravity", gravity, (3,), OptionError)
+    factors = checked_vectors("damping", damping, (2,), OptionError)
+    dt = checked_number("dt", dt, above=0.0)
+    loads = None if force is None else checked_vectors("force", force, mesh.vertices.shape, LoadError)
+    centre = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+    rest = mesh.vertices - centre  # before it is rounded to single precision
+    far = np.linalg.norm(rest - (rest[held].mean(axis=0) if len(held) else rest.mean(axis=0)), axis=1)
+    half_modes, mode_scales = halves(modes)
+    half_rotations, rotation_scales = halves(rotations)
+    data: dict[str, Any] = {
+        "vertices": len(rest),
+        "modes": count,
+        "rest": encoded(rest.astype(np.float32)),
+        "faces": encoded(mesh.faces.astype(np.uint32)),
+        "phi": encoded(half_modes),
+        "psi": encoded(half_rotations),
+        "phiScales": mode_scales.tolist(),
+        "psiScales": rotation_scales.tolist(),
+        "mass": encoded(mass.astype(np.float32)),
+        "force": None if loads is None else encoded(loads.astype(np.float32)),
+        "eigenvalues": np.asarray(eigenvalues).tolist(),
+        "frequencies": (np.sqrt(eigenvalues) / (2.0 * np.pi)).tolist(),
+        "amplitudes": (_SHOWN_SHARE * mesh.size / np.abs(modes).max(axis=0)).tolist(),
+        "gravity": pull.tolist(),
+        "damping": factors.tolist(),
+        "dt": dt,
+        "held": np.asarray(held).tolist(),
+        "tip": int(far.argmax()),
+        "size": float(mesh.size),
+        "centre": centre.tolist(),
+        "pull": _PULL * 9.81 * float(mass.sum()) / float(mesh.size),
+    }
+    return filled_page("shell", title, data, mesh.vertices, mesh.faces)

@@ -1,0 +1,194 @@
+"""Pages of modal bases: what is in the file, and the page itself in a headless browser without a network."""
+
+import base64
+import json
+import re
+from io import BytesIO
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from scenes import cantilever, held
+
+import modalshell as ms
+from modalshell.export import compress
+from modalshell.integrators.state import Damping
+from modalshell.page import clip_page
+
+GRAVITY = (0.0, 0.0, -3.0)
+
+
+@pytest.fixture(scope="module")
+def v_basis():
+    return ms.solve_modes(held(ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(40, 8)), 0.026), 8)
+
+
+def content(page):
+    return json.loads(re.search(r"^const data = (.*);$", page.text, re.MULTILINE).group(1))
+
+
+def test_a_page_stands_alone_and_is_small(v_basis, tmp_path):
+    file = tmp_path / "beam.html"
+    page = v_basis.page(file, title="beam <1>", gravity=GRAVITY)
+    text = file.read_text()
+    assert text == page.text
+    assert len(text) < 150_000
+    for foreign in ("http:", "https:", "//cdn", "eval(", "Function(", "import(", "$data", "$picture", "$title"):
+        assert foreign not in text
+    assert "beam &lt;1&gt;" in text
+    assert "default-src 'none'" in text
+    assert 'srcdoc="&lt;!doctype html' in page._repr_html_()
+    assert len(repr(page)) < 100
+
+
+def test_a_page_holds_the_basis_to_half_precision(v_basis):
+    data = content(v_basis.page(gravity=GRAVITY, damping=(0.25, 0.002), dt=0.01))
+    for name, exact in (("phi", v_basis.modes), ("psi", v_basis.rotations)):
+        halves = np.frombuffer(base64.b64decode(data[name]), "<f2").astype(float).reshape(-1, v_basis.count)
+        shown = halves * data[f"{name}Scales"]
+        assert (np.abs(shown - exact).max(axis=0) <= 2.0**-11 * np.abs(exact).max(axis=0)).all()
+    rest = np.frombuffer(base64.b64decode(data["rest"]), "<f4").reshape(-1, 3) + data["centre"]
+    np.testing.assert_allclose(rest, v_basis.shell.rest_positions, atol=1e-7)
+    np.testing.assert_array_equal(
+        np.frombuffer(base64.b64decode(data["faces"]), "<u4"), v_basis.shell.mesh.faces.ravel()
+    )
+    assert (data["gravity"], data["damping"], data["dt"]) == ([0.0, 0.0, -3.0], [0.25, 0.002], 0.01)
+    assert data["force"] is None
+    assert data["held"] == np.flatnonzero(v_basis.shell.clamped).tolist()
+    assert v_basis.shell.rest_positions[data["tip"], 0] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gravity": (0.0, np.nan, 0.0)}, "gravity must be finite"),
+        ({"force": np.zeros((3, 3))}, "force must have shape"),
+        ({"dt": 0.0}, "dt must be a finite number above 0"),
+        ({"damping": (1.0,)}, "damping must have shape"),
+    ],
+)
+def test_wrong_options_are_refused(v_basis, options, message):
+    with pytest.raises(ms.ModalShellError, match=message):
+        v_basis.page(**options)
+
+
+def test_too_many_modes_are_refused():
+    with pytest.raises(ms.OptionError, match=r"at most 100 modes \(got 101\)"):
+        ms.solve_modes(cantilever((24, 6)), 101).page()
+
+
+def picture(page):
+    return imread(BytesIO(page.locator("canvas").screenshot()))[..., :3]
+
+
+@pytest.mark.slow
+def test_the_page_moves_as_the_models_do(v_basis, open_file):
+    force = np.zeros_like(v_basis.shell.rest_positions)
+    force[-1, 1] = 0.02
+    page, errors = open_file(v_basis.page(gravity=GRAVITY, force=force))
+    load = v_basis.shell.gravity_force(GRAVITY) + force
+    for model, warped in ((ms.ModalWarping(v_basis), "true"), (ms.LinearModal(v_basis), "false")):
+        script = f"shell.state.paused = true; shell.state.warp = {warped}; shell.release(); shell.steps(200)"
+        coordinates = page.evaluate(f"() => {{ {script}; return [...shell.state.q]; }}")
+        state = model.start_motion()
+        for _ in range(200):
+            state, _ = model.step(state, 1.0 / 60.0, load, Damping(0.5, 0.001))
+        expected = state.coordinates
+        np.testing.assert_allclose(coordinates, expected, atol=1e-3 * np.abs(expected).max())
+
+        assert page.evaluate("shell.settle()")
+        positions = np.reshape(page.evaluate("[...shell.positions()]"), (-1, 3))
+        answer = model.equilibrium(gravity=GRAVITY, force=force)
+        assert answer.converged
+        assert ms.measure.displacement_error(positions, answer.positions, v_basis.shell) < 1e-3
+        numbers = page.evaluate("shell.numbers(shell.state.q)")
+        assert numbers["area"] == pytest.approx(ms.measure.area_change(answer.positions, v_basis.shell.mesh), abs=1e-4)
+    assert errors == []
+
+
+@pytest.mark.slow
+def test_the_page_obeys_its_controls(v_basis, open_file, wait_until):
+    page, errors = open_file(v_basis.page(gravity=GRAVITY))
+    page.click("#settle")
+    assert page.inner_text("#shape") == "Settled."
+    page.click("#pause")
+    settled = page.evaluate("[...shell.state.q]")
+    still = picture(page)
+    assert 0.01 < (still.min(axis=2) < 0.9).mean() < 0.5  # the shell is there, all of it
+    assert not (still[0] < 0.9).any()
+    assert not (still[-1] < 0.9).any()
+
+    page.select_option("#model", "lma")
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    assert np.abs(picture(page) - still).max() > 0.1
+    assert page.evaluate("[...shell.state.q]") == settled
+    page.select_option("#model", "mwts")
+
+    page.locator("#count").fill("3")
+    page.click("#settle")
+    assert not any(page.evaluate("[...shell.state.q]")[3:])
+    page.locator("#count").fill("8")
+
+    page.locator("#azimuth").fill("90")
+    page.locator("#elevation").fill("0")
+    page.locator("#gravity").fill("10")
+    assert page.evaluate("shell.state.gravity") == pytest.approx([0.0, 10.0, 0.0], abs=1e-9)
+
+    page.locator("#bars div").nth(1).click()
+    assert "Mode 2:" in page.inner_text("#shape")
+    assert page.is_visible("#amplitude")
+    page.locator("#bars div").nth(1).click()
+    assert not page.is_visible("#amplitude")
+
+    page.click("#release")
+    assert page.evaluate("shell.state.time") < 1.0
+    page.locator("#gravity").fill("0")
+    page.click("#settle")
+    tip = page.evaluate("shell.screen(data.tip)")
+    page.mouse.move(*tip)
+    page.mouse.down()
+    page.mouse.move(tip[0], tip[1] + 80.0, steps=4)
+    wait_until(page, "Math.abs(shell.state.q[0]) > 1e-3")
+    page.mouse.up()
+    assert page.evaluate("shell.state.pull") is None
+    before = page.evaluate("shell.camera.azimuth")
+    page.mouse.move(20, 20)
+    page.mouse.down()
+    page.mouse.move(120, 20, steps=4)
+    page.mouse.up()
+    assert page.evaluate("shell.camera.azimuth") != before
+    distance = page.evaluate("shell.camera.distance")
+    page.mouse.wheel(0, 200)
+    wait_until(page, f"shell.camera.distance > {distance}")
+    assert errors == []
+
+
+@pytest.mark.slow
+def test_a_browser_without_webgl_shows_a_picture(v_basis, browser, tmp_path):
+    context = browser.new_context(offline=True, java_script_enabled=False)
+    page = context.new_page()
+    page.goto(v_basis.page(tmp_path / "page.html") and (tmp_path / "page.html").as_uri())
+    assert page.is_visible("#missing")
+    drawn = imread(BytesIO(page.locator("#picture").screenshot()))[..., :3]
+    assert (np.ptp(drawn, axis=2) > 0.05).mean() > 0.01
+
+
+@pytest.mark.slow
+def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
+    run = ms.simulate(ms.ModalWarping(v_basis), duration=1.0, dt=1 / 30, gravity=GRAVITY)
+    motion = compress(run)
+    page, errors = open_file(
+        clip_page(
+            motion.times, motion.rest_positions, motion.faces, motion.displacements(), motion.amplitudes, title="clip"
+        )
+    )
+    page.click("#pause")
+    for frame in (0, 11, 30):
+        seen = page.evaluate(f"() => {{ shell.playAt(data.times[{frame}]); return [...shell.positions()]; }}")
+        assert np.abs(np.reshape(seen, (-1, 3)) - run.positions[frame]).max() < 1e-3
+    page.locator("#moment").fill("0.5")
+    wait_until(page, "document.getElementById('time').textContent === '0.50 s'")
+    assert not page.is_visible("#model")
+    assert not page.is_visible("#settle")
+    assert (picture(page).min(axis=2) < 0.9).mean() > 0.01
+    assert errors == []
