@@ -97,7 +97,7 @@ class Shell(ReadOnlyArrays):
         demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
         clamp = held_vertices(clamped, count)
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
-        unknowns = supported_unknowns(self.supports, self.rest_positions)
+        unknowns = supported_unknowns(self.supports, mesh)
         self._slopes = held_slopes(self.supports, mesh)
         self.energies = tuple(
             checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
@@ -151,7 +151,7 @@ class Shell(ReadOnlyArrays):
         """The same shell, with the same energy of what can move, that holds ``vertices`` too (bool (n,) or indices)."""
         further = copy.copy(self)
         further.supports = (*self.supports, Pin(read_only(held_vertices(vertices, len(self.clamped)))))
-        unknowns = supported_unknowns(further.supports, self.mesh.vertices)
+        unknowns = supported_unknowns(further.supports, self.mesh)
         further._energy = self._energy.holding(unknowns.held)
         further._support(unknowns)
         return further
@@ -335,7 +335,7 @@ class Shell(ReadOnlyArrays):
             As for :meth:`reactions`.
         """
         return shared_reactions(
-            self.supports, self.mesh.vertices, self.reactions(positions, gravity=gravity, force=force, loads=loads)
+            self.supports, self.mesh, self.reactions(positions, gravity=gravity, force=force, loads=loads)
         )
 
     def checked_positions(self, positions: ArrayLike) -> Array:

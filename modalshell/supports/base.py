@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from modalshell.checks import checked_kind, checked_vectors, shown
 from modalshell.errors import SupportError
+from modalshell.mesh import TriangleMesh
 from modalshell.selection import Selection, checked_selection, selected
 from modalshell.sharing import read_only
 from modalshell.typing import Array, Vector
@@ -57,9 +58,9 @@ class Support(ABC):
         """Normal (3,) of the plane in which the shell is its own mirror image, if there is one."""
         return None
 
-    def vertices(self, rest: Array) -> NDArray[np.bool_]:
-        """Mask (n,) of its vertices on a shape at ``rest`` (n, 3) [m]; OptionError where it selects none."""
-        return selected("sel", self.sel, rest)
+    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+        """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
+        return selected("sel", self.sel, mesh)
 
 
 SUPPORTS: dict[str, type[Support]] = {}
