@@ -1,4 +1,4 @@
-"""A flat sheet with either bending energy, split folds or calibrated hinges, free or clamped along one edge."""
+"""A sheet with either bending energy, split folds or calibrated hinges, free or clamped along one edge."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
 
 import modalshell as ms
 from modalshell.errors import ModalShellWarning
@@ -57,3 +58,13 @@ def with_mirrored_triangles(
     vertices = np.vstack([mesh.vertices, mesh.vertices[opposite] * (-1.0, 1.0, 1.0)])
     further = ms.TriangleMesh(vertices, np.vstack([mesh.faces, mirrored]))
     return further, np.append(held, np.ones(len(opposite), dtype=bool))
+
+
+def displacements_at(shell: ms.Shell, positions: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Displacements (k, 3) [m] at ``points`` of a shell whose parts lie side by side, seen from above."""
+    rest = shell.rest_positions
+    kept = rest[:, 0] > -1e-9  # without mirror images behind the clamp
+    low, high = rest[kept, :2].min(axis=0), rest[kept, :2].max(axis=0)
+    margin = 1e-5 * (high - low)  # not beyond the edges by rounding
+    inside = np.clip(points[:, :2], low + margin, high - margin)
+    return np.asarray(LinearNDInterpolator(rest[kept, :2], (positions - rest)[kept])(inside))
