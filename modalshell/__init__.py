@@ -46,6 +46,7 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
@@ -54,6 +55,8 @@ from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.statics.bifurcation import PathEvent
+from modalshell.statics.dense import EnergyFunction
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
@@ -68,7 +71,9 @@ __all__ = [
     "Damping",
     "Diaphragm",
     "DiscreteShell",
+    "EnergyFunction",
     "Equilibrium",
+    "EquilibriumPath",
     "FileFormatError",
     "Fix",
     "FlightResult",
@@ -89,6 +94,7 @@ __all__ = [
     "OptionError",
     "OrientationConstraint",
     "Outcome",
+    "PathEvent",
     "Pin",
     "PointForce",
     "PositionConstraint",
@@ -117,6 +123,7 @@ __all__ = [
     "advise",
     "coarse_shell",
     "cylinder_panel",
+    "equilibrium_path",
     "flat_beam",
     "leaf",
     "load_clip",

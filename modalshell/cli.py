@@ -34,6 +34,7 @@ from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_material
 from modalshell.scene.tables import PhysicalSheet
 from modalshell.selection import select_vertices
+from modalshell.statics.buckling import ADVICE, buckles
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 scenes.register(app)
@@ -194,7 +195,8 @@ def simulate(
     built = options.build(mesh)
     print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     kind = known[model]
-    factory = ModelFactory(built, lambda: built.gravity_force(gravity))
+    load = built.gravity_force(gravity)
+    factory = ModelFactory(built, lambda: load)
     chosen = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
     for basis in factory.bases.values():
         span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
@@ -202,14 +204,15 @@ def simulate(
     make_folder(out)
     if static:
         answer = chosen.equilibrium(gravity=gravity)
-        told = answer.outcome.with_message(answer.message)
-        print(f"{chosen.name}: {told}, {answer.iterations} iterations, residual {answer.residual:.1e}")
-        found = ms.Trajectory.still(answer, built, built.gravity_force(gravity))
+        found = ms.Trajectory.still(answer, built, load)
+        work = f"{answer.iterations} iterations, residual {answer.residual:.1e}"
     else:
         with progress(f"{chosen.name} steps") as on_step:
             found = ms.simulate(chosen, duration=duration, dt=dt, gravity=gravity, damping=damping, on_step=on_step)
-        told = found.outcome.with_message(found.message)
-        print(f"{chosen.name}: {told}, {len(found.times)} frames in {found.seconds:.3g} s")
+        work = f"{len(found.times)} frames in {found.seconds:.3g} s"
+    if kind.spec.quadratic and buckles(built, load):
+        found = found.with_remark(ADVICE)
+    print(f"{chosen.name}: {found.outcome.with_message(found.message)}, {work}")
     formats = ["npz", "png" if static else "mp4"]
     title = f"{mesh.stem}, {chosen.name}"
     with progress("film") as on_frame:

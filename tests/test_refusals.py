@@ -66,6 +66,7 @@ def methods():
         Target("Shell.total_load", shell.total_load, {"gravity": gravity, "force": vectors}),
         Target("Shell.checked_positions", shell.checked_positions, {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", models["ds"].lowest_eigenvalue, {"positions": rest}),
+        Target("EquilibriumPath.crossings", ms.equilibrium_path(shell, gravity=gravity).crossings, {"factor": 0.5}),
         Target("SupportPath.at", parts["path"].at, {"time": 0.05}),
         Target("PositionConstraint.at", ms.PositionConstraint([8], [1.0, 0.0, 0.0]).at, {"time": 0.05}),
         Target("OrientationConstraint.at", ms.OrientationConstraint([8], [0.1, 0.0, 0.0]).at, {"time": 0.05}),

@@ -18,6 +18,7 @@ from modalshell.loads import Load
 from modalshell.modes.rigid import rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
+from modalshell.statics.path import Followable
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
 
@@ -36,7 +37,8 @@ class Equilibrium:
         Vertex positions [m]; the best iterate where the solver did not converge.
     outcome : Outcome
         How the search ended; ``Outcome.CONVERGED`` where ``residual`` met the model's tolerance at a state that the
-        model can hold and that is not known to be unstable.
+        model can hold and that is not known to be unstable, ``Outcome.DISTORTED`` where it did at a state that no
+        modal model describes.
     message : str
         What else is to be said of the answer, a sentence; empty if nothing is.
     iterations : int
@@ -71,8 +73,8 @@ class Equilibrium:
 
     @property
     def converged(self) -> bool:
-        """Whether the outcome is ``Outcome.CONVERGED``."""
-        return self.outcome is Outcome.CONVERGED
+        """Whether the model's own equations are solved: ``Outcome.CONVERGED``, or ``DISTORTED`` beyond its reach."""
+        return self.outcome.solved
 
     @property
     def status(self) -> str:
@@ -164,6 +166,19 @@ class Model(ABC):
     @abstractmethod
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
+
+    def followable(self, load: Array) -> Followable:
+        """The model as :func:`modalshell.equilibrium_path` follows it under a growing ``load`` (n, 3) [N].
+
+        Raises
+        ------
+        OptionError
+            Where its equilibria are not those of a potential.
+        """
+        raise OptionError(
+            f"{self.name} has no path of equilibria to follow, as its force is not that of a potential, or its answer "
+            "is linear: take DS, RSW or MD-ROM"
+        )
 
     def rigid_load(self, load: Array) -> float:
         """Share of a load (n, 3) that pushes along rigid motions which nothing opposes in statics."""

@@ -20,6 +20,7 @@ from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eige
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.continuation import equilibrium
+from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
@@ -124,6 +125,17 @@ class FullModel(Model):
 
     def _statics(self, load: Array) -> Potential:
         return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs)
+
+    def followable(self, load: Array) -> Followable:
+        """The shell about the origin, every vertex an unknown."""
+        model, origin = self.centred()
+        restrict = model.shell.unknowns.restrict
+        return Followable(
+            model._statics(load),
+            lambda x: x + origin,
+            lambda positions: hold(self.shell, positions) - origin,
+            lambda _, force: np.asarray(restrict(force.ravel())),
+        )
 
     def stable_step(self, damping: Damping | None = None) -> float:
         """Largest stable step [s] of the integrator at the rest shape; of explicit Euler if the integrator is implicit.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 import scipy.linalg
@@ -16,10 +17,12 @@ from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
-from modalshell.models.distortion import distortion
+from modalshell.models.distortion import distortion, judged
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
-from modalshell.statics.least_potential import WOUND_UP, Statics
+from modalshell.statics.dense import WorkPotential
+from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
+from modalshell.statics.path import Followable
 from modalshell.typing import Array, Index
 
 CONSTRAINT_MET = 1e-6
@@ -102,13 +105,9 @@ class ModalModel(Model):
         else:
             found = self._free_statics(load, begin)
         positions = self.shell.rest_positions + self.raw_displacement(found.q)
-        message = found.message
-        if not message and (said := distortion(positions, self.shell.mesh)):
-            message = f"beyond what the model can describe: {said}"
         return Equilibrium(
             positions,
-            found.outcome,
-            message,
+            *judged(found.outcome, found.message, positions, self.shell.mesh),
             found.iterations,
             found.residual,
             found.stable,
@@ -162,6 +161,19 @@ class ModalModel(Model):
         elif np.abs(residual).max() > CONSTRAINT_MET:
             outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {left.max():.2e} from its target"
         return Statics(q, change, iterations, outcome, message), left
+
+    def followable(self, load: Array) -> Followable:
+        """The modal potential, for models that know the work of a load and its derivatives."""
+        if not self.conservative or not hasattr(self, "work"):
+            return super().followable(load)
+        if self.basis.rigid_modes:
+            raise OptionError(f"a path needs a shell that its supports hold (got {self.basis.rigid_modes} rigid modes)")
+        return Followable(
+            WorkPotential(load, np.zeros(self.basis.count), cast("Workable", self)),
+            lambda q: self.shell.rest_positions + self.raw_displacement(q),
+            self.coordinates_of,
+            lambda q, force: self.modal_force(q, force),
+        )
 
     def rigid_load(self, load: Array) -> float:
         """Share of the load, in the modes' norm, that pushes on rigid modes: nothing holds it in statics."""

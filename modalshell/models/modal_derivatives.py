@@ -13,7 +13,9 @@ from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Equilibrium, Model
+from modalshell.models.distortion import distortion, judged
 from modalshell.modes import solve_modes
+from modalshell.outcome import Outcome
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives
 from modalshell.reduction.reduced_energy import ReducedEnergy
@@ -21,6 +23,7 @@ from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
+from modalshell.statics.path import Followable
 from modalshell.statics.verdict import verdict
 from modalshell.typing import Array
 from modalshell.work import count_read
@@ -102,17 +105,30 @@ class ModalDerivatives(Model):
         return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
-        push = load.ravel() @ self._vectors
-        problem = ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
+        problem = self._statics(load)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             found = equilibrium(problem, None if start is None else self.coordinates_of(start))
+        positions = self._positions(found.point)
         return Equilibrium(
-            self._positions(found.point),
-            *verdict(found.residual, found.stable),
+            positions,
+            *judged(*verdict(found.residual, found.stable), positions, self.shell.mesh),
             found.iterations,
             found.residual,
             found.stable,
             coordinates=found.point,
+        )
+
+    def _statics(self, load: Array) -> ReducedPotential:
+        push = load.ravel() @ self._vectors
+        return ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
+
+    def followable(self, load: Array) -> Followable:
+        """The reduced potential, coordinates z as unknowns."""
+        return Followable(
+            self._statics(load),
+            self._positions,
+            self.coordinates_of,
+            lambda _, force: force.ravel() @ self._vectors,
         )
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
@@ -148,6 +164,10 @@ class ModalDerivatives(Model):
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
         return self._positions(state.coordinates)
+
+    def fault(self, state: MotionState) -> Outcome | None:
+        """Distorted where the surface stretched or folded over, by the criteria of all modal models."""
+        return Outcome.DISTORTED if distortion(self.positions(state), self.shell.mesh) else None
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J] as the model has it: by cubature if it is on."""

@@ -182,35 +182,54 @@ def lowest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factori
         If a factorisation fails, or Lanczos does not converge.
     """
     scaled, root = _mass_scaled(shell, matrix)
-    size = root.size
-    if size < _LANCZOS_FROM:
-        dense = scaled.toarray()
-        inner = dense[size:, :size]
-        values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
-        return float(values[0]), np.asarray(vectors[:, 0] / root)
-    start = np.random.default_rng(0).standard_normal(size)
-
-    def nearest(shift: float, factor: Factor) -> tuple[float, Array]:
-        inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
-        try:  # with its inverse at hand, Lanczos asks nothing of the matrix itself but its shape
-            values, vectors = spla.eigsh(inverse, k=1, sigma=-shift, OPinv=inverse, v0=start)
-        except spla.ArpackError as error:
-            raise SolverError(f"no lowest eigenvalue of a matrix of {size} unknowns: {error}") from error
-        return float(values[0]), np.asarray(vectors[:, 0] / root)
-
-    def factored(matrix: sps.csc_array) -> Factor:
-        return condensed_factor(factoriser.symmetric(matrix), matrix.shape[0] - size)
-
-    factor = factored(scaled)
-    value, vector = nearest(0.0, factor)
+    if root.size < _LANCZOS_FROM:
+        values, vectors = _small_pairs(scaled, root)
+        return float(values[0]), vectors[:, 0]
+    factor = _condensed(factoriser, scaled, root.size)
+    value, vector = _nearest(factor, root)
     if factor.is_definite():
         return value, vector
     diagonal, shift = scaled.diagonal(), max(abs(value), 1e-300)
     while not factor.is_definite():
         shift *= 4.0
-        scaled.setdiag(diagonal + np.where(np.arange(diagonal.size) < size, shift, 0.0))
-        factor = factored(scaled)
-    return nearest(shift, factor)
+        scaled.setdiag(diagonal + np.where(np.arange(diagonal.size) < root.size, shift, 0.0))
+        factor = _condensed(factoriser, scaled, root.size)
+    return _nearest(factor, root, shift)
+
+
+def nearest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
+    """As :func:`lowest_tangent_mode`, the eigenvalue nearest to zero and its direction (N,)."""
+    scaled, root = _mass_scaled(shell, matrix)
+    if root.size < _LANCZOS_FROM:
+        values, vectors = _small_pairs(scaled, root)
+        nearest = int(np.abs(values).argmin())
+        return float(values[nearest]), vectors[:, nearest]
+    return _nearest(_condensed(factoriser, scaled, root.size), root)
+
+
+def _small_pairs(scaled: sps.csc_array, root: Array) -> tuple[Array, Array]:
+    """All eigenvalues of a small mass-scaled matrix, internal unknowns condensed, and their directions (N, N)."""
+    dense, size = scaled.toarray(), root.size
+    inner = dense[size:, :size]
+    values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
+    return values, np.asarray(vectors / root[:, None])
+
+
+def _condensed(factoriser: Factoriser, matrix: sps.csc_array, size: int) -> Factor:
+    """Factor of a symmetric matrix for its first ``size`` unknowns."""
+    return condensed_factor(factoriser.symmetric(matrix), matrix.shape[0] - size)
+
+
+def _nearest(factor: Factor, root: Array, shift: float = 0.0) -> tuple[float, Array]:
+    """The eigenvalue nearest to ``-shift``, from the factor of the mass-scaled matrix so shifted."""
+    size = root.size
+    start = np.random.default_rng(0).standard_normal(size)
+    inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
+    try:  # with its inverse at hand, Lanczos asks nothing of the matrix itself but its shape
+        values, vectors = spla.eigsh(inverse, k=1, sigma=-shift, OPinv=inverse, v0=start)
+    except spla.ArpackError as error:
+        raise SolverError(f"no lowest eigenvalue of a matrix of {size} unknowns: {error}") from error
+    return float(values[0]), np.asarray(vectors[:, 0] / root)
 
 
 def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
@@ -60,6 +60,10 @@ class Trajectory:
     def status(self) -> str:
         """The outcome as a word or two."""
         return str(self.outcome)
+
+    def with_remark(self, remark: str) -> Trajectory:
+        """The same trajectory, its message with a further sentence."""
+        return replace(self, message=f"{self.message}; {remark}" if self.message else remark)
 
     @classmethod
     def still(cls, answer: Equilibrium, shell: Shell, load: Array, dtype: DTypeLike = np.float64) -> Trajectory:

@@ -14,7 +14,7 @@ import scipy.sparse as sps
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
-from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode
+from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode, nearest_tangent_mode
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.newton import GOAL, Factored, NewtonResult, Problem, is_minimum, mixed_newton
 from modalshell.timings import Timings
@@ -69,6 +69,19 @@ class Potential(Problem[sps.csc_array]):
     def push(self) -> Array:
         """Load (N,) [N] on the free unknowns."""
         return np.asarray(self.shell.unknowns.restrict(self.load.ravel()))
+
+    @property
+    def weights(self) -> Array:
+        """Share of each free unknown in the mass."""
+        return self.shell.unknowns.masses(self.shell.mass) / float(self.shell.mass.sum())
+
+    def difference(self, x: Array, y: Array) -> Array:
+        """``x - y`` on the free unknowns (N,)."""
+        return np.asarray(self.shell.unknowns.values((x - y).ravel()))
+
+    def critical_mode(self, hessian: sps.csc_array) -> tuple[float, Array]:
+        """Eigenvalue [1/s^2] nearest to zero, over the mass, and its direction (N,)."""
+        return nearest_tangent_mode(self.shell, hessian, self.factoriser)
 
     def value(self, x: Array) -> float:
         """Potential [J]."""

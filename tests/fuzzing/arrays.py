@@ -34,10 +34,12 @@ RECORDS = {
     "Basis",
     "Damping",
     "Equilibrium",
+    "EquilibriumPath",
     "FlightResult",
     "Model",
     "Outcome",
     "ModelSpec",
+    "PathEvent",
     "Scene",
     "SceneResult",
 }
@@ -193,6 +195,17 @@ def _shells() -> list[Target]:
     ]  # fmt: skip
 
 
+def _followed_well(**given: Any) -> ms.EquilibriumPath:
+    """The path of a double well, through both of its limit points."""
+
+    def energy(x: Any) -> tuple[Any, Any, Any]:
+        slope = x * (x**2 - 1.0)
+        return 0.25 * np.sum((x**2 - 1.0) ** 2), slope, np.diag(3.0 * x**2 - 1.0)
+
+    system = ms.EnergyFunction(energy, **given)
+    return ms.equilibrium_path(system, force=np.ones_like(system.rest), points=60)
+
+
 def _models() -> list[Target]:
     world_ = world()
     basis, shell, mesh = world_["basis"], world_["shell"], world_["mesh"]
@@ -227,6 +240,12 @@ def _models() -> list[Target]:
         Target("RigidShell", answered(ms.RigidShell), {}, {}, {"shell": shell}),
         Target("coarse_shell", ms.coarse_shell, {}, {}, {"shell": shell, "mesh": mesh, "material": world_["material"]}),
         Target("CoarseDiscreteShell", answered(ms.CoarseDiscreteShell), {}, {}, {"shell": shell, "coarse": shell}),
+        Target("EnergyFunction", _followed_well, {"rest": np.array([-1.0]), "size": 1.0}),
+        Target("equilibrium_path", ms.equilibrium_path,
+               {"gravity": gravity, "force": force, "until": 1.5, "begin": 0.0, "start": start, "steps": 3,
+                "points": 20, "branches": 1},
+               {"control": ("arc", "load", "displacement", "time", None, 1), "watch": (None, ([9], (0, 0, 1)), 3)},
+               {"model": shell}),
         Target("PositionConstraint", _constraint(ms.PositionConstraint),
                {"vertices": np.array([8, 9]), "target": np.array([1.0, 0.0, -0.1])}),
         Target("OrientationConstraint", _constraint(ms.OrientationConstraint),

@@ -316,8 +316,7 @@ def test_statics_from_a_start_and_without_load(flat):
 def test_absurd_loads_do_not_raise(curved):
     answer = curved.equilibrium(gravity=(0.0, 0.0, -1e9))
     assert np.isfinite(answer.positions).all()
-    assert answer.converged == (answer.status == "converged")
-    assert answer.converged or "not converged" in answer.status
+    assert answer.outcome in (ms.Outcome.DISTORTED, ms.Outcome.NOT_CONVERGED)
 
 
 # ---- motion
