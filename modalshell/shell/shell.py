@@ -10,22 +10,16 @@ import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_vectors, shown
-from modalshell.errors import LoadError, OptionError, SupportError
+from modalshell.errors import OptionError, SupportError
 from modalshell.loads import Load, Loading
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
+from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.extended import Extended
-from modalshell.shell.fields import (
-    ShellFields,
-    curvature_of_moment,
-    membrane_strain,
-    moment_of_folds,
-    resultants,
-    von_mises,
-)
+from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.slopes import held_slopes
@@ -133,6 +127,7 @@ class Shell(ReadOnlyArrays):
         self.clamped = unknowns.held
         self.free = read_only(np.flatnonzero(~self.clamped))
         self.pattern, self._slots = self._energy.pattern(unknowns)
+        self._folds: SplitFoldEnergy | None = None  # of discrete shells: what fields take the curvature from
 
     @property
     def free_unknowns(self) -> Index:
@@ -249,23 +244,14 @@ class Shell(ReadOnlyArrays):
             For positions of the wrong shape or not finite, or where a triangle has collapsed to a line.
         """
         x = self.checked_positions(positions)
-        mesh = self.mesh
-        sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
-        flat = (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
-        self._refuse_collapse("curvature", np.where(flat, np.nan, 0.0), x)
-        material = self.material if isinstance(self.material, Isotropic) else Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
-        energy = self._energy
+        mesh, energy = self.mesh, self._energy
+        self._refuse_collapse("curvature", np.where(flat_triangles(mesh, x), np.nan, 0.0), x)
         if not isinstance(energy, SplitFoldEnergy):
-            energy = SplitFoldEnergy(mesh, material, self._slopes, [], self.clamped)
-        moment = moment_of_folds(mesh, energy.bending(x)[0])
-        membrane, rigidity, poisson = material.elasticity(mesh)
-        curvature = curvature_of_moment(rigidity, poisson, moment)
-        strain = membrane_strain(mesh, x)
+            if self._folds is None:
+                self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped)
+            energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
-        if not isinstance(self.material, Isotropic):
-            return ShellFields(strain, curvature, density)
-        force = resultants(membrane, poisson, strain)
-        return ShellFields(strain, curvature, density, force, moment, von_mises(mesh, material, force, moment))
+        return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -284,25 +270,12 @@ class Shell(ReadOnlyArrays):
 
         LoadError if a part is of the wrong shape or not finite.
         """
-        total = np.zeros_like(self.rest_positions)
+        dead = np.zeros_like(self.rest_positions)
         if gravity is not None:
-            total += self.gravity_force(gravity)
+            dead += self.gravity_force(gravity)
         if force is not None:
-            total += checked_vectors("force", force, total.shape)
-        live = []
-        for load in loads or ():
-            checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
-            applied = load.applied(self.mesh, self.mass)
-            if applied is None:
-                part = load.force(self.mesh)
-            else:
-                part = applied.force(self.rest_positions)
-                if not applied.is_dead:
-                    live.append(applied)
-            part = checked_vectors(f"the force of {type(load).__name__}", part, total.shape)
-            if applied is None or applied.is_dead:
-                total += part
-        return Loading(self.rest_positions, total, live, self.clamped)
+            dead += checked_vectors("force", force, dead.shape)
+        return Loading.of(self.mesh, self.mass, self.rest_positions, self.clamped, dead, loads or ())
 
     def reactions(
         self,
@@ -368,18 +341,7 @@ class Shell(ReadOnlyArrays):
         return checked_vectors("positions", positions, self.rest_positions.shape)
 
     def _refuse_collapse(self, name: str, values: ArrayLike, x: Array) -> None:
-        if np.isfinite(values).all():
-            return
-        corners = x[self.mesh.faces]
-        sides = corners - np.roll(corners, 1, axis=1)
-        longest = np.max(np.sum(sides**2, axis=2), axis=1)
-        flatness = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.where(longest > 0.0, longest, 1.0)
-        worst = int(np.argmin(flatness))
-        raise LoadError(
-            f"the {name} is not finite at these positions; the flattest triangle is {worst}, vertices "
-            f"{self.mesh.faces[worst].tolist()} (counted from 0), twice its area {flatness[worst]:.1e} of its longest "
-            "side squared: move its corners apart"
-        )
+        refuse_collapse(name, values, x, self.mesh.faces)
 
     # Below: for solvers, on arrays that they own; no checks.
 
