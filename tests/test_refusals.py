@@ -10,8 +10,7 @@ import inspect
 
 import numpy as np
 import pytest
-from fuzzing import arrays
-from fuzzing.arrays import Target, world
+from fuzzing.calls import Target, targets, world
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
@@ -100,7 +99,7 @@ def methods():
 
 
 def cases():
-    for target in (*arrays.targets(), *methods()):
+    for target in (*targets(), *methods()):
         if target.name == "run_sweep" or target.name.startswith("ReducedRotationStrain"):
             continue  # see ELSEWHERE
         for argument, sound in target.values.items():
@@ -128,7 +127,7 @@ def numeric_methods():
 
 
 def test_every_method_that_takes_numbers_is_tried():
-    tried = {target.name for target in (*arrays.targets(), *methods())} | set(ELSEWHERE)
+    tried = {target.name for target in (*targets(), *methods())} | set(ELSEWHERE)
     tried_methods = {name.split(".")[-1] for name in tried}
     # Of models each rung is tried under its own name, and crowds by one call of all methods.
     missing = {

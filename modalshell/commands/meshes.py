@@ -85,7 +85,7 @@ class _ShellOptions:
         """The vertices of ``--clamp``; none without it."""
         held = np.zeros(len(mesh.vertices), dtype=np.bool_)
         if self.clamp is not None and self.clamp != "none":
-            held = select_vertices(self.clamp, mesh.vertices)
+            held = select_vertices(self.clamp, mesh)
             if not held.any():
                 low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
                 raise OptionError(f"--clamp {self.clamp!r} holds no vertex; the mesh reaches from {low} to {high}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 
 from modalshell.errors import ModalShellWarning
+from modalshell.models import LinearModal, ModalWarping
 from modalshell.models.factory import MODE_COUNT
 from modalshell.modes import solve_modes
 from modalshell.page import Page
@@ -35,7 +36,11 @@ def scene_page(scene: Scene) -> Page:
     left = ["the supports rest"] if path is not None else []
     left += ["there are no loads that change with the shell or in time"] if loads else []
     left += ["there are no constraints"] if constraints else []
-    left += [f"the model is LMA or MWTS, not {model.spec.name}"] if model.spec.key not in ("lma", "mwts") else []
+    left += (
+        [f"the model is LMA or MWTS, not {model.spec.name}"]
+        if model.spec.builder not in (LinearModal, ModalWarping)
+        else []
+    )
     if left:
         warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)

@@ -86,6 +86,31 @@ class Supports(Table, frozen=True):
     pivot: Vector | None = None
 
 
+class Path(Table, frozen=True, tag_field="kind", tag="path"):
+    """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move."""
+
+    times: Times
+    translations: Keyframes | None = None
+    rotations: Keyframes | None = None
+    pivot: Vector | None = None
+
+
+class SupportList(Table, frozen=True):
+    """``[[supports]]``: a table for each support, by the kinds of :mod:`modalshell.supports`; one may be their path."""
+
+    entries: list[Any]
+
+    @property
+    def path(self) -> Path | None:
+        """The table of the path."""
+        return next((entry for entry in self.entries if isinstance(entry, Path)), None)
+
+    @property
+    def times(self) -> Times | None:
+        """Its times [s]."""
+        return None if self.path is None else self.path.times
+
+
 class Force(Table, frozen=True):
     """``[[loads.forces]]``: a force of ``total`` [N], spread over the vertices of ``where`` by their share of area."""
 

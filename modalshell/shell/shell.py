@@ -25,20 +25,13 @@ from modalshell.shell.material import Material
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
+from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 from modalshell.typing import Array, Index
 
 _VERTEX_BYTES = 8_000
 """Memory that the pattern of the stiffness takes while it is made."""
-
-
-def _checked_supports(supports: Sequence[Support]) -> tuple[Support, ...]:
-    try:
-        given = tuple(supports)
-    except TypeError as error:
-        raise SupportError(f"supports must be a list of supports (got {shown(supports)})") from error
-    return tuple(checked_kind("each of supports", support, Support) for support in given)  # type: ignore[type-abstract]
 
 
 class Shell(ReadOnlyArrays):
@@ -103,8 +96,8 @@ class Shell(ReadOnlyArrays):
         count = len(mesh.vertices)
         demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
         clamp = held_vertices(clamped, count)
-        self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *_checked_supports(supports))
-        unknowns = supported_unknowns(self.supports, self.rest_positions)
+        self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
+        unknowns = supported_unknowns(self.supports, mesh)
         self._slopes = held_slopes(self.supports, mesh)
         self.energies = tuple(
             checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
@@ -159,7 +152,7 @@ class Shell(ReadOnlyArrays):
         """The same shell, with the same energy of what can move, that holds ``vertices`` too (bool (n,) or indices)."""
         further = copy.copy(self)
         further.supports = (*self.supports, Pin(read_only(held_vertices(vertices, len(self.clamped)))))
-        unknowns = supported_unknowns(further.supports, self.mesh.vertices)
+        unknowns = supported_unknowns(further.supports, self.mesh)
         further._energy = self._energy.holding(unknowns.held)
         further._support(unknowns)
         return further
@@ -202,7 +195,7 @@ class Shell(ReadOnlyArrays):
         """Elastic energy [J] at ``positions`` (n, 3) [m]; LoadError where it is not finite."""
         x = self.checked_positions(positions)
         energy = self.raw_energy(x)
-        self._refuse_collapse("energy", energy, x)
+        refuse_collapse(self.mesh, "energy", energy, x)
         return energy
 
     def force(self, positions: ArrayLike) -> Array:
@@ -212,7 +205,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         gradient = self.energy_gradient(x)[1]
-        self._refuse_collapse("force", gradient, x)
+        refuse_collapse(self.mesh, "force", gradient, x)
         return -gradient
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
@@ -224,7 +217,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
         data = self.energy_gradient_hessian(x, EXACT)[2]
-        self._refuse_collapse("stiffness", data, x)
+        refuse_collapse(self.mesh, "stiffness", data, x)
         return self.pattern.condensed(data)
 
     def fields(self, positions: ArrayLike) -> ShellFields:
@@ -245,7 +238,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         mesh, energy = self.mesh, self._energy
-        self._refuse_collapse("curvature", np.where(flat_triangles(mesh, x), np.nan, 0.0), x)
+        refuse_collapse(mesh, "curvature", np.where(flat_triangles(mesh, x), np.nan, 0.0), x)
         if not isinstance(energy, SplitFoldEnergy):
             if self._folds is None:
                 self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped)
@@ -304,7 +297,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         gradient = self._energy.support_gradient(x)
-        self._refuse_collapse("force", gradient, x)
+        refuse_collapse(self.mesh, "force", gradient, x)
         out_of_balance = gradient - self.loading(gravity, force, loads).force(x)
         reactions = np.zeros_like(out_of_balance)
         reactions[self.unknowns.supported] = self.unknowns.resisted(out_of_balance[:, :, None])[:, :, 0]
@@ -333,15 +326,12 @@ class Shell(ReadOnlyArrays):
             As for :meth:`reactions`.
         """
         return shared_reactions(
-            self.supports, self.mesh.vertices, self.reactions(positions, gravity=gravity, force=force, loads=loads)
+            self.supports, self.mesh, self.reactions(positions, gravity=gravity, force=force, loads=loads)
         )
 
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
         return checked_vectors("positions", positions, self.rest_positions.shape)
-
-    def _refuse_collapse(self, name: str, values: ArrayLike, x: Array) -> None:
-        refuse_collapse(name, values, x, self.mesh.faces)
 
     # Below: for solvers, on arrays that they own; no checks.
 
