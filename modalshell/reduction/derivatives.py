@@ -10,7 +10,7 @@ import scipy.linalg
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes.basis import Basis
 from modalshell.modes.factorisation import Factoriser, condensed_factor
-from modalshell.modes.rigid import rigid_motions
+from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.typing import Array
 
@@ -84,10 +84,10 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
         If K is too ill-conditioned for its inverse to have a meaning.
     """
     shell = modes.shell
-    if loose := rigid_motions(shell).shape[1]:
+    if loose := left_free(shell):
         raise OptionError(
-            f"modal derivatives need supports that hold the shell, but {loose} rigid motions are left free: a linear "
-            "basis cannot turn; hold more vertices with clamped=, or use DiscreteShell, RigidShell or ModalWarping"
+            f"modal derivatives need supports that hold the shell, but {loose}: a linear basis cannot turn; hold more "
+            "vertices with clamped=, or use DiscreteShell, RigidShell or ModalWarping"
         )
     forces, difference_error, asymmetry = _derivative_forces(modes)
     # At rest the exact Hessian is its Gauss-Newton part, positive definite where the supports hold.

@@ -31,6 +31,8 @@ _TURN = 0.85
 """Least cosine between the tangents at both ends of a step."""
 _OFF = 0.4
 """Largest distance of a point from its prediction, as a share of the step."""
+_GROWTH = 1.7
+"""Longest step over the one before."""
 _SMALLEST = 1e-5
 """Share of the longest step below which a path is given up."""
 _LOCATED = 1e-6
@@ -124,7 +126,7 @@ class Tracer(Generic[Matrix]):
         self.iterations = 0
         self._weights = problem.weights
         self._largest = longest
-        self._trust = 1.0
+        self._trust, self._last = 1.0, np.inf
 
     # ---- points
 
@@ -222,11 +224,16 @@ class Tracer(Generic[Matrix]):
             reach = self._trust * problem.load_step
             whole = point.sense * self._trust * self.longest
             guess, _, share = problem.moved(point.x, whole * point.tangent, reach)
-            step = share * whole
+            # No step is much longer than the one before: short of a limit point a share of the load would lead past it.
+            length = abs(share * whole) * self._length(point.tangent)
+            step = share * whole * min(1.0, _GROWTH * self._last / max(length, 1e-300))
+            if step != share * whole:
+                guess = problem.moved(point.x, step * point.tangent)[0]
             found = self.stepped(point, step)
             if found is None or not self._near(point, found, guess):
                 self._trust *= 0.3
                 continue
+            self._last = self._length(problem.difference(found.x, point.x))
             if found.iterations <= _FEW:
                 self._trust = min(1.0, 1.7 * self._trust)
             elif found.iterations >= _MANY:

@@ -11,6 +11,7 @@ import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.errors import SupportError
+from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.supports.base import Support
 from modalshell.typing import Array, Index
@@ -53,8 +54,15 @@ class Unknowns(ReadOnlyArrays, ABC):
         """Values (N,) or (N, k) of displacements (3n,) or (3n, k); of others, those of the nearest that is allowed."""
 
     @abstractmethod
-    def project(self, displacement: Array) -> Array:
-        """The displacement (n, 3) that the supports allow nearest to one that leaves held vertices where they are."""
+    def project(self, displacement: Array, mass: Array | None = None) -> Array:
+        """The displacement (n, 3) that the supports allow nearest to one that leaves held vertices where they are.
+
+        In the norm of vertex masses (n,) if they are given.
+        """
+
+    @abstractmethod
+    def turns(self, rotations: Array) -> Array:
+        """Rotation vectors (3n, k) of vertices, less what would turn their displacements out of their supports."""
 
     @abstractmethod
     def masses(self, mass: Array) -> Array:
@@ -95,9 +103,13 @@ class VertexUnknowns(Unknowns):
         whole[self.indices] = values
         return whole
 
-    def project(self, displacement: Array) -> Array:
+    def project(self, displacement: Array, mass: Array | None = None) -> Array:  # noqa: ARG002 (the same in any norm)
         """The displacement itself."""
         return displacement
+
+    def turns(self, rotations: Array) -> Array:
+        """The rotation vectors themselves."""
+        return rotations
 
     def masses(self, mass: Array) -> Array:
         """Mass of each unknown's vertex."""
@@ -118,12 +130,15 @@ class MappedUnknowns(Unknowns):
         P.
     supported : ndarray of bool, shape (n,)
         Vertices that have supports.
+    axes : ndarray, shape (s, 3, 3)
+        Projections on the axes about which each of them may turn.
     """
 
     matrix: sps.csr_array
 
-    def __init__(self, matrix: sps.csr_array, supported: NDArray[np.bool_]) -> None:
+    def __init__(self, matrix: sps.csr_array, supported: NDArray[np.bool_], axes: Array) -> None:
         self.matrix = matrix
+        self._axes = axes
         self.supported = read_only(supported)
         self.count = matrix.shape[1]
         self._transposed = sps.csr_array(matrix.T)
@@ -145,9 +160,19 @@ class MappedUnknowns(Unknowns):
         products = self.restrict(displacement)
         return products / self._sizes.reshape(-1, *[1] * (products.ndim - 1))
 
-    def project(self, displacement: Array) -> Array:
+    def project(self, displacement: Array, mass: Array | None = None) -> Array:
         """Displacement of its values."""
-        return np.asarray(self.prolong(self.values(displacement.ravel())).reshape(-1, 3))
+        if mass is None:
+            values = self.values(displacement.ravel())
+        else:
+            values = self.restrict((mass[:, None] * displacement).ravel()) / self.masses(mass)
+        return np.asarray(self.prolong(values).reshape(-1, 3))
+
+    def turns(self, rotations: Array) -> Array:
+        """Turns about the normal in planes, about the line on lines; none of tied vertices."""
+        turned = rotations.reshape(self.held.size, 3, -1).copy()
+        turned[self.supported] = self._axes @ turned[self.supported]
+        return turned.reshape(rotations.shape)
 
     def masses(self, mass: Array) -> Array:
         """Sum of the masses that move with each unknown."""
@@ -159,8 +184,8 @@ class MappedUnknowns(Unknowns):
         return np.asarray((flat - self.prolong(self.values(flat))).reshape(displacements.shape)[self.supported])
 
 
-def supported_unknowns(supports: Sequence[Support], rest: Array) -> Unknowns:
-    """Unknowns that supports leave of a shape at ``rest`` (n, 3) [m].
+def supported_unknowns(supports: Sequence[Support], mesh: TriangleMesh) -> Unknowns:
+    """Unknowns that supports leave of a mesh.
 
     Raises
     ------
@@ -169,14 +194,14 @@ def supported_unknowns(supports: Sequence[Support], rest: Array) -> Unknowns:
     SupportError
         For vertices that do not fit their support, ties that contradict others, or where nothing can move.
     """
-    count = len(rest)
+    count = len(mesh.vertices)
     squares = np.zeros((count, 3, 3))
     """Sum of the projections on the directions along which each vertex is held."""
     tied = np.zeros((count, 3, 3))
     """Projection on the directions along which each moves with others."""
     groups: list[tuple[Index, Array]] = []
     for support in supports:
-        chosen, directions = support.vertices(rest), support.directions()
+        chosen, directions = support.vertices(mesh), support.directions()
         projection = directions.T @ directions
         if not support.ties:
             squares[chosen] += projection
@@ -210,7 +235,12 @@ def supported_unknowns(supports: Sequence[Support], rest: Array) -> Unknowns:
     sizes = np.concatenate([np.full(len(places), places.shape[1]) for places, _ in columns])
     matrix = sps.csr_array((entries, (rows, np.repeat(np.arange(sizes.size), sizes))), shape=(3 * count, sizes.size))
     matrix.eliminate_zeros()
-    return _some(MappedUnknowns(matrix, np.asarray((squares + tied).any(axis=(1, 2)))))
+    supported = np.asarray((squares + tied).any(axis=(1, 2)))
+    _, frames, still = _directions(squares)
+    kept = np.where(np.equal(still.sum(axis=1), 1)[:, None], still, ~still | still.all(axis=1, keepdims=True))
+    axes = np.einsum("nik,nk,njk->nij", frames, kept, frames)
+    axes[np.flatnonzero(tied.any(axis=(1, 2)))] = 0.0
+    return _some(MappedUnknowns(matrix, supported, axes[np.flatnonzero(supported)]))
 
 
 def _directions(squares: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.bool_]]:
