@@ -48,7 +48,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "supports": {"checks", "errors", "mesh", "selection", "sharing", "typing"},
     "shell": {"checks", "errors", "kernels", "loads", "memory", "mesh", "sharing", "supports", "typing", "work"},
     "constraints": {"checks", "errors", "kernels", "sharing", "shell", "typing"},
-    "measure": {"checks", "errors", "mesh", "shell", "typing"},
+    "measure": {"checks", "errors", "loads", "mesh", "shell", "typing"},
     "modes": {
         "atomic_io",
         "checks",
@@ -140,7 +140,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "timings",
         "typing",
     },
-    "export": {"atomic_io", "checks", "errors", "modes", "motion", "outcome", "reading", "sharing", "typing"},
+    "export": {"atomic_io", "checks", "errors", "modes", "motion", "outcome", "reading", "sharing", "shell", "typing"},
     "scene": {
         "atomic_io",
         "checks",
