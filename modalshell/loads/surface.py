@@ -28,7 +28,7 @@ def selected_faces(mesh: TriangleMesh, sel: Selection | None) -> Index:
     faces = np.asarray(mesh.faces, dtype=np.int64)
     if sel is None:
         return faces
-    chosen = faces[selected("sel", sel, mesh.vertices)[faces].all(axis=1)]
+    chosen = faces[selected("sel", sel, mesh)[faces].all(axis=1)]
     if not len(chosen):
         raise OptionError("sel selects vertices, but no triangle between three of them: select more")
     return chosen

@@ -44,7 +44,7 @@ class EdgeMoment(LiveLoad, key="moment"):
 
     def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
         """The couples; OptionError where ``sel`` selects no edge of ``mesh``."""
-        chosen = selected("sel", self.sel, mesh.vertices)
+        chosen = selected("sel", self.sel, mesh)
         stencils = []
         for apex in range(3):
             turned = np.roll(np.asarray(mesh.faces, dtype=np.int64), -1 - apex, axis=1)  # first two: the edge
@@ -95,7 +95,7 @@ class FollowerForce(LiveLoad, key="follower"):
 
     def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
         """The force in the frames of the triangles; OptionError where ``sel`` selects no vertex of ``mesh``."""
-        chosen = selected("sel", self.sel, mesh.vertices)
+        chosen = selected("sel", self.sel, mesh)
         areas = np.asarray(mesh.face_areas)
         around = np.bincount(np.asarray(mesh.faces).ravel(), np.repeat(areas, 3), len(chosen))
         stencils, shares = [], []

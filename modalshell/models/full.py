@@ -17,7 +17,8 @@ from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
-from modalshell.models.base import Equilibrium, Model, Placement
+from modalshell.models.base import Model, Placement
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
@@ -59,6 +60,7 @@ class FullModel(Model):
     """
 
     takes_constraints = True
+    takes_live_loads = True
     moves_patches = True
 
     def __init__(

@@ -18,8 +18,9 @@ from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
-from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
+from modalshell.models.base import Model, ResolvedTarget, rigid_share
 from modalshell.models.distortion import distortion, judged
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.statics.dense import WorkPotential

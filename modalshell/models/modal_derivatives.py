@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model
+from modalshell.models.base import Model
 from modalshell.models.distortion import distortion, judged
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import solve_modes
 from modalshell.outcome import Outcome
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train

@@ -279,5 +279,5 @@ def _watched(shell: Shell, load: Array, watch: tuple[Selection, Vector] | ArrayL
     along = checked_vectors("direction", direction, (3,), OptionError)
     if not along.any():
         raise OptionError("direction must not be zero (got that of watch)")
-    mask = selected("watch", chosen, shell.mesh.vertices)
+    mask = selected("watch", chosen, shell.mesh)
     return np.where(mask[:, None], along / np.linalg.norm(along), 0.0) / mask.sum()

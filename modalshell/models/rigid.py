@@ -12,7 +12,8 @@ from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model, rigid_share
+from modalshell.models.base import Model, rigid_share
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.outcome import Outcome

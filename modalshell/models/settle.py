@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from modalshell.loads import Loading
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.outcome import Outcome
 from modalshell.typing import Array
-
-if TYPE_CHECKING:
-    from modalshell.models.base import Equilibrium
 
 _TOLERANCE = 1e-9
 """Change of the positions, as a share of the shell's size, at which the loads have settled."""
@@ -23,7 +20,7 @@ _KEPT = 6
 """Earlier answers that the next one is extrapolated from."""
 _SMALLEST_STEP = 1.0 / 64.0
 
-Solve = Callable[[Array, Array | None], "Equilibrium"]
+Solve = Callable[[Array, Array | None], Equilibrium]
 """Answer to a dead load (n, 3) [N] from positions (n, 3) [m], or from rest."""
 
 

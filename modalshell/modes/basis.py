@@ -211,7 +211,7 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     """
     checked_kind("shell", shell, Shell)
     count = checked_count("count", count)
-    if fault := loose_parts_fault(shell.mesh, shell.supported):
+    if fault := loose_parts_fault(shell.mesh, shell.unknowns.supported):
         if not shell.loose_parts:
             raise SupportError(fault)
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
@@ -227,7 +227,7 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
 def _demand_memory(shell: Shell, count: int) -> None:
     """OptionError if ``count`` modes need more memory than there is; the factor is counted with the shell."""
     vertices, parts = len(shell.rest_positions), int(shell.mesh.components.max()) + 1
-    loose = 6 * (parts - np.unique(shell.mesh.components[shell.supported]).size)
+    loose = 6 * (parts - np.unique(shell.mesh.components[shell.unknowns.supported]).size)
     columns = _COPIES * count + _RIGID_COPIES * loose
     size = 8.0 * 3 * vertices * columns + 8.0 * (3.0 * min(count, 3 * vertices)) ** 2
     told = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")

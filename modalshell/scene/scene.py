@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, final
+from typing import Any, cast, final
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from modalshell.scene.read import located
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.selection import selected
 from modalshell.shell import Shell
+from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
 
@@ -63,7 +64,7 @@ class Scene(ABC):
     mesh: tables.MeshFile | Shape
     material: tables.Stiffnesses | tables.PhysicalSheet
     model: ModelTable
-    supports: tables.Supports | None = None
+    supports: tables.Supports | tables.SupportList | None = None
     energies: tables.Table | None = None
     loads: tables.Loads | None = None
     motion: tables.MotionTable | None = None
@@ -104,20 +105,34 @@ class Scene(ABC):
         mesh = mesh or self.build_mesh()
         with located(self.file, "material", self.material):
             material = build_material(self.material, mesh, self.file.parent)
-        held = None
-        if self.supports is not None:
-            with located(self.file, "supports", self.supports):
-                held = held_vertices(selected("clamped", self.supports.clamped, mesh.vertices), len(mesh.vertices))
+        supports, unknowns = self._build_supports(mesh)
         all_parts = isinstance(self.mesh, tables.MeshFile) and self.mesh.component == "all"
         if isinstance(self.mesh, tables.MeshFile) and not all_parts:
             with located(self.file, "supports", self.mesh):
-                refuse_loose_parts(mesh, np.zeros(len(mesh.vertices), bool) if held is None else held)
+                refuse_loose_parts(mesh, unknowns.supported)
         energies = []
         for path, entry in energy_entries(self.energies):
             with located(self.file, path, entry):
                 energies.append(entry.build())
         with located(self.file, "material", self.material):
-            return Shell(mesh, material, held, energies=energies, loose_parts=all_parts)
+            return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts)
+
+    def _build_supports(self, mesh: TriangleMesh) -> tuple[list[Support], Unknowns]:
+        """The supports on ``mesh``, and what they leave free; SceneError where one is refused."""
+        supports: list[Support] = []
+        if isinstance(self.supports, tables.Supports):
+            with located(self.file, "supports", self.supports):
+                held = held_vertices(selected("clamped", self.supports.clamped, mesh), len(mesh.vertices))
+                supports.append(Clamp(held))
+        elif self.supports is not None:
+            for index, entry in enumerate(self.supports.entries):
+                if isinstance(entry, tables.Path):
+                    continue
+                with located(self.file, f"supports[{index}]", entry):
+                    supports.append(entry.build())
+                    supports[-1].vertices(mesh)
+        with located(self.file, "supports", self.output):
+            return supports, supported_unknowns(supports, mesh)
 
 
 @final
@@ -197,7 +212,10 @@ class ShellScene(Scene):
         path, constraints = None, list[Constraint]()
         force, loads = self.build_forces(shell)
         if self.supports is not None:
-            with located(self.file, "supports", self.supports):
+            place, declared = "supports", cast(tables.Table, self.supports)
+            if isinstance(self.supports, tables.SupportList) and (moved := self.supports.path) is not None:
+                place, declared = f"supports[{self.supports.entries.index(moved)}]", moved
+            with located(self.file, place, declared):
                 path = build_path(self.supports)
         if path is not None and self.motion is None:
             raise SceneError(f"{self.file}: supports.times: supports that move need a [motion] table")

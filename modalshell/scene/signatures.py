@@ -16,6 +16,7 @@ from modalshell.scene import tables
 from modalshell.scene.tables import Table
 from modalshell.selection import Selection
 from modalshell.shell.elements import ENERGIES
+from modalshell.supports import SUPPORTS
 
 
 class Built(Table, frozen=True):
@@ -92,6 +93,12 @@ def energies_table() -> type[Table]:
     further = [(key, signature_table(kind) | None, None) for key, kind in ENERGIES.items()]
     made = msgspec.defstruct("Energies", further, bases=(Table,), frozen=True, kw_only=True, forbid_unknown_fields=True)
     return cast(type[Table], made)
+
+
+def support_tables() -> dict[str, type[Any]]:
+    """The tables of ``[[supports]]`` by their kinds."""
+    kinds = {key: signature_table(kind, tag_field="kind", tag=key) for key, kind in SUPPORTS.items()}
+    return kinds | {"path": tables.Path}
 
 
 def load_entries(loads: tables.Loads | None) -> Iterator[tuple[str, LoadTable]]:

@@ -76,6 +76,20 @@ BASES: tuple[dict[str, Any], ...] = (
              "targets": [[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]]}
         ],
     },
+    BASE
+    | {
+        "supports": [
+            {"kind": "clamp", "sel": "x < 0.1 or nearest(0, 0, 0) and not box(1, 1, 1, 2, 2, 2)"},
+            {"kind": "pin", "sel": [0, 1]},
+            {"kind": "fix", "sel": "boundary(0) and x > 0.9", "axes": "y"},
+            {"kind": "roller", "sel": [8], "direction": [0.0, 1.0, 0.5]},
+            {"kind": "symmetry", "sel": "y > 0.05 and angle(0, 0, 1) < 60", "normal": [0.0, 1.0, 0.0]},
+            {"kind": "diaphragm", "sel": "component(0) and x > 0.9", "axis": [1.0, 0.0, 0.0]},
+            {"kind": "tie", "sel": [4, 5], "axes": "z"},
+            {"kind": "path", "times": [0.0, 0.1], "translations": [[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]]},
+        ],
+        "model": {"name": "ds"},
+    },
     BASE | {"model": {"name": "md-rom", "modes": 2, "cubature": False}, "output": {"formats": ["vtkhdf", "pvd"]}},
     BASE | {"mesh": {"shape": "leaf", "cells": [4, 2]}, "supports": {"clamped": "x < 0.5"}, "model": {"name": "lma"}},
     BASE | {"model": {"name": "reduced-rsw", "modes": 2, "rank": 8, "mixtures": 2}},
