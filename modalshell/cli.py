@@ -26,9 +26,8 @@ from modalshell.memory import available_memory, gigabytes
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
+from modalshell.provenance import repository_module
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.reproduce import chosen_studies, run_benchmarks
-from modalshell.reproduce import reproduce as reproduce_study
 from modalshell.run import write_results
 from modalshell.scene.models import model_tables
 from modalshell.selection import select_vertices
@@ -49,11 +48,12 @@ def reproduce(
     quick: Annotated[bool, Parameter(help="Coarser meshes and fewer loads, to try things out.")] = False,
 ) -> None:
     """Run the studies and draw the paper's figures."""
-    names = chosen_studies(only, everything)
+    studies = repository_module("studies.reproduce")
+    names = studies.chosen_studies(only, everything)
     make_folder(out)
     for name in names:
         with progress(name) as on_step:
-            written = reproduce_study(name, out, figures or out / "figures", quick=quick, on_step=on_step)
+            written = studies.reproduce(name, out, figures or out / "figures", quick=quick, on_step=on_step)
         for path in written:
             print(path)
 
@@ -107,7 +107,7 @@ def bench(
 ) -> None:
     """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
     with progress("benchmarks") as on_step:
-        written = run_benchmarks(out, quick=quick, only=only, on_step=on_step)
+        written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     for path in written:
         print(path)
