@@ -18,15 +18,27 @@ from modalshell.errors import (
     SupportError,
     WorkerError,
 )
-from modalshell.export import load_trajectory, save_trajectory
-from modalshell.loads import LineForce, PointForce
+from modalshell.export import load_clip, load_trajectory, save_trajectory
+from modalshell.loads import (
+    EdgeMoment,
+    FollowerForce,
+    FrameInertia,
+    LineForce,
+    PointForce,
+    Pressure,
+    Scaled,
+    SelfWeight,
+    Wind,
+)
 from modalshell.mesh import (
+    RepairReport,
     TriangleMesh,
     cylinder_panel,
     flat_beam,
     leaf,
     load_mesh,
     paper_bird,
+    repair,
     save_mesh,
     sheet,
     v_beam,
@@ -46,6 +58,7 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
@@ -54,6 +67,9 @@ from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.statics.bifurcation import PathEvent
+from modalshell.statics.dense import EnergyFunction
+from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
 
 __version__ = "0.1.0"
@@ -61,14 +77,22 @@ __version__ = "0.1.0"
 __all__ = [
     "Advice",
     "Basis",
+    "Clamp",
     "CoarseDiscreteShell",
     "Crowd",
     "Damping",
+    "Diaphragm",
     "DiscreteShell",
+    "EdgeMoment",
+    "EnergyFunction",
     "Equilibrium",
+    "EquilibriumPath",
     "FileFormatError",
+    "Fix",
     "FlightResult",
     "Flock",
+    "FollowerForce",
+    "FrameInertia",
     "Isotropic",
     "LineForce",
     "LinearModal",
@@ -85,15 +109,22 @@ __all__ = [
     "OptionError",
     "OrientationConstraint",
     "Outcome",
+    "PathEvent",
+    "Pin",
     "PointForce",
     "PositionConstraint",
+    "Pressure",
     "ReducedRotationStrain",
+    "RepairReport",
     "RigidShell",
+    "Roller",
     "RotationStrain",
     "RunFollower",
+    "Scaled",
     "Scene",
     "SceneError",
     "SceneResult",
+    "SelfWeight",
     "Shell",
     "ShellFields",
     "SolverError",
@@ -101,22 +132,28 @@ __all__ = [
     "SupportError",
     "SupportPath",
     "SweepResult",
+    "Symmetry",
+    "Tie",
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
     "WarpFrame",
+    "Wind",
     "WorkerError",
     "advise",
     "coarse_shell",
     "cylinder_panel",
+    "equilibrium_path",
     "flat_beam",
     "leaf",
+    "load_clip",
     "load_mesh",
     "load_scene",
     "load_trajectory",
     "measure",
     "models",
     "paper_bird",
+    "repair",
     "run_scene",
     "run_sweep",
     "save_mesh",

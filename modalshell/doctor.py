@@ -19,6 +19,7 @@ _CORE = ("numpy", "scipy", "numba", "trimesh", "matplotlib")
 _EXTRAS = {
     "vtk": ("pyvista", "windows to play scenes in, files for ParaView, pictures by OpenGL"),
     "web": ("trame", "scenes played in a browser"),
+    "interchange": ("pxr", "motions as USD and glTF"),
     "gpu": ("warp", "springs and crowds on a GPU"),
     "mpi": ("petsc4py", "one sheet of springs over several processes"),
     "cluster": ("distributed", "sweeps over several machines"),

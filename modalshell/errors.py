@@ -49,3 +49,7 @@ class WorkerError(ModalShellError, RuntimeError):
 
 class ModalShellWarning(UserWarning):
     """An answer that stands but that the user should read with care."""
+
+
+REPAIR = "ms.repair(vertices, faces) or, on the command line, --repair"
+"""How a message names the repair of a mesh."""

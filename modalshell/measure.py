@@ -80,10 +80,10 @@ def gamma_per_gravity(shell: Shell) -> float:
     length = x.max() - x[shell.clamped].max(initial=-np.inf)
     if not 0.0 < length < np.inf:
         raise OptionError("Gamma needs a shell that is clamped at one end and free at its largest x")
-    free = shell.free_unknowns
-    displacement = np.zeros(x.size * 3)
-    stiffness = shell.stiffness()[free][:, free].tocsc()
-    displacement[free] = spla.spsolve(stiffness, shell.gravity_force((0.0, 0.0, -1.0)).ravel()[free])
+    unknowns = shell.unknowns
+    stiffness = unknowns.restrict(unknowns.restrict(shell.stiffness()).T).tocsc()
+    weight = unknowns.restrict(shell.gravity_force((0.0, 0.0, -1.0)).ravel())
+    displacement = unknowns.prolong(spla.spsolve(stiffness, weight))
     drop = -displacement.reshape(-1, 3)[x > x.max() - 1e-9, 2].mean()
     return float(8.0 * drop / length)
 

@@ -28,7 +28,7 @@ class Outcome(StrEnum):
     OUT_OF_REACH = "out of reach"
     """Statics: no state of the model meets the constraints."""
     DISTORTED = "distorted"
-    """Motion: the surface area doubled or halved, or triangles folded over, which no modal model can describe."""
+    """Area doubled or halved, of the surface or of a tenth of it, or triangles folded over: no modal model's state."""
     CYCLING = "cycling"
     """Motion: damped motion under a constant load does not settle."""
     UNSTABLE = "unstable"
@@ -54,6 +54,11 @@ class Outcome(StrEnum):
     def succeeded(self) -> bool:
         """Whether the answer can be used without a caveat."""
         return self in (Outcome.CONVERGED, Outcome.COMPLETED)
+
+    @property
+    def solved(self) -> bool:
+        """Whether an answer of statics solves the model's own equations, if need be where these describe no shell."""
+        return self in (Outcome.CONVERGED, Outcome.DISTORTED)
 
     def with_message(self, message: str) -> str:
         """The outcome for a reader, with the sentence about it where there is one."""

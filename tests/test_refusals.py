@@ -10,8 +10,7 @@ import inspect
 
 import numpy as np
 import pytest
-from fuzzing import arrays
-from fuzzing.arrays import Target, world
+from fuzzing.calls import Target, targets, world
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
@@ -21,10 +20,22 @@ EXCEPTIONS = {
         "WarpFrame.positions",
         "q",
     ): "runs each frame; its documentation says that NaN gives NaN, and that it checks shapes",
+    ("repair", "vertices"): "drops the faces of vertices that are not finite, and says so",
 }
 """Arguments that may hold NaN, and why. Text and wrong shapes are refused there, too."""
 NOT_FINITE = ("not a number", "one not a number", "infinite")
-BETWEEN_PARTS = {"check_step", "meet_constraints", "decay_rate", "step", "damping_force", "damping_matrix"}
+BETWEEN_PARTS = {
+    "check_step",
+    "meet_constraints",
+    "decay_rate",
+    "dragged",
+    "factor",
+    "step",
+    "step_live",
+    "velocity_at",
+    "damping_force",
+    "damping_matrix",
+}
 """Methods that models, shells and integrators call each step with numbers that were checked where they came in."""
 ELSEWHERE = {
     "RunFollower.wait": "test_waiting_refuses_what_is_no_time below, for without a run it is refused anyway",
@@ -63,9 +74,12 @@ def methods():
     made = [
         Target("Shell.fields", shell.fields, {"positions": moved}),
         Target("Shell.reactions", shell.reactions, {"positions": moved, "gravity": gravity, "force": vectors}),
+        Target("Shell.support_reactions", shell.support_reactions, {"positions": moved, "force": vectors}),
         Target("Shell.total_load", shell.total_load, {"gravity": gravity, "force": vectors}),
+        Target("Shell.loading", shell.loading, {"gravity": gravity, "force": vectors}),
         Target("Shell.checked_positions", shell.checked_positions, {"positions": moved}),
         Target("DiscreteShell.lowest_eigenvalue", models["ds"].lowest_eigenvalue, {"positions": rest}),
+        Target("EquilibriumPath.crossings", ms.equilibrium_path(shell, gravity=gravity).crossings, {"factor": 0.5}),
         Target("SupportPath.at", parts["path"].at, {"time": 0.05}),
         Target("PositionConstraint.at", ms.PositionConstraint([8], [1.0, 0.0, 0.0]).at, {"time": 0.05}),
         Target("OrientationConstraint.at", ms.OrientationConstraint([8], [0.1, 0.0, 0.0]).at, {"time": 0.05}),
@@ -85,7 +99,7 @@ def methods():
 
 
 def cases():
-    for target in (*arrays.targets(), *methods()):
+    for target in (*targets(), *methods()):
         if target.name == "run_sweep" or target.name.startswith("ReducedRotationStrain"):
             continue  # see ELSEWHERE
         for argument, sound in target.values.items():
@@ -113,7 +127,7 @@ def numeric_methods():
 
 
 def test_every_method_that_takes_numbers_is_tried():
-    tried = {target.name for target in (*arrays.targets(), *methods())} | set(ELSEWHERE)
+    tried = {target.name for target in (*targets(), *methods())} | set(ELSEWHERE)
     tried_methods = {name.split(".")[-1] for name in tried}
     # Of models each rung is tried under its own name, and crowds by one call of all methods.
     missing = {

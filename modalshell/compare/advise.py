@@ -221,6 +221,7 @@ def _measured_text(measured: Tradeoff) -> list[str]:
         f"({len(case.shell.rest_positions)} vertices), and frames of {1000 * case.dt:.3g} ms in motion: their "
         "counted work, the same on every machine, ranks the rungs; their median time is held against the frame rate."
     ]
+    text += [f"{case.told[0].upper()}{case.told[1:]}."] if case.told else []
     if unknown := [f"{path.factors[k]:g}" for k in range(len(path.factors)) if k not in path.known]:
         text.append(f"DS found no equilibrium at {', '.join(unknown)} of the load, which are left out of the errors.")
         if len(path.factors) - 1 not in path.known:

@@ -63,7 +63,7 @@ def case_factory(case: Case) -> ModelFactory:
 def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate], dict[str, str]]:
     """The rungs that ``case`` allows, simplest first, and why others are left out."""
     left_out: dict[str, str] = {}
-    most = case.shell.free_unknowns.size
+    most = case.shell.unknowns.count
     counts = sorted({count for count in modes if count <= most})
     if len(counts) < len(set(modes)):
         left_out["more modes"] = f"the shell has {most} free unknowns"

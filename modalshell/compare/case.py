@@ -13,11 +13,11 @@ from modalshell.errors import OptionError
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh, Damping
-from modalshell.models.coarse_discrete_shell import drawn_to_supports
+from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
-from modalshell.shell import Shell
+from modalshell.shell import Isotropic, Shell
 from modalshell.typing import Array
 
 _FRAME = 1.0 / 60.0
@@ -67,6 +67,13 @@ class Case:
             raise OptionError(
                 f"{self.name!r}: no load moves the shell, so there is nothing to compare: give gravity or forces"
             )
+
+    @property
+    def told(self) -> str:
+        """What has to be said of the truth, and of the load."""
+        theory = isinstance(self.shell.material, Isotropic)
+        truth = ["DS stands for shell theory, by split folds on the same mesh"] if theory else []
+        return "; ".join([*truth, *([self.note] if self.note else [])])
 
 
 def make_case(

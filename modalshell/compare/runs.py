@@ -109,7 +109,7 @@ class Measurement:
     @property
     def converged(self) -> bool:
         """Whether the answer under the whole load is one."""
-        return self.statuses[-1] == Outcome.CONVERGED
+        return Outcome(self.statuses[-1]).solved
 
     @property
     def is_truth(self) -> bool:

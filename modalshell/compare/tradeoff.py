@@ -88,7 +88,7 @@ class Tradeoff:
         front = self.front()
         return {
             "case": self.case.name,
-            "note": self.case.note,
+            "note": self.case.told,
             "vertices": len(self.case.shell.rest_positions),
             "load_factors": self.path.factors,
             "ds_statuses": [answer.status for answer in self.path.answers],
@@ -128,6 +128,9 @@ def tradeoff(
     on_step: Progress | None = None,
 ) -> Tradeoff:
     """Run every rung that a scene allows, at several mode counts, against DS over the load range.
+
+    Of a shell of shell theory (:class:`modalshell.Isotropic`) DS stands for that theory on the same mesh; rungs that
+    take discrete-shell energies alone are left out, with the reason.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ def checked_constraints(constraints: Sequence[Constraint] | None, shell: Shell) 
         outside = constraint.vertices[(constraint.vertices < 0) | (constraint.vertices >= count)]
         if outside.size:
             raise SupportError(f"a constraint names vertex {outside[0]}, but the mesh has vertices 0 to {count - 1}")
-        held = constraint.vertices[shell.clamped[constraint.vertices]]
+        held = constraint.vertices[shell.unknowns.supported[constraint.vertices]]
         if held.size:
             raise SupportError(f"a constraint names vertex {held[0]}, which a support holds already")
         key = (constraint.kind, constraint.vertices.tobytes())
@@ -150,7 +150,7 @@ class HeldPatch:
         center = shell.rest_positions[self.vertices].mean(axis=0)
         if orientation is not None and self.vertices.size == 1:
             touching = (shell.mesh.faces == self.vertices[0]).any(axis=1)
-            self.vertices = np.setdiff1d(shell.mesh.faces[touching], np.flatnonzero(shell.clamped))
+            self.vertices = np.setdiff1d(shell.mesh.faces[touching], np.flatnonzero(shell.unknowns.supported))
         self._center = center
         self._arms = shell.rest_positions[self.vertices] - center
 

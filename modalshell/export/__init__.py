@@ -1,6 +1,19 @@
-"""Trajectories as files: NumPy archives that load lazily, and VTK files for ParaView."""
+"""Trajectories as files: NumPy archives, clips, VTK files, and the formats of animation programs."""
 
 from modalshell.export.archive import load_trajectory, save_archive
+from modalshell.export.clip import load_clip, read_clip
+from modalshell.export.compression import CompressedMotion, compress
+from modalshell.export.gltf import save_modes_gltf
 from modalshell.export.save import check_formats, save_trajectory
 
-__all__ = ["check_formats", "load_trajectory", "save_archive", "save_trajectory"]
+__all__ = [
+    "CompressedMotion",
+    "check_formats",
+    "compress",
+    "load_clip",
+    "load_trajectory",
+    "read_clip",
+    "save_archive",
+    "save_modes_gltf",
+    "save_trajectory",
+]

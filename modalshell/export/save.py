@@ -9,17 +9,43 @@ from pathlib import Path
 
 from modalshell.errors import OptionError
 from modalshell.export.archive import save_archive
+from modalshell.export.clip import save_clip
+from modalshell.export.gltf import save_gltf
+from modalshell.export.point_cache import save_mdd, save_pc2
+from modalshell.export.usd import save_usd
 from modalshell.export.vtk import save_pvd, save_vtkhdf
 from modalshell.motion import Trajectory
+from modalshell.typing import Progress
 
-_SUFFIXES = (".npz", ".vtkhdf", ".pvd")
+_WRITERS: dict[str, Callable[[Trajectory, Path, Progress | None], Path]] = {
+    ".npz": lambda run, path, _: save_archive(run, path),
+    ".vtkhdf": save_vtkhdf,
+    ".pvd": save_pvd,
+    ".clip": lambda run, path, _: save_clip(run, path),
+    ".usdc": save_usd,
+    ".usda": save_usd,
+    ".glb": lambda run, path, _: save_gltf(run, path),
+    ".pc2": lambda run, path, _: save_pc2(run, path),
+    ".mdd": lambda run, path, _: save_mdd(run, path),
+}
+"""What writes each kind of file."""
+_NEEDED = {
+    "vtkhdf": ("vtkmodules", "VTK", "vtk"),
+    "pvd": ("vtkmodules", "VTK", "vtk"),
+    "usdc": ("pxr", "usd-core", "interchange"),
+    "usda": ("pxr", "usd-core", "interchange"),
+    "glb": ("pygltflib", "pygltflib", "interchange"),
+}
+"""Module that a format needs, the package that it is of, and the extra that brings it."""
+_WITHOUT_FACES = (".npz", ".pc2", ".mdd")
 
 
 def check_formats(formats: Iterable[str]) -> None:
-    """Raise OptionError where a format needs VTK and VTK is not installed."""
-    wanted = {"vtkhdf", "pvd"} & set(formats)
-    if wanted and importlib.util.find_spec("vtkmodules") is None:
-        raise OptionError(f"{sorted(wanted)[0]} files need VTK, which is not installed: pip install 'modalshell[vtk]'")
+    """Raise OptionError where a format needs a package that is not installed."""
+    for kind in formats:
+        module, package, extra = _NEEDED.get(kind, ("", "", ""))
+        if module and importlib.util.find_spec(module) is None:
+            raise OptionError(f"{kind} files need {package}, which is not installed: pip install 'modalshell[{extra}]'")
 
 
 def save_trajectory(
@@ -32,10 +58,12 @@ def save_trajectory(
     run : Trajectory
         What to write.
     path : path
-        Ends in ``.npz`` (everything; read back by :func:`load_trajectory`), ``.vtkhdf`` (one file for ParaView 5.13 or
-        later) or ``.pvd`` (with a folder ``NAME_frames`` of VTP files beside it, for any ParaView).
+        Its suffix names the format: ``.npz`` (everything; read back by :func:`load_trajectory`), ``.vtkhdf`` (one
+        file for ParaView 5.13 or later), ``.pvd`` (with a folder ``NAME_frames`` of VTP files, for any ParaView),
+        ``.clip`` (small; read back by :func:`load_clip`), ``.usdc`` and ``.usda`` (USD), ``.glb`` (glTF with morph
+        targets), ``.pc2`` and ``.mdd`` (point caches: positions alone).
     on_frame : callable, optional
-        Called with the frames done and their total while VTK files are written.
+        Called with the frames done and their total while VTK and USD files are written.
 
     Returns
     -------
@@ -45,16 +73,15 @@ def save_trajectory(
     Raises
     ------
     OptionError
-        For another suffix, or if VTK files are asked of a trajectory without faces, or VTK is not installed.
+        For another suffix, for a trajectory without faces where the format needs them, or if what writes the format is
+        not installed.
     FileFormatError
-        If VTK cannot write.
+        If the file cannot be written.
     """
     target = Path(path)
-    if target.suffix not in _SUFFIXES:
-        raise OptionError(f"a trajectory is saved as {', '.join(_SUFFIXES)} (got {target.name!r})")
-    if target.suffix == ".npz":
-        return save_archive(run, target)
-    if len(run.faces) == 0:
-        raise OptionError("VTK files need the triangles: give the trajectory its faces (simulate does)")
+    if target.suffix not in _WRITERS:
+        raise OptionError(f"a trajectory is saved as {', '.join(_WRITERS)} (got {target.name!r})")
+    if target.suffix not in _WITHOUT_FACES and len(run.faces) == 0:
+        raise OptionError(f"{target.suffix} files need the triangles: give the trajectory its faces (simulate does)")
     check_formats([target.suffix[1:]])
-    return (save_vtkhdf if target.suffix == ".vtkhdf" else save_pvd)(run, target, on_frame)
+    return _WRITERS[target.suffix](run, target, on_frame)

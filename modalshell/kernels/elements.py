@@ -84,9 +84,11 @@ def pack_products(rows, count, unknowns, packed):  # type: ignore[no-untyped-def
 def add_block(stencils, element, vertices, block, slots, strides, data):  # type: ignore[no-untyped-def]
     """Add an element's matrix to the CSR values ``data``; see ``add_stiffness`` of the generated kernels."""
     for first in range(vertices):
-        stride = strides[stencils[element, first]]
         for second in range(vertices):
             slot = slots[element, first, second]
+            if slot < 0:
+                continue
+            stride = strides[stencils[element, first]]
             for row in range(3):
                 for axis in range(3):
                     data[slot + row * stride + axis] += block[3 * first + row, 3 * second + axis]

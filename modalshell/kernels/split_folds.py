@@ -99,15 +99,7 @@ def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots
         else:
             second_derivatives(*unknowns, local, packed)
         fill_block(VERTICES, 0.0, none, couple, packed, block)
-        for first in range(VERTICES):
-            for second in range(VERTICES):
-                slot = slots[hinge, first, second]
-                if slot < 0:
-                    continue
-                stride = strides[hinges[hinge, first]]
-                for row in range(3):
-                    for axis in range(3):
-                        data[slot + row * stride + axis] += block[3 * first + row, 3 * second + axis]
+        add_block(hinges, hinge, VERTICES, block, slots, strides, data)
 
 
 @njit(**OPTIONS)

@@ -2,16 +2,19 @@
 
 from modalshell.mesh.bird_shape import paper_bird
 from modalshell.mesh.files import load_mesh, save_mesh
+from modalshell.mesh.repair import RepairReport, repair
 from modalshell.mesh.shapes import cylinder_panel, flat_beam, leaf, sheet, v_beam
 from modalshell.mesh.triangle_mesh import TriangleMesh
 
 __all__ = [
+    "RepairReport",
     "TriangleMesh",
     "cylinder_panel",
     "flat_beam",
     "leaf",
     "load_mesh",
     "paper_bird",
+    "repair",
     "save_mesh",
     "sheet",
     "v_beam",

@@ -17,7 +17,10 @@ from modalshell.checks import checked_kind, shown
 from modalshell.errors import MeshError, ModalShellWarning
 from modalshell.mesh import validation
 from modalshell.mesh.file_checks import check_gltf, check_stl
+from modalshell.mesh.parts import Component
 from modalshell.mesh.polygon_files import read_obj, read_off, read_ply
+from modalshell.mesh.polygons import Polygons
+from modalshell.mesh.repair import RepairReport, repair
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays
@@ -50,6 +53,31 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
         indices, counted from 0 in the file's own order.
     """
     file = Path(path)
+    found = read_polygons(file)
+    try:
+        vertices = validation.as_vertices(found.vertices)
+        faces = validation.as_faces(found.triangles(), len(vertices))
+        if file.suffix.lower() == ".stl":
+            vertices, faces = _weld_stl(file, vertices, faces)
+        return _build(file, vertices, faces)
+    except MeshError as error:
+        raise _located(file, error, split=bool((found.sizes > 3).any())) from error
+
+
+def repair_mesh(
+    path: str | os.PathLike[str], *, tolerance: float | None = None, component: Component | None = None
+) -> tuple[TriangleMesh, RepairReport]:
+    """:func:`~modalshell.repair` of what a file holds; parameters as there, formats as :func:`load_mesh` reads."""
+    file = Path(path)
+    found = read_polygons(file)
+    try:
+        return repair(found.vertices, found, tolerance=tolerance, component=component)
+    except MeshError as error:
+        raise _located(file, error, split=True) from error
+
+
+def read_polygons(file: Path) -> Polygons:
+    """Vertices and polygons of a mesh file in its own order; MeshError where it cannot be read as its suffix says."""
     suffix = _check_suffix(file, READABLE, "read")
     try:
         data = read_regular(file)
@@ -62,20 +90,29 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     data = data.removeprefix(codecs.BOM_UTF8)
     if not data.strip():
         raise MeshError(f"{file}: the file is empty; write or download the mesh again")
-    split = False
     try:
-        vertices, faces, split = _read(file, data, suffix)
-        if suffix == ".stl":
-            vertices, faces = _weld_stl(file, vertices, faces)
-        return _build(file, vertices, faces)
+        if suffix in POLYGONS:
+            return POLYGONS[suffix](data)
+        (check_stl if suffix == ".stl" else check_gltf)(data)
+        loaded = _trimesh_load(file, data, suffix)
+        faces = np.asarray(loaded.faces, dtype=np.int64)
+        if len(faces) == 0:
+            read = f"{len(loaded.vertices)} vertices read"
+            raise MeshError(f"the file has no faces ({read}); a shell needs triangles")
+        return Polygons(np.asarray(loaded.vertices, dtype=np.float64), faces.ravel(), np.full(len(faces), 3))
     except MeshError as error:
-        text = str(error)
-        note = ""
-        if suffix == ".obj" and "counted from 0" in text and not text.startswith("line"):
-            note = " (an OBJ file itself counts from 1: add one)"
-        if split and "face" in text:
-            note += " (faces are counted after larger polygons were split into triangles)"
-        raise MeshError(f"{file}: {text}{note}") from error
+        raise _located(file, error) from error
+
+
+def _located(file: Path, error: MeshError, split: bool = False) -> MeshError:
+    """The error with the file's name, and a note on how its indices are counted."""
+    text = str(error)
+    note = ""
+    if file.suffix.lower() == ".obj" and "counted from 0" in text and not text.startswith("line"):
+        note = " (an OBJ file itself counts from 1: add one)"
+    if split and "face" in text:
+        note += " (faces are counted after larger polygons were split into triangles)"
+    return MeshError(f"{file}: {text}{note}")
 
 
 def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
@@ -115,23 +152,6 @@ def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
             "mesh or rename the file"
         )
     return suffix
-
-
-def _read(file: Path, data: bytes, suffix: str) -> tuple[FloatArray, IntArray, bool]:
-    """Vertices and triangles as the file holds them, in its order, and whether polygons were split into triangles.
-
-    The format's own faults are raised here.
-    """
-    if suffix in POLYGONS:
-        found = POLYGONS[suffix](data)
-        vertices = validation.as_vertices(found.vertices)
-        return vertices, validation.as_faces(found.triangles(), len(vertices)), bool((found.sizes > 3).any())
-    (check_stl if suffix == ".stl" else check_gltf)(data)
-    loaded = _trimesh_load(file, data, suffix)
-    vertices = validation.as_vertices(loaded.vertices) if len(loaded.vertices) else np.zeros((0, 3))
-    if len(loaded.faces) == 0:
-        raise MeshError(f"the file has no faces ({len(vertices)} vertices read); a shell needs triangles")
-    return vertices, validation.as_faces(loaded.faces, len(vertices)), False
 
 
 def _beside(file: Path) -> Any:

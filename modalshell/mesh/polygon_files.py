@@ -10,15 +10,13 @@ import io
 import math
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import chain
-from typing import Any, final
+from typing import Any
 
 import numpy as np
 
 from modalshell.checks import shortened, shown
 from modalshell.errors import MeshError
-from modalshell.mesh.topology import FloatArray, IntArray
+from modalshell.mesh.polygons import Polygons
 
 _PLY_TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -31,39 +29,6 @@ _PLY_TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 """NumPy's names of PLY's types of numbers."""
-
-
-@final
-@dataclass(frozen=True)
-class Polygons:
-    """What a file holds.
-
-    Attributes
-    ----------
-    vertices : ndarray, shape (n, 3)
-        Positions.
-    corners : ndarray of int64
-        Corners of all polygons, one polygon after the other, counted from 0; all of them vertices of the file.
-    sizes : ndarray of int64
-        Number of corners of each polygon, three or more.
-    """
-
-    vertices: FloatArray
-    corners: IntArray
-    sizes: IntArray
-
-    @classmethod
-    def of_lists(cls, vertices: list[list[float]], polygons: list[list[int]]) -> Polygons:
-        """The same from lists of points and of polygons."""
-        flat, sizes = list(chain.from_iterable(polygons)), [len(polygon) for polygon in polygons]
-        return cls(np.array(vertices), np.array(flat, dtype=np.int64), np.array(sizes, dtype=np.int64))
-
-    def triangles(self) -> IntArray:
-        """Triangles (T, 3), in the order of the polygons; each larger polygon as a fan about its first corner."""
-        fans = self.sizes - 2
-        first = np.repeat(np.cumsum(self.sizes) - self.sizes, fans)
-        step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
-        return self.corners[np.stack([first, first + step + 1, first + step + 2], axis=1)]
 
 
 def read_obj(data: bytes) -> Polygons:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from modalshell.checks import as_array
-from modalshell.errors import MeshError, ModalShellWarning
+from modalshell.errors import REPAIR, MeshError, ModalShellWarning
 from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
 from modalshell.mesh.winding import faces_to_flip
 
@@ -34,7 +34,7 @@ def as_vertices(vertices: ArrayLike) -> FloatArray:
     if len(bad):
         raise MeshError(
             f"vertex {bad[0]} (counted from 0) is not finite: {result[bad[0]].tolist()}{_more(len(bad), 'vertices')}; "
-            "every coordinate must be a finite number: mend or remove these vertices"
+            f"every coordinate must be a finite number: mend or remove these vertices, or drop their faces by {REPAIR}"
         )
     far = np.flatnonzero((np.abs(result) > LARGEST).any(axis=1))
     if len(far):
@@ -51,7 +51,8 @@ def as_vertices(vertices: ArrayLike) -> FloatArray:
     if away > FARTHEST * size:
         raise MeshError(
             f"the mesh is {size:.3g} m long and lies {away:.3g} m from the origin, where rounding has taken its shape "
-            f"(got {away / size:.1g} of its lengths, at most {FARTHEST:g}): subtract its mean position"
+            f"(got {away / size:.1g} of its lengths, at most {FARTHEST:g}): subtract its mean position, "
+            f"as {REPAIR} does"
         )
     return result
 
@@ -64,7 +65,7 @@ def as_faces(faces: ArrayLike, vertex_count: int) -> IntArray:
             f"the mesh has vertices and no faces (got shape {array.shape}); give a (T, 3) array of vertex indices"
         )
     if array.ndim != 2 or array.shape[1] != 3:
-        mend = "; split the quads into triangles first" if array.shape[1:] == (4,) else ""
+        mend = f"; split the quads into triangles first, by {REPAIR}" if array.shape[1:] == (4,) else ""
         raise MeshError(f"faces must have shape (T, 3), got {array.shape}{mend}")
     if array.dtype.kind == "f":
         bad = np.flatnonzero(~((array == np.round(array)) & (np.abs(array) < 2**53)).all(axis=1))
@@ -78,7 +79,8 @@ def as_faces(faces: ArrayLike, vertex_count: int) -> IntArray:
         index = next(int(i) for i in array[bad[0]] if not 0 <= i < vertex_count)
         raise MeshError(
             f"face {bad[0]} names vertex {index}, out of range (both counted from 0): the mesh has {vertex_count} "
-            f"vertices, 0 to {vertex_count - 1}{_more(len(bad), 'faces')}; mend the face or remove it"
+            f"vertices, 0 to {vertex_count - 1}{_more(len(bad), 'faces')}; mend the face or remove it, or drop "
+            f"such faces by {REPAIR}"
         )
     return np.array(array, dtype=np.int64, order="C")
 
@@ -91,9 +93,8 @@ def check_faces(vertices: FloatArray, faces: IntArray) -> None:
         fault = "repeats a vertex" if repeats[bad[0]] else "has zero area: its corners lie on one line"
         raise MeshError(
             f"face {bad[0]}, vertices {_row(faces[bad[0]])} (counted from 0), is degenerate: it {fault}"
-            f"{_more(len(bad), 'faces')}; build the mesh with "
-            "TriangleMesh.from_soup(vertices, faces), which merges coincident vertices and "
-            "mends such faces, or remove them"
+            f"{_more(len(bad), 'faces')}; mend such faces by {REPAIR}, or "
+            "remove them"
         )
     corners = np.sort(faces, axis=1)
     order = np.lexsort(corners.T)
@@ -103,7 +104,7 @@ def check_faces(vertices: FloatArray, faces: IntArray) -> None:
         where = int(np.argmin(copies))
         raise MeshError(
             f"face {copies[where]} is a duplicate of face {order[same[where]]}, vertices {_row(faces[copies[where]])} "
-            f"(counted from 0){_more(len(same), 'faces')}; keep one of each"
+            f"(counted from 0){_more(len(same), 'faces')}; keep one of each, as {REPAIR} does"
         )
 
 
@@ -115,7 +116,8 @@ def paired_edges(faces: IntArray, vertex_count: int) -> tuple[IntArray, HalfEdge
         at = np.flatnonzero((links.face_edges == bad[0]).any(axis=1)).tolist()
         raise MeshError(
             f"edge {_row(links.edges[bad[0]])} (vertices counted from 0) has {len(at)} faces: {_few(at)}"
-            f"{_more(len(bad), 'edges')}; a shell's edge has one face or two: remove the extra faces or split the mesh"
+            f"{_more(len(bad), 'edges')}; a shell's edge has one face or two: split such edges into sheets by "
+            f"{REPAIR}, or remove the extra faces"
         )
     flip = faces_to_flip(links)
     if flip.any():
@@ -141,7 +143,7 @@ def check_used(faces: IntArray, vertex_count: int) -> None:
     if len(unused):
         raise MeshError(
             f"vertex {unused[0]} (counted from 0) belongs to no face{_more(len(unused), 'vertices')} and would have no "
-            "mass; build the mesh with TriangleMesh.from_soup(vertices, faces), which drops such vertices"
+            f"mass; drop such vertices by {REPAIR}"
         )
 
 

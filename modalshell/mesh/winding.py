@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from modalshell.errors import MeshError
+from modalshell.errors import REPAIR, MeshError
 from modalshell.mesh.topology import BoolArray, HalfEdges, IntArray
 
 
@@ -78,6 +78,6 @@ def _one_sided(links: HalfEdges, left: IntArray, right: IntArray, agree: BoolArr
         low, high = links.edges[shared].tolist()
         text = f"; the first contradiction is at edge ({low}, {high}) between faces {a} and {b} (counted from 0)"
     return MeshError(
-        f"no consistent winding exists: the surface is one-sided, like a Moebius strip{text}; a shell needs two sides, "
-        "so cut the strip along one row of edges by giving that row vertices of its own"
+        f"no consistent winding exists: the surface is one-sided, like a Moebius strip{text}; a shell needs two sides: "
+        f"cut it open along a row of edges by {REPAIR}"
     )

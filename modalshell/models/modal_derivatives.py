@@ -1,4 +1,4 @@
-"""MD-ROM: the true discrete-shell energy on modes and their derivatives, with cubature [barbic2005; an2008]."""
+"""MD-ROM: the true energy on modes and their derivatives, with cubature [barbic2005; an2008]."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model
+from modalshell.models.base import Model
+from modalshell.models.distortion import distortion, judged
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import solve_modes
+from modalshell.outcome import Outcome
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives
 from modalshell.reduction.reduced_energy import ReducedEnergy
@@ -21,8 +24,9 @@ from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
+from modalshell.statics.path import Followable
 from modalshell.statics.verdict import verdict
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _STEP_GOAL = 1e-6
@@ -31,7 +35,7 @@ _STEP_GOAL = 1e-6
 
 @final
 class ModalDerivatives(Model):
-    """MD-ROM: ``x = X + U z``, U of modes and modal derivatives, under the discrete-shell energy of x.
+    """MD-ROM: ``x = X + U z``, U of modes and modal derivatives, under the shell's own energy of x.
 
     Stiffening, twist and couplings of modes come from the energy itself, and a linear basis with derivatives holds
     turns up to about 90 degrees. Its shapes stretch a little, though, at fourth order in the turn, and a membrane that
@@ -85,7 +89,6 @@ class ModalDerivatives(Model):
         backend: str | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
-        _ = shell.elements  # refuses energies that have no element sets to sum over
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
         self.basis = modal_derivatives(solve_modes(shell, count, backend=backend), backend=backend)
@@ -103,17 +106,30 @@ class ModalDerivatives(Model):
         return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
-        push = load.ravel() @ self._vectors
-        problem = ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
+        problem = self._statics(load)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             found = equilibrium(problem, None if start is None else self.coordinates_of(start))
+        positions = self._positions(found.point)
         return Equilibrium(
-            self._positions(found.point),
-            *verdict(found.residual, found.stable),
+            positions,
+            *judged(*verdict(found.residual, found.stable), positions, self.shell.mesh),
             found.iterations,
             found.residual,
             found.stable,
             coordinates=found.point,
+        )
+
+    def _statics(self, load: Array) -> ReducedPotential:
+        push = load.ravel() @ self._vectors
+        return ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
+
+    def followable(self, load: Array) -> Followable:
+        """The reduced potential, coordinates z as unknowns."""
+        return Followable(
+            self._statics(load),
+            self._positions,
+            self.coordinates_of,
+            lambda _, force: force.ravel() @ self._vectors,
         )
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
@@ -146,9 +162,26 @@ class ModalDerivatives(Model):
             answer = problem.descend(z, scale)
         return MotionState(answer.point, (answer.point - z) / dt), answer.converged
 
+    def dragged(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
+    ) -> MotionState:
+        """The reduced forces' fall ``-D (v - v_n)`` taken at the step's end."""
+        z = before.coordinates
+        rows = self._vectors.reshape(-1, 3, z.size)[vertices]
+        stiffness = self.energy.hessian(z, GAUSS_NEWTON)[2]
+        inertia = np.eye(z.size) * (1.0 + dt * damping.mass_factor)
+        inertia += dt * (dt + damping.stiffness_factor) * stiffness
+        whole = inertia + dt * np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
+        rates = before.rates + np.linalg.solve(whole, inertia @ (state.rates - before.rates))
+        return MotionState(state.coordinates + dt * (rates - state.rates), rates)
+
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
         return self._positions(state.coordinates)
+
+    def fault(self, state: MotionState) -> Outcome | None:
+        """Distorted where the surface stretched or folded over, by the criteria of all modal models."""
+        return Outcome.DISTORTED if distortion(self.positions(state), self.shell.mesh) else None
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J] as the model has it: by cubature if it is on."""

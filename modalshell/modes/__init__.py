@@ -1,7 +1,12 @@
 """Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
 
 from modalshell.modes.basis import Basis, solve_modes
-from modalshell.modes.eigenpairs import largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
+from modalshell.modes.eigenpairs import (
+    largest_eigenvalue,
+    lowest_tangent_eigenvalue,
+    lowest_tangent_mode,
+    nearest_tangent_mode,
+)
 from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
 
 __all__ = [
@@ -13,5 +18,6 @@ __all__ = [
     "largest_eigenvalue",
     "lowest_tangent_eigenvalue",
     "lowest_tangent_mode",
+    "nearest_tangent_mode",
     "solve_modes",
 ]

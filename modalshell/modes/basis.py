@@ -26,6 +26,7 @@ from modalshell.plugins import load_plugins
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
+from modalshell.supports import SUPPORTS, Clamp, Support
 from modalshell.typing import Array
 
 _FORMAT = 1
@@ -86,7 +87,7 @@ class Basis(ReadOnlyArrays):
             modalshell_basis=np.array(_FORMAT),
             vertices=shell.mesh.vertices,
             faces=shell.mesh.faces,
-            clamped=shell.clamped,
+            supports=np.array(json.dumps([[support.key, support.plain()] for support in shell.supports])),
             **{field.name: np.asarray(getattr(material, field.name)) for field in fields(material)},
             energies=np.array(json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])),  # type: ignore[call-overload]
             eigenvalues=self.eigenvalues,
@@ -159,7 +160,11 @@ class Basis(ReadOnlyArrays):
             further = json.loads(str(data["energies"])) if "energies" in data else []
             energies = [ENERGIES[key](**fields) for key, fields in further]
             mesh = TriangleMesh(data["vertices"], data["faces"])
-            shell = Shell(mesh, kind(**constants), data["clamped"], energies=energies)
+            if "clamped" in data:  # a file from before there were other supports
+                supports: list[Support] = [Clamp(data["clamped"])] if data["clamped"].any() else []
+            else:
+                supports = [SUPPORTS[key](**parameters) for key, parameters in json.loads(str(data["supports"]))]
+            shell = Shell(mesh, kind(**constants), supports=supports, energies=energies)
             values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
             shape = (shell.rest_positions.size, values.size)
             modes = checked_vectors("modes", data["modes"], shape)
@@ -205,8 +210,7 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
     Factoriser(backend)  # refuses an unknown back end before any work
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
-    modes = np.zeros((shell.rest_positions.size, count))
-    modes[shell.free_unknowns] = free_modes
-    rotations = np.asarray(rotation_matrix(shell.mesh) @ modes)
+    modes = np.asarray(shell.unknowns.prolong(free_modes))
+    rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
     finite_answer("the modes", eigenvalues, modes, rotations)
     return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name)

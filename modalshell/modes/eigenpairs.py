@@ -63,7 +63,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     backend : str
         Library that held the factor.
     """
-    mass = np.repeat(shell.mass[shell.free], 3)
+    mass = shell.unknowns.masses(shell.mass)
     size = mass.size
     rigid = rigid_motions(shell)
     elastic = count - rigid.shape[1]
@@ -109,7 +109,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
 
 def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, without internal unknowns."""
-    whole, free = _mass_scaled(shell, shell.pattern.free_matrix(data))[0], shell.free_unknowns.size
+    whole, free = _mass_scaled(shell, shell.pattern.free_matrix(data))[0], shell.unknowns.count
     inner = shell.pattern.internal
     if inner is None:
         return spla.aslinearoperator(whole)
@@ -125,7 +125,7 @@ def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
 def _mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
     """``M^-1/2 K M^-1/2`` of the free unknowns and of the internal ones, which have no mass; and ``M^1/2`` (N,)."""
     scaled = matrix.copy()
-    masses = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+    masses = np.sqrt(shell.unknowns.masses(shell.mass))
     root = np.concatenate([masses, np.ones(scaled.shape[0] - masses.size)])
     scaled.data = scaled.data / (np.repeat(root, np.diff(scaled.indptr)) * root[scaled.indices])
     finite_answer("the stiffness over the mass", scaled.data)
@@ -134,7 +134,7 @@ def _mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Ar
 
 def _norm(shell: Shell, data: Array) -> float:
     """1-norm of the mass-scaled stiffness by positions, fold shares and the like held."""
-    size = shell.free_unknowns.size
+    size = shell.unknowns.count
     return float(spla.norm(_mass_scaled(shell, shell.pattern.free_matrix(data))[0][:size, :size], 1))
 
 
@@ -182,35 +182,54 @@ def lowest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factori
         If a factorisation fails, or Lanczos does not converge.
     """
     scaled, root = _mass_scaled(shell, matrix)
-    size = root.size
-    if size < _LANCZOS_FROM:
-        dense = scaled.toarray()
-        inner = dense[size:, :size]
-        values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
-        return float(values[0]), np.asarray(vectors[:, 0] / root)
-    start = np.random.default_rng(0).standard_normal(size)
-
-    def nearest(shift: float, factor: Factor) -> tuple[float, Array]:
-        inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
-        try:  # with its inverse at hand, Lanczos asks nothing of the matrix itself but its shape
-            values, vectors = spla.eigsh(inverse, k=1, sigma=-shift, OPinv=inverse, v0=start)
-        except spla.ArpackError as error:
-            raise SolverError(f"no lowest eigenvalue of a matrix of {size} unknowns: {error}") from error
-        return float(values[0]), np.asarray(vectors[:, 0] / root)
-
-    def factored(matrix: sps.csc_array) -> Factor:
-        return condensed_factor(factoriser.symmetric(matrix), matrix.shape[0] - size)
-
-    factor = factored(scaled)
-    value, vector = nearest(0.0, factor)
+    if root.size < _LANCZOS_FROM:
+        values, vectors = _small_pairs(scaled, root)
+        return float(values[0]), vectors[:, 0]
+    factor = _condensed(factoriser, scaled, root.size)
+    value, vector = _nearest(factor, root)
     if factor.is_definite():
         return value, vector
     diagonal, shift = scaled.diagonal(), max(abs(value), 1e-300)
     while not factor.is_definite():
         shift *= 4.0
-        scaled.setdiag(diagonal + np.where(np.arange(diagonal.size) < size, shift, 0.0))
-        factor = factored(scaled)
-    return nearest(shift, factor)
+        scaled.setdiag(diagonal + np.where(np.arange(diagonal.size) < root.size, shift, 0.0))
+        factor = _condensed(factoriser, scaled, root.size)
+    return _nearest(factor, root, shift)
+
+
+def nearest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
+    """As :func:`lowest_tangent_mode`, the eigenvalue nearest to zero and its direction (N,)."""
+    scaled, root = _mass_scaled(shell, matrix)
+    if root.size < _LANCZOS_FROM:
+        values, vectors = _small_pairs(scaled, root)
+        nearest = int(np.abs(values).argmin())
+        return float(values[nearest]), vectors[:, nearest]
+    return _nearest(_condensed(factoriser, scaled, root.size), root)
+
+
+def _small_pairs(scaled: sps.csc_array, root: Array) -> tuple[Array, Array]:
+    """All eigenvalues of a small mass-scaled matrix, internal unknowns condensed, and their directions (N, N)."""
+    dense, size = scaled.toarray(), root.size
+    inner = dense[size:, :size]
+    values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
+    return values, np.asarray(vectors / root[:, None])
+
+
+def _condensed(factoriser: Factoriser, matrix: sps.csc_array, size: int) -> Factor:
+    """Factor of a symmetric matrix for its first ``size`` unknowns."""
+    return condensed_factor(factoriser.symmetric(matrix), matrix.shape[0] - size)
+
+
+def _nearest(factor: Factor, root: Array, shift: float = 0.0) -> tuple[float, Array]:
+    """The eigenvalue nearest to ``-shift``, from the factor of the mass-scaled matrix so shifted."""
+    size = root.size
+    start = np.random.default_rng(0).standard_normal(size)
+    inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
+    try:  # with its inverse at hand, Lanczos asks nothing of the matrix itself but its shape
+        values, vectors = spla.eigsh(inverse, k=1, sigma=-shift, OPinv=inverse, v0=start)
+    except spla.ArpackError as error:
+        raise SolverError(f"no lowest eigenvalue of a matrix of {size} unknowns: {error}") from error
+    return float(values[0]), np.asarray(vectors[:, 0] / root)
 
 
 def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
@@ -327,7 +346,7 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     mass = np.repeat(shell.mass, 3)
     # Internal unknowns do not take part in rigid motions. Vertices that share an element with a clamped edge do resist.
     stiffness = shell.pattern.matrix(data)
-    clamped = (3 * shell.held_slopes()[:, None] + np.arange(3)).ravel()
+    clamped = (3 * np.unique(shell.held_slopes())[:, None] + np.arange(3)).ravel()
     forces = stiffness @ fields
     forces[stiffness[clamped].indices] = 0.0
     return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
@@ -366,8 +385,7 @@ def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array
     apart.
     """
     values = np.empty_like(approximate)
-    step = np.zeros(shell.rest_positions.size)
     for k in range(modes.shape[1]):
-        step[shell.free_unknowns] = modes[:, k]
+        step = shell.unknowns.prolong(modes[:, k])
         values[k] = 2.0 * shell.linear_energy(shell.rest_positions, step.reshape(-1, 3))
     return values

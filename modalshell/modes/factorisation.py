@@ -50,6 +50,10 @@ class Factor(ABC):
         """Whether A is positive definite, by the signs of its pivots; Cholesky factors exist for no other."""
         return True
 
+    def negative_eigenvalues(self) -> int:
+        """Number of A's negative eigenvalues, by the signs of its pivots; SolverError where these do not show it."""
+        return 0
+
 
 class CondensedFactor(Factor):
     """Factor of a matrix whose last unknowns have no load of their own: solves with the Schur complement of the others.
@@ -76,6 +80,10 @@ class CondensedFactor(Factor):
     def is_definite(self) -> bool:
         """Whether the whole matrix is positive definite."""
         return self._factor.is_definite()
+
+    def negative_eigenvalues(self) -> int:
+        """Number of negative eigenvalues of the whole matrix, and of the Schur complement: the last block has none."""
+        return self._factor.negative_eigenvalues()
 
 
 def condensed_factor(factor: Factor, internal: int) -> Factor:
@@ -135,8 +143,34 @@ class _SuperLU(Factor):
 
     def is_definite(self) -> bool:
         # Off the diagonal pivots are taken only where the diagonal one vanishes, as it cannot in a definite matrix.
-        in_place = np.array_equal(self._factor.perm_r, self._factor.perm_c)
-        return bool(in_place and (self._factor.U.diagonal() > 0.0).all())
+        return bool(self._in_place() and (self._factor.U.diagonal() > 0.0).all())
+
+    def negative_eigenvalues(self) -> int:
+        if not self._in_place():
+            raise SolverError("pivots off the diagonal hide the signs of the eigenvalues")
+        return int((self._factor.U.diagonal() < 0.0).sum())  # Sylvester's law: A = L D L^T with U = D L^T
+
+    def _in_place(self) -> bool:
+        return np.array_equal(self._factor.perm_r, self._factor.perm_c)
+
+
+class _GeneralLU(Factor):
+    """SciPy's SuperLU with pivots off the diagonal, of a matrix that need not be symmetric."""
+
+    backend = "superlu"
+
+    def __init__(self, matrix: sps.csc_array) -> None:
+        try:
+            self._factor = spla.splu(sps.csc_matrix(matrix))
+        except RuntimeError as error:
+            raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
+
+    def _solve(self, right_side: Array) -> Array:
+        return self._factor.solve(np.ascontiguousarray(right_side))
+
+    def is_definite(self) -> bool:
+        """False: nothing is known of it."""
+        return False
 
 
 class _Cholesky(Factor):
@@ -201,6 +235,12 @@ class Factoriser:
             return self.definite(matrix)
         except NotPositiveDefiniteError:
             return self._superlu(matrix)
+
+    def general(self, matrix: sps.csc_array) -> Factor:
+        """Factor of a matrix that need not be symmetric; SolverError if it is singular."""
+        _check_finite(matrix)
+        count_factorisation(matrix.shape[0])
+        return _GeneralLU(matrix)
 
     def _takes_superlu(self, matrix: sps.csc_array) -> bool:
         return self.backend == "superlu" or (self.backend is None and matrix.shape[0] < _SMALL)

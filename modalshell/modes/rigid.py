@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
 
 from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
 from modalshell.shell import Shell
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 
 
 def six_motions(points: Array) -> Array:
@@ -22,33 +24,91 @@ def six_motions(points: Array) -> Array:
     return motions
 
 
+def left_free(shell: Shell) -> str:
+    """The rigid motions that the supports leave free, in words; "" if there are none."""
+    parts = [(vertices, left) for vertices, left in _free_motions(shell) if left.shape[1]]
+    if not parts:
+        return ""
+    words = _described(shell.rest_positions, *parts[0])
+    if len(parts) == 1 and shell.mesh.components.max() == 0:
+        return f"the supports leave free {words}"
+    return f"the supports leave {len(parts)} parts of the shell free, that of vertex {parts[0][0][0]} by {words}"
+
+
+def _described(positions: Array, vertices: Index, left: Array) -> str:
+    """Rigid motions of some vertices, given by their shares (6, r) of :func:`six_motions`, in words."""
+    if left.shape[1] == 6:
+        return "all translations and turns"
+    _, values, right = np.linalg.svd(left[3:])
+    turning = int(np.count_nonzero(values > 1e-6))
+    translations = left[:3] @ right[turning:].T
+    words = [f"a translation along {_written(axis)}" for axis in _axes(translations)]
+    points = positions[vertices]
+    centre = points.mean(axis=0)
+    size = np.linalg.norm(points - centre, axis=1).max()
+    turns = left @ right[:turning].T
+    for axis in _axes(turns[3:]):
+        motion = turns @ np.linalg.lstsq(turns[3:], axis, rcond=None)[0]
+        speed = motion[:3]
+        if translations.size:
+            speed = speed - translations @ np.linalg.lstsq(translations, speed, rcond=None)[0]
+        through = centre + size * np.cross(axis, speed)
+        words.append(f"a turn about {_written(axis)} through {_written(through)}")
+    return " and ".join(words)
+
+
+def _axes(vectors: Array) -> list[Array]:
+    """Directions that span the columns (3, k): coordinate axes as far as these lie among them."""
+    left, values, _ = np.linalg.svd(vectors, full_matrices=False)
+    basis = left[:, values > 1e-9]
+    found = [axis for axis in np.eye(3) if np.linalg.norm(basis.T @ axis) > 1.0 - 1e-9]
+    known = np.array(found).reshape(-1, 3)
+    left, values, _ = np.linalg.svd(basis - known.T @ (known @ basis), full_matrices=False)
+    return [*found, *left[:, values > 0.5].T]
+
+
+def _written(vector: Array) -> str:
+    return "(" + ", ".join(f"{round(float(value), 6) + 0.0:g}" for value in vector) + ")"
+
+
 def rigid_motions(shell: Shell) -> Array:
     """Mass-orthonormal rigid motions (free unknowns, r) compatible with the supports.
 
     Each connected part of the shell has six; held vertices take away those that would move them, so a part held along
     one straight line keeps one, the turn about that line, unless an edge on it is clamped.
     """
-    positions = shell.rest_positions
-    labels = shell.mesh.components
+    unknowns, positions = shell.unknowns, shell.rest_positions
     columns = []
-    for part in range(int(labels.max()) + 1):
-        vertices = np.flatnonzero(labels == part)
-        motions = six_motions(positions[vertices])
-        held = shell.clamped[vertices]
-        if held.any():
-            _, values, right = np.linalg.svd(np.linalg.qr(motions[held].reshape(-1, 6), mode="r"))
-            rank = int(np.count_nonzero(values > 1e-6 * values[0]))
-            if rank == 6 or np.isin(shell.held_slopes(), vertices).any():
-                continue
-            motions = motions @ right[rank:].T
-        whole = np.zeros((positions.shape[0], 3, motions.shape[2]))
-        whole[vertices] = motions
-        columns.append(whole.reshape(positions.size, -1)[shell.free_unknowns])
+    for vertices, left in _free_motions(shell):
+        if left.shape[1]:
+            whole = np.zeros((*positions.shape, left.shape[1]))
+            whole[vertices] = six_motions(positions[vertices]) @ left
+            columns.append(unknowns.values(whole.reshape(positions.size, -1)))
     if not columns:
-        return np.empty((shell.free_unknowns.size, 0))
-    root_mass = np.sqrt(np.repeat(shell.mass[shell.free], 3))[:, None]
+        return np.empty((unknowns.count, 0))
+    root_mass = np.sqrt(unknowns.masses(shell.mass))[:, None]
     orthonormal, _ = np.linalg.qr(root_mass * np.hstack(columns))
     return orthonormal / root_mass
+
+
+def _free_motions(shell: Shell) -> Iterator[tuple[Index, Array]]:
+    """Vertices of every connected part, and what shares (6, r) of :func:`six_motions` its supports leave free."""
+    positions, labels, edges = shell.rest_positions, shell.mesh.components, shell.held_slopes()
+    for part in range(int(labels.max()) + 1):
+        vertices = np.flatnonzero(labels == part)
+        whole = np.zeros((*positions.shape, 6))
+        whole[vertices] = six_motions(positions[vertices])
+        resisted = shell.unknowns.resisted(whole).reshape(-1, 6)
+        own = edges[labels[edges[:, 0]] == part]
+        if own.size:  # about their own directions they cannot turn
+            along = positions[own[:, 1]] - positions[own[:, 0]]
+            turns = along / np.linalg.norm(along, axis=1, keepdims=True)
+            resisted = np.vstack([resisted, np.hstack([np.zeros_like(turns), turns])])
+        if not resisted.any():
+            yield vertices, np.eye(6)
+            continue
+        _, values, right = np.linalg.svd(np.linalg.qr(resisted, mode="r"))
+        yield vertices, right[np.count_nonzero(values > 1e-6 * values[0]) :].T
 
 
 class RigidFreeSolver:

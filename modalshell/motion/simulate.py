@@ -56,8 +56,8 @@ def simulate(
     start : array_like, shape (n, 3), optional
         Positions at the start [m], at rest, with the supports in their rest pose; the rest shape without them.
     supports : SupportPath, optional
-        Moves the held vertices. Full models hold them along the path; modal models feel it as inertial loads in their
-        own frame, with positions given in the world's.
+        Moves the supports. Full models hold vertices along the path; modal models, and full ones whose supports hold
+        single components, feel it as inertial loads in their own frame, with positions given in the world's.
     constraints : sequence of PositionConstraint or OrientationConstraint, optional
         Where patches of vertices shall be, and how they shall be turned, in the world. Modal models are moved there by
         the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.

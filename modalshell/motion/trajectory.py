@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import final
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from modalshell.loads import Loading
 from modalshell.models import Equilibrium
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
@@ -61,11 +62,14 @@ class Trajectory:
         """The outcome as a word or two."""
         return str(self.outcome)
 
+    def with_remark(self, remark: str) -> Trajectory:
+        """The same trajectory, its message with a further sentence."""
+        return replace(self, message=f"{self.message}; {remark}" if self.message else remark)
+
     @classmethod
-    def still(cls, answer: Equilibrium, shell: Shell, load: Array, dtype: DTypeLike = np.float64) -> Trajectory:
-        """One frame at time 0: a static answer under ``load`` (n, 3) [N], its outcome the solver's."""
-        moved = answer.positions - shell.rest_positions
-        energies = [0.0, shell.raw_energy(answer.positions), -float(np.vdot(load, moved))]
+    def still(cls, answer: Equilibrium, shell: Shell, loading: Loading, dtype: DTypeLike = np.float64) -> Trajectory:
+        """One frame at time 0: a static answer under the loads, its outcome the solver's."""
+        energies = [0.0, shell.raw_energy(answer.positions), loading.energy(answer.positions)]
         return cls(
             times=np.zeros(1),
             positions=answer.positions[None].astype(dtype),

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_vectors
 from modalshell.errors import OptionError
+from modalshell.reduction.candidates import candidates_of, picked
 from modalshell.reduction.derivatives import DerivativeBasis
 from modalshell.reduction.reduced_energy import ReducedEnergy
 from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import Shell
-from modalshell.shell.elements import ElementSet
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import NewtonResult
 from modalshell.timings import Stopwatch
@@ -23,8 +23,6 @@ from modalshell.typing import Array, Index
 
 _GOAL = 0.005
 """Displacement error on training loads at which no more elements are taken."""
-_CANDIDATES = 4000
-"""Elements to choose from; of more, so many are drawn at random."""
 _PROBES = 30
 """Random small displacements about rest that are trained on besides: they keep every coordinate stiff."""
 _GROWTH = 0.2
@@ -50,8 +48,7 @@ class Cubature:
     energy : ReducedEnergy
         The weighted sum over the chosen elements.
     chosen : list of ndarray of int
-        The chosen triangles, each with its elements and its shares of those on its edges, and the chosen elements of
-        each further set: hinges first.
+        The chosen elements of each kind; see :mod:`modalshell.reduction.candidates`.
     factors : ndarray
         Their positive factors, in that order.
     share : float
@@ -120,13 +117,11 @@ def default_loads(basis: DerivativeBasis) -> list[Array]:
 def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], most: int | None = None) -> Cubature:
     """Non-negative factors of few elements that meet the reduced forces at the training loads' equilibria.
 
-    Elements are triangles, each with its stretch and its shares of its edges' shear (which alone may be negative, or
-    hold too little), hinges, and those of further energies. The columns of the least-squares problem are the reduced
-    forces ``U^T grad E_e`` of one element at all poses (half-way to each equilibrium and at it, and small random ones
-    about rest), the right side their sum over all elements; both in the norm of the inverse rest stiffness, over the
-    load. Elements that point most along what is missing are taken first, and the factors fitted anew (NNLS) as their
-    number grows, until the answers on the training loads are within 0.5 %, ``most`` elements are reached, or no further
-    element helps.
+    The columns of the least-squares problem are the reduced forces ``U^T grad E_e`` of one element at all poses
+    (half-way to each equilibrium and at it, and small random ones about rest), the right side their sum over all
+    elements; both in the norm of the inverse rest stiffness, over the load. Elements that point most along what is
+    missing are taken first, and the factors fitted anew (NNLS) as their number grows, until the answers on the training
+    loads are within 0.5 %, ``most`` elements are reached, or no further element helps.
 
     Parameters
     ----------
@@ -140,16 +135,18 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
         Largest number of elements.
     """
     watch = Stopwatch()
-    shell = basis.shell
     pushes = [load.ravel() @ basis.vectors for load in loads]
     answers = [_statics(basis, full, push) for push in pushes]
     solved = list(zip(pushes, answers, strict=True))
     unseen = solved[_HELD_OUT - 1 :: _HELD_OUT]
     seen = [pair for number, pair in enumerate(solved, 1) if number % _HELD_OUT]
     poses, sizes = _poses(basis, seen)
-    candidates, total = _candidates(shell)
-    matrix = _force_columns(basis, candidates, poses, sizes)
-    goal = _goal_column(basis, full, poses, sizes)
+    candidates = candidates_of(basis, poses, sizes)
+    matrix = candidates.columns(poses, sizes)
+    goal = np.zeros((len(poses), matrix.shape[0] // len(poses)))
+    goal[:, : basis.size] = [full.gradient(z)[1] / size for z, size in zip(poses, sizes, strict=True)]
+    goal[:, : basis.size] /= np.sqrt(basis.eigenvalues)
+    goal = goal.ravel()
 
     limit = min(matrix.shape[1], most or matrix.shape[1])
     chosen, factors, residual, check = np.empty(0, np.int64), np.empty(0), 1.0, _FIRST_CHECK
@@ -164,13 +161,13 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
         last = chosen.size >= limit or abs(previous - residual) < 1e-6
         if residual <= check or last:
             check = 0.8 * residual
-            picked = _picked(candidates, chosen)
-            energy = _energy(basis, picked, factors)
+            groups = picked(candidates.groups, chosen)
+            energy = ReducedEnergy(basis.shell, basis.vectors, candidates.part(groups, factors))
             training = _errors(basis, energy, seen)
             if last or training.max() <= _GOAL:
                 break
     held = _errors(basis, energy, unseen)
-    return Cubature(energy, picked, factors, chosen.size / total, training, held, watch())
+    return Cubature(energy, groups, factors, chosen.size / candidates.total, training, held, watch())
 
 
 def _statics(basis: DerivativeBasis, energy: ReducedEnergy, push: Array, start: Array | None = None) -> NewtonResult:
@@ -202,97 +199,3 @@ def _poses(basis: DerivativeBasis, solved: Sequence[tuple[Array, NewtonResult]])
         poses.append(small * direction / np.linalg.norm(direction) / scaling)
         sizes.append(small)
     return np.array(poses), np.array(sizes)
-
-
-def _sorted_sets(shell: Shell) -> tuple[list[ElementSet], list[ElementSet], list[ElementSet]]:
-    """The shell's element sets over triangles, over edges, and all others."""
-    faces, edges, others = list[ElementSet](), list[ElementSet](), list[ElementSet]()
-    for elements in shell.elements:
-        if np.array_equal(elements.stencils, shell.mesh.faces):
-            faces.append(elements)
-        elif np.array_equal(elements.stencils, shell.mesh.edges):
-            edges.append(elements)
-        else:
-            others.append(elements)
-    return faces, edges, others
-
-
-def _candidates(shell: Shell) -> tuple[list[Index], int]:
-    """Triangles, and elements of each set on neither triangles nor edges, to choose from; and how many there are.
-
-    All that can move, or a random sample of a large shell's.
-    """
-    stencils = [shell.mesh.faces, *(elements.stencils for elements in _sorted_sets(shell)[2])]
-    groups = [np.flatnonzero(~shell.clamped[group].all(axis=1)) for group in stencils]
-    count = sum(group.size for group in groups)
-    if count > _CANDIDATES:
-        groups = _picked(groups, np.sort(np.random.default_rng(0).choice(count, _CANDIDATES, replace=False)))
-    return groups, sum(map(len, stencils))
-
-
-def _picked(groups: Sequence[Index], numbers: Index) -> list[Index]:
-    """Of groups that are numbered one after the other, the entries of the sorted ``numbers``, group by group."""
-    starts = np.cumsum([0, *(group.size for group in groups)])
-    cuts = np.searchsorted(numbers, starts)
-    return [
-        group[numbers[low:high] - start]
-        for group, start, low, high in zip(groups, starts[:-1], cuts[:-1], cuts[1:], strict=True)
-    ]
-
-
-def _edge_shares(shell: Shell) -> Array:
-    """Share of each edge (E,) that one of its triangles stands for: a half, or all of a boundary edge."""
-    return 1.0 / np.bincount(shell.mesh.face_edges.ravel(), minlength=len(shell.mesh.edges))
-
-
-def _energy(basis: DerivativeBasis, picked: Sequence[Index], factors: Array) -> ReducedEnergy:
-    """Energy over weighted triangles, each with its shares of its edges, and weighted elements of the other sets."""
-    shell = basis.shell
-    parts = np.split(factors, np.cumsum([group.size for group in picked])[:-1])
-    of_edges = np.zeros(len(shell.mesh.edges))
-    np.add.at(of_edges, shell.mesh.face_edges[picked[0]], parts[0][:, None])
-    sides = np.flatnonzero(of_edges)
-    on_edges = (sides, (of_edges * _edge_shares(shell))[sides])
-    faces, edges, _ = _sorted_sets(shell)
-    others = iter(zip(picked[1:], parts[1:], strict=True))
-    chosen = [(picked[0], parts[0]) if e in faces else on_edges if e in edges else next(others) for e in shell.elements]
-    return ReducedEnergy(shell, basis.vectors, [indices for indices, _ in chosen], [values for _, values in chosen])
-
-
-def _force_columns(basis: DerivativeBasis, candidates: Sequence[Index], poses: Array, sizes: Array) -> Array:
-    """Scaled reduced force of each candidate, triangles first, at each pose (poses * r, candidates)."""
-    shell = basis.shell
-    faces, edges, others = _sorted_sets(shell)
-    triangles = candidates[0]
-    sides = shell.mesh.face_edges[triangles].ravel()
-    # Every candidate on vertices of its own, so that the gradient of a sum holds each candidate's apart.
-    own_triangles = np.arange(3 * triangles.size).reshape(-1, 3)
-    own_edges = own_triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    shares = _edge_shares(shell)[sides]
-    parts = [(e, own_triangles, e.rest[triangles], e.weight[triangles]) for e in faces]
-    parts += [(e, own_edges, e.rest[sides], e.weight[sides] * shares) for e in edges]
-    groups = [(shell.mesh.faces[triangles], parts)]
-    for e, chosen in zip(others, candidates[1:], strict=True):
-        own = np.arange(e.stencils[chosen].size).reshape(chosen.size, -1)
-        groups.append((e.stencils[chosen], [(e, own, e.rest[chosen], e.weight[chosen])]))
-    scaled = (basis.vectors / np.sqrt(basis.eigenvalues)).reshape(-1, 3, basis.size)
-    displacements = (poses @ basis.vectors.T).reshape(len(poses), -1, 3)
-    blocks = []
-    for stencils, parts in groups:
-        fields = scaled[stencils].reshape(len(stencils), -1, basis.size)
-        forces = np.empty((len(poses), len(stencils), basis.size))
-        for pose, displacement in enumerate(displacements):
-            x = (shell.rest_positions + displacement)[stencils].reshape(-1, 3)
-            gradient = np.zeros_like(x)
-            for elements, own, rest, weight in parts:
-                elements.kernel.add_gradient(x, own, rest, weight, gradient)
-            np.matmul(gradient.reshape(len(stencils), 1, -1), fields, out=forces[pose][:, None])
-            forces[pose] /= sizes[pose]
-        blocks.append(forces.transpose(0, 2, 1).reshape(-1, len(stencils)))
-    return np.hstack(blocks)
-
-
-def _goal_column(basis: DerivativeBasis, full: ReducedEnergy, poses: Array, sizes: Array) -> Array:
-    """Scaled reduced force of all elements at each pose (poses * r,)."""
-    scaling = np.sqrt(basis.eigenvalues)
-    return np.concatenate([full.gradient(z)[1] / scaling / size for z, size in zip(poses, sizes, strict=True)])

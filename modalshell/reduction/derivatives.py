@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sps
 
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes.basis import Basis
-from modalshell.modes.factorisation import Factoriser
-from modalshell.modes.rigid import rigid_motions
+from modalshell.modes.factorisation import Factoriser, condensed_factor
+from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.typing import Array
 
@@ -85,27 +84,32 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
         If K is too ill-conditioned for its inverse to have a meaning.
     """
     shell = modes.shell
-    if loose := rigid_motions(shell).shape[1]:
+    if loose := left_free(shell):
         raise OptionError(
-            f"modal derivatives need supports that hold the shell, but {loose} rigid motions are left free: a linear "
-            "basis cannot turn; hold more vertices with clamped=, or use DiscreteShell, RigidShell or ModalWarping"
+            f"modal derivatives need supports that hold the shell, but {loose}: a linear basis cannot turn; hold more "
+            "vertices with clamped=, or use DiscreteShell, RigidShell or ModalWarping"
         )
     forces, difference_error, asymmetry = _derivative_forces(modes)
     # At rest the exact Hessian is its Gauss-Newton part, positive definite where the supports hold.
-    stiffness = shell.pattern.free_matrix(shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2])
-    derivatives, free = np.zeros_like(forces), shell.free_unknowns
-    derivatives[free] = Factoriser(backend, use="solve").definite(stiffness).solve(-forces[free])
-    count = modes.count
-    found = orthonormal_extension(modes.modes[free], derivatives[free], np.repeat(shell.mass, 3)[free])
+    data = shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2]
+    stiffness, internal = shell.pattern.free_matrix(data), shell.pattern.internal
+    factor = condensed_factor(
+        Factoriser(backend, use="solve").definite(stiffness), 0 if internal is None else internal.count
+    )
+    unknowns, count = shell.unknowns, modes.count
+    solved = factor.solve(-unknowns.restrict(forces))
+    derivatives = unknowns.prolong(solved)
+    found = orthonormal_extension(unknowns.values(modes.modes), solved, unknowns.masses(shell.mass))
+    vectors = np.asarray(unknowns.prolong(found))
     # The new vectors are K-orthogonal to the modes as they are M-orthogonal to them: only they need turning.
-    further, turned = np.linalg.eigh(found[:, count:].T @ (stiffness @ found[:, count:]))
+    new = vectors[:, count:]
+    further, turned = np.linalg.eigh(new.T @ shell.pattern.product(data, new))
     if not (further > 0.0).all():  # NaN too
         raise SolverError(
             f"the modal derivatives have no positive stiffness (lowest {further.min():.3g} 1/s^2): the mesh is too "
             "ill-conditioned for them; remesh needles, or bring the stiffnesses nearer together"
         )
-    vectors = np.zeros((modes.modes.shape[0], found.shape[1]))
-    vectors[free] = np.hstack([found[:, :count], found[:, count:] @ turned])
+    vectors[:, count:] = new @ turned
     eigenvalues = np.concatenate([modes.eigenvalues, further])
     return DerivativeBasis(modes, derivatives, vectors, eigenvalues, difference_error, asymmetry)
 
@@ -139,7 +143,7 @@ def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:
     forces = np.empty((count, count, shell.rest_positions.size))
     error = 0.0
     for j in range(count):
-        coarse, fine = (_hessian_slope(shell, fields[:, :, j], share * steps[j]) @ modes.modes for share in (1.0, 0.5))
+        coarse, fine = (_stiffness_slope(modes, fields[:, :, j], share * steps[j]) for share in (1.0, 0.5))
         forces[:, j] = ((4.0 * fine - coarse) / 3.0).T
         error = max(error, float((np.linalg.norm(fine - coarse, axis=0) / np.linalg.norm(fine, axis=0)).max()))
     transposed = forces.swapaxes(0, 1)
@@ -149,11 +153,13 @@ def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:
     return 0.5 * (forces + transposed)[rows, columns].T, error, asymmetry
 
 
-def _hessian_slope(shell: Shell, direction: Array, step: float) -> sps.csr_array:
+def _stiffness_slope(modes: Basis, direction: Array, step: float) -> Array:
+    """``(dK/dq) Phi`` (3n, m) along ``direction`` (n, 3)."""
+    shell = modes.shell
     ahead, behind = (
         shell.energy_gradient_hessian(shell.rest_positions + side * step * direction, EXACT)[2] for side in (1.0, -1.0)
     )
-    return shell.pattern.matrix((ahead - behind) / (2.0 * step))
+    return (shell.pattern.product(ahead, modes.modes) - shell.pattern.product(behind, modes.modes)) / (2.0 * step)
 
 
 def _edge_changes(shell: Shell, fields: Array) -> Array:

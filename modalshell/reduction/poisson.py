@@ -8,7 +8,8 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.modes import Factoriser
+from modalshell.errors import SupportError
+from modalshell.modes import Factor, Factoriser
 from modalshell.shell import Shell
 from modalshell.typing import Array
 
@@ -47,6 +48,9 @@ class PoissonFit:
         self.floating: list[tuple[NDArray[np.int64], Array]] = []
         for part in np.setdiff1d(labels, labels[shell.clamped]):
             vertices = np.flatnonzero(labels == part)
+            if shell.unknowns.supported[vertices].any():
+                _refuse_sliding(shell, vertices)
+                continue
             fixed[vertices[0]] = True
             self.floating.append((vertices, shell.mass[vertices] / shell.mass[vertices].sum()))
         self._kept = np.flatnonzero(~fixed)
@@ -62,7 +66,13 @@ class PoissonFit:
         self.frames = np.stack([along, across, mesh.face_normals], axis=1)
         height, foot = np.einsum("ti,ti->t", second, across), np.einsum("ti,ti->t", second, along)
         self.sides = np.column_stack([height, foot, length])
-        self.factor = Factoriser(backend, use="solve").definite(self._laplacian())
+        laplacian = self._laplacian()
+        self.factor: Factor
+        if shell.unknowns.matrix is None:
+            self.factor = Factoriser(backend, use="solve").definite(laplacian)
+        else:
+            rows_of_kept = (3 * self._kept[:, None] + np.arange(3)).ravel()
+            self.factor = _SupportedFactor(laplacian, shell.unknowns.matrix[rows_of_kept], backend)
         self._made_from = shell, backend
 
     def __reduce__(self) -> tuple[Any, ...]:  # a factor cannot be copied: a copy factorises again
@@ -107,3 +117,28 @@ class PoissonFit:
         fit = np.zeros((self.rows, 3))
         fit[:-1] = self.factor.solve(balanced[self._kept])
         return fit, parts
+
+
+class _SupportedFactor(Factor):
+    """Factor of a Laplacian over vertices whose three displacements are coupled by supports ``u = P y``."""
+
+    def __init__(self, laplacian: sps.csc_array, matrix: sps.csr_array, backend: str | None) -> None:
+        self._matrix = sps.csr_array(matrix[:, np.unique(matrix.indices)])
+        whole = self._matrix.T @ sps.kron(laplacian, sps.eye_array(3), format="csr") @ self._matrix
+        self._factor = Factoriser(backend, use="solve").definite(sps.csc_array(whole))
+        self.backend = self._factor.backend
+
+    def _solve(self, right_side: Array) -> Array:
+        values = self._factor.solve(self._matrix.T @ right_side.ravel())
+        return np.asarray(self._matrix @ values).reshape(right_side.shape)
+
+
+def _refuse_sliding(shell: Shell, vertices: NDArray[np.int64]) -> None:
+    """SupportError for a part that its supports hold, but not against every translation."""
+    moved = np.zeros((*shell.rest_positions.shape, 3))
+    moved[vertices] = np.eye(3)
+    if np.linalg.matrix_rank(shell.unknowns.resisted(moved).reshape(-1, 3), tol=1e-6) < 3:
+        raise SupportError(
+            f"the rotation-strain fit needs supports that leave no translation free of a part that they hold (got "
+            f"one of the part of vertex {vertices[0]}): hold it too, or use DiscreteShell or ModalWarping"
+        )

@@ -1,67 +1,45 @@
-"""The discrete-shell energy of displacements ``u = U z``: over all elements, or over a weighted few of them."""
+"""An elastic energy of displacements ``u = U z``: over all elements, or over a weighted few of them."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from modalshell.kernels.blocks import multiply
 from modalshell.shell import EXACT, Shell
-from modalshell.shell import elements as sums
-from modalshell.shell.elements import ElementSet
-from modalshell.shell.pattern import build_pattern
-from modalshell.typing import Array, Index
+from modalshell.shell.elastic_energy import Part
+from modalshell.supports import VertexUnknowns
+from modalshell.typing import Array
 from modalshell.work import count_products, count_read
 
 
 class ReducedEnergy:
-    """``E(z) = sum_e xi_e w_e (g_e(X + U z) - g_e(X))^2`` with its derivatives in z [barbic2005; an2008].
+    """``E(z) = W(X + U z)`` of an elastic energy W, or of a part of it, with its derivatives [barbic2005; an2008].
 
     Parameters
     ----------
     shell : Shell
-        Gives the elements, and X.
+        Gives the energy, and X.
     vectors : ndarray, shape (3n, r)
         U, displacement fields [1/sqrt(kg)] for coordinates z [m sqrt(kg)].
-    chosen : sequence of int arrays, optional
-        Which elements of each of the shell's element sets to sum; all without it.
-    factors : sequence of arrays, optional
-        xi, the factor of each chosen element; one without it.
+    part : Part, optional
+        A weighted part of the energy; all of it without it.
 
     Attributes
     ----------
-    elements : list of ElementSet
-        The summed elements, on their own numbering of the vertices that they touch.
+    energy : ElasticEnergy
+        W.
     vertices : ndarray of int
-        Those vertices of the shell.
+        Vertices of the shell that it touches, in its order.
     """
 
-    def __init__(
-        self,
-        shell: Shell,
-        vectors: Array,
-        chosen: Sequence[Index] | None = None,
-        factors: Sequence[Array] | None = None,
-    ) -> None:
-        if chosen is None:
-            chosen = [np.arange(e.rest.size) for e in shell.elements]
-        if factors is None:
-            factors = [np.ones(picked.size) for picked in chosen]
-        stencils = [e.stencils[picked] for e, picked in zip(shell.elements, chosen, strict=True)]
-        self.vertices = np.unique(np.concatenate([stencil.ravel() for stencil in stencils]))
-        local = np.zeros(len(shell.rest_positions), np.int64)
-        local[self.vertices] = np.arange(self.vertices.size)
-        self.elements: list[ElementSet] = [
-            replace(e, stencils=local[stencil], rest=e.rest[picked], weight=e.weight[picked] * factor)
-            for e, stencil, picked, factor in zip(shell.elements, stencils, chosen, factors, strict=True)
-        ]
+    def __init__(self, shell: Shell, vectors: Array, part: Part | None = None) -> None:
+        count = len(shell.rest_positions)
+        self.energy, self.vertices = part or Part(shell.elastic_energy, np.arange(count))
         self._rest = shell.rest_positions[self.vertices]
         rows = (3 * self.vertices[:, None] + np.arange(3)).ravel()
         self._vectors = np.ascontiguousarray(vectors[rows])
-        count = self.vertices.size
-        self._pattern, self._slots = build_pattern(count, [e.stencils for e in self.elements], np.arange(count))
+        unknowns = VertexUnknowns(np.zeros(self.vertices.size, dtype=bool))
+        self._pattern, self._slots = self.energy.pattern(unknowns)
 
     @property
     def size(self) -> int:
@@ -75,29 +53,27 @@ class ReducedEnergy:
 
     def value(self, z: Array) -> float:
         """Energy [J]; not finite at collapsed elements."""
-        return sums.energy(self.elements, self.positions(z))
+        return self.energy.energy(self.positions(z))
 
     def gradient(self, z: Array) -> tuple[float, Array]:
-        """Energy [J] and its gradient ``U^T grad E`` (r,)."""
-        total, gradient = sums.energy_gradient(self.elements, self.positions(z))
+        """Energy [J] and its gradient ``U^T grad W`` (r,)."""
+        total, gradient = self.energy.energy_gradient(self.positions(z))
         count_read(self._vectors.nbytes)
         return total, np.asarray(gradient.ravel() @ self._vectors)
 
     def hessian(
-        self, z: Array, geometric: int = EXACT, stresses: Sequence[Array] | None = None
+        self, z: Array, geometric: int = EXACT, stresses: list[Array] | None = None
     ) -> tuple[float, Array, Array]:
         """Energy, gradient (r,) and Hessian ``U^T K U`` (r, r); options as for a shell's Hessian."""
         x, pattern = self.positions(z), self._pattern
-        total, gradient, data = sums.energy_gradient_hessian(
-            self.elements, self._slots, pattern, x, geometric, stresses
-        )
+        total, gradient, data = self.energy.energy_gradient_hessian(self._slots, pattern, x, geometric, stresses)
         product = np.empty_like(self._vectors)
         multiply(pattern.indptr, pattern.indices, data, self._vectors, product)
-        reduced = self._vectors.T @ product
+        reduced = self._vectors.T @ product - pattern.internal_form(data, self._vectors)
         count_products((data.size + self._vectors.size) * self.size)
         return total, np.asarray(gradient.ravel() @ self._vectors), np.asarray(0.5 * (reduced + reduced.T))
 
     def predicted_stresses(self, z: Array, step: Array) -> list[Array]:
         """Stress of every element after ``step`` (r,) by the measures linearised at ``z`` (mixed Newton)."""
         x, moved = self.positions(z), (self._vectors @ step).reshape(-1, 3)
-        return sums.linear_stresses(self.elements, x, moved)
+        return self.energy.linear_stresses(x, moved)

@@ -23,19 +23,24 @@ def write_results(
     formats: Iterable[str],
     *,
     title: str = "",
+    rate: float | None = None,
     on_step: Progress | None = None,
 ) -> list[Path]:
-    """Write ``NAME.format`` into ``folder`` for each format, whole or not at all; return the paths."""
-    return [_write(run, folder / f"{name}.{kind}", title or name, on_step) for kind in dict.fromkeys(formats)]
+    """Write ``NAME.format`` into ``folder`` for each format, whole or not at all; return the paths.
+
+    A film shows ``rate`` stored frames a second, or plays at real speed without it.
+    """
+    return [_write(run, folder / f"{name}.{kind}", title or name, rate, on_step) for kind in dict.fromkeys(formats)]
 
 
-def _write(run: Trajectory, path: Path, title: str, on_step: Progress | None) -> Path:
+def _write(run: Trajectory, path: Path, title: str, rate: float | None, on_step: Progress | None) -> Path:
     if path.suffix == ".png":
         surface = ShadedSurface(run.positions[-1], run.faces, smooth=True)
         rest = ShadedSurface(run.rest_positions, run.faces, color="#999999", style="outline")
         return draw_views([View([surface, rest], title=title)], path)
     if path.suffix == ".mp4":
-        rate = 1.0 / float(run.times[1] - run.times[0]) if len(run.times) > 1 else _FILM_RATE
+        if rate is None:
+            rate = 1.0 / float(run.times[1] - run.times[0]) if len(run.times) > 1 else _FILM_RATE
         every = int(np.ceil(rate / _FILM_RATE - 1e-9))  # at real speed, with as many frames as a screen shows
         surface = ShadedSurface(run.positions[0], run.faces, smooth=True)
         return write_film(path, [surface], [run.positions[::every]], fps=rate / every, on_frame=on_step)

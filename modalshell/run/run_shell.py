@@ -21,6 +21,7 @@ from modalshell.run.results import write_results
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
+from modalshell.statics.buckling import ADVICE, buckles
 from modalshell.typing import Array, Progress
 
 _FAULT_BYTES = 64
@@ -83,9 +84,11 @@ class ShellRun(SceneRun[SceneResult]):
         scene = self._scene
         built = scene.build(self.shell)
         if scene.motion is None:
-            self._take(Trajectory.still(built.equilibrium(), self.shell, built.load(), scene.output.positions))
-            return 0
-        run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
+            run, resumed = Trajectory.still(built.equilibrium(), self.shell, built.loading(), scene.output.positions), 0
+        else:
+            run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
+        if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
+            run = run.with_remark(ADVICE)
         self._take(run)
         return resumed
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
 
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
-from modalshell.models.coarse_discrete_shell import CoarseMesh, drawn_to_supports
+from modalshell.models.coarse_shell import CoarseMesh, drawn_to_supports
 from modalshell.scene.parts import Shape, build_material
 from modalshell.scene.tables import MeshFile, PhysicalSheet, Stiffnesses
 from modalshell.shell import Shell
@@ -29,22 +30,29 @@ def scene_coarse_mesh(
     given: Any = table
     if not isinstance(table, Shape):
         raise OptionError("coarse meshes are made of shapes with cells: name a [mesh] shape in place of a file")
+    if not _uniform(material):
+        raise OptionError("coarse meshes take a material of single numbers: one a triangle says nothing of others")
     cells = cells or coarse_cells(given.cells, _COARSENINGS[0])
     mesh: TriangleMesh = drawn_to_supports(shell, msgspec.structs.replace(given, cells=cells).build())
-    own = build_material(material, mesh) if isinstance(material, PhysicalSheet) else None
+    own = build_material(material, mesh, Path()) if isinstance(material, PhysicalSheet) else None
     return CoarseMesh(mesh, f"{cells[0]}x{cells[1]}", own, cells)
 
 
 def scene_coarse_meshes(
     table: MeshFile | Shape, material: Stiffnesses | PhysicalSheet, shell: Shell
 ) -> list[CoarseMesh]:
-    """Coarser meshes of a shape, at most half as fine; none of a mesh from a file."""
-    if not isinstance(table, Shape):
+    """Coarser meshes of a shape, at most half as fine; none of a mesh from a file or a material of many numbers."""
+    if not isinstance(table, Shape) or not _uniform(material):
         return []
     given: Any = table
     sizes = dict.fromkeys(coarse_cells(given.cells, factor) for factor in _COARSENINGS)
     kept = [cells for cells in sizes if cells[0] * cells[1] <= 0.5 * given.cells[0] * given.cells[1]]
     return [scene_coarse_mesh(table, material, shell, cells) for cells in kept]
+
+
+def _uniform(material: Stiffnesses | PhysicalSheet) -> bool:
+    """Whether it is of single numbers."""
+    return all(isinstance(value, float | int) for value in material.plain().values())
 
 
 def coarse_cells(cells: tuple[int, int], factor: float) -> tuple[int, int]:

@@ -2,25 +2,38 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import abstractmethod
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from modalshell.checks import checked_times, checked_vectors
+from modalshell.checks import checked_times, checked_vectors, shortened, shown
 from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
-from modalshell.errors import OptionError
+from modalshell.errors import ModalShellWarning, OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
+from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
 from modalshell.motion import SupportPath
 from modalshell.provenance import repository_file
+from modalshell.reading import read_regular
 from modalshell.scene.signatures import Built, signature_table
-from modalshell.scene.tables import Constrained, Force, MeshFile, PhysicalSheet, Stiffnesses, Supports, Vector
+from modalshell.scene.tables import (
+    Constrained,
+    Force,
+    MeshFile,
+    PhysicalSheet,
+    Stiffnesses,
+    SupportList,
+    Supports,
+    Vector,
+)
 from modalshell.selection import selected
-from modalshell.shell import Material
+from modalshell.shell import Isotropic, Material
 from modalshell.typing import Array
 
 
@@ -43,21 +56,62 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     """The mesh; files are looked for in ``folder``, then among those that come with the package."""
     if isinstance(table, Shape):
         return table.build()
-    file = folder / table.file
-    if not file.exists() and table.file.startswith("meshes/"):
-        file = repository_file(table.file)
-    return chosen_part(load_mesh(file), table.component, table.join)
+    file = _found(table.file, folder)
+    if not table.repair:
+        return chosen_part(load_mesh(file), table.component, table.join)
+    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component)
+    if report.changed:
+        warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=2)
+    return mesh
 
 
-def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh) -> Material:
-    """The material on ``mesh``."""
+def _found(name: str, folder: Path) -> Path:
+    file = folder / name
+    return repository_file(name) if not file.exists() and name.startswith("meshes/") else file
+
+
+def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh, folder: Path) -> Material | Isotropic:
+    """The material on ``mesh``; files are looked for as those of meshes."""
     if isinstance(table, Stiffnesses):
         return Material(**table.plain())
-    return Material.from_physical(**table.plain(), mesh=mesh)
+    values = material_values(table, folder)
+    if not table.calibrated:
+        return Isotropic(**values).on(mesh)
+    for name, value in values.items():
+        if np.ndim(value):
+            raise OptionError(f"{name} must be one number where the material is calibrated: leave out calibrated")
+    return Material.from_physical(**values, mesh=mesh)
 
 
-def build_path(table: Supports) -> SupportPath | None:
+def material_values(table: PhysicalSheet, folder: Path) -> dict[str, Any]:
+    """Young's modulus, Poisson's ratio, thickness and density, each a number or (T,), files read."""
+    values = {name: getattr(table, name) for name in ("young", "poisson", "thickness", "density")}
+    for name, value in values.items():
+        if isinstance(value, str):
+            values[name] = _numbers(name, _found(value, folder))
+    return values
+
+
+def _numbers(name: str, file: Path) -> Array:
+    """Numbers (T,) of a ``.npy`` file, or of text with one a line."""
+    try:
+        data = read_regular(file)
+        if file.suffix == ".npy":
+            return np.asarray(np.lib.format.read_array(BytesIO(data), allow_pickle=False), dtype=np.float64)
+        return np.array([float(line) for line in data.decode("utf-8").split()])
+    except (OSError, ValueError, TypeError, EOFError) as error:
+        reason = getattr(error, "strerror", None) or shortened(str(error))
+        raise OptionError(
+            f"{name} must be a number, a number a triangle, or a readable file of these, .npy or text with a number a "
+            f"line (got {shown(str(file))}: {reason})"
+        ) from error
+
+
+def build_path(declared: Supports | SupportList) -> SupportPath | None:
     """The path of the supports; None if they rest."""
+    table = declared.path if isinstance(declared, SupportList) else declared
+    if table is None:
+        return None
     if table.times is None:
         for key in ("translations", "rotations", "pivot"):
             if getattr(table, key) is not None:
@@ -72,7 +126,7 @@ def build_path(table: Supports) -> SupportPath | None:
 
 def spread_force(table: Force, mesh: TriangleMesh) -> Array:
     """The force (n, 3) [N] on every vertex, by its share of the selected area."""
-    chosen = selected("where", table.where, mesh.vertices)
+    chosen = selected("where", table.where, mesh)
     share = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
     return share[:, None] / share.sum() * np.array(table.total)
 
@@ -83,7 +137,7 @@ def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Co
         raise OptionError("a constraint needs either vertices or nearest, and not both")
     if table.vertices is not None:
         vertices = [table.vertices] if isinstance(table.vertices, int) else table.vertices
-        patch = np.flatnonzero(selected("vertices", vertices, mesh.vertices))
+        patch = np.flatnonzero(selected("vertices", vertices, mesh))
     else:
         patch = np.array([np.argmin(np.linalg.norm(mesh.vertices - np.array(table.nearest), axis=1))])
     if table.relative and table.kind == "orientation":

@@ -17,7 +17,7 @@ Times = Annotated[list[float], Meta(min_length=2)]
 Selection = str | list[Vertex]
 """Vertices by an expression such as ``x < 0.026``, or by index."""
 
-Format = Literal["npz", "vtkhdf", "pvd", "mp4", "png"]
+Format = Literal["npz", "vtkhdf", "pvd", "clip", "usdc", "usda", "glb", "pc2", "mdd", "mp4", "png"]
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -36,6 +36,8 @@ class MeshFile(Table, frozen=True):
     """Part of a file in several: its number from 0 by falling area, "largest", or "all" though some are not held."""
     join: Annotated[float, Meta(gt=0)] | None = None
     """Distance [m] up to which vertices are merged, to join parts that touch."""
+    repair: bool = False
+    """Whether the mesh is mended first, as ``ms.repair`` does; what was done is a warning."""
 
 
 class Stiffnesses(Table, frozen=True):
@@ -50,16 +52,22 @@ class Stiffnesses(Table, frozen=True):
     density: Positive
 
 
-class PhysicalSheet(Table, frozen=True):
-    """``[material]`` by an isotropic sheet, calibrated on the mesh.
+Field = Positive | Annotated[list[Positive], Meta(min_length=1)] | Annotated[str, Meta(min_length=1)]
+"""One number, one a triangle, or a file of these: ``.npy``, or text with a number a line."""
+_Ratio = Annotated[float, Meta(gt=-1.0, le=0.5)]
 
-    ``young`` [Pa], ``poisson``, ``thickness`` [m], ``density`` per volume [kg/m^3].
+
+class PhysicalSheet(Table, frozen=True):
+    """``[material]`` by an isotropic sheet of shell theory, or ``calibrated`` stiffnesses of discrete shells.
+
+    ``young`` [Pa], ``poisson``, ``thickness`` [m], ``density`` per volume [kg/m^3]; files as those of ``[mesh]``.
     """
 
-    young: Positive
-    poisson: Annotated[float, Meta(gt=-1.0, le=0.5)]
-    thickness: Positive
-    density: Positive
+    young: Field
+    poisson: _Ratio | Annotated[list[_Ratio], Meta(min_length=1)] | Annotated[str, Meta(min_length=1)]
+    thickness: Field
+    density: Field
+    calibrated: bool = False
 
 
 class Supports(Table, frozen=True):
@@ -73,6 +81,31 @@ class Supports(Table, frozen=True):
     translations: Keyframes | None = None
     rotations: Keyframes | None = None
     pivot: Vector | None = None
+
+
+class Path(Table, frozen=True, tag_field="kind", tag="path"):
+    """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move."""
+
+    times: Times
+    translations: Keyframes | None = None
+    rotations: Keyframes | None = None
+    pivot: Vector | None = None
+
+
+class SupportList(Table, frozen=True):
+    """``[[supports]]``: a table for each support, by the kinds of :mod:`modalshell.supports`; one may be their path."""
+
+    entries: list[Any]
+
+    @property
+    def path(self) -> Path | None:
+        """The table of the path."""
+        return next((entry for entry in self.entries if isinstance(entry, Path)), None)
+
+    @property
+    def times(self) -> Times | None:
+        """Its times [s]."""
+        return None if self.path is None else self.path.times
 
 
 class Force(Table, frozen=True):
@@ -117,6 +150,24 @@ class MotionTable(Table, frozen=True):
     dt: Positive = 1.0 / 30.0
     damping: tuple[NotNegative, NotNegative] = (0.0, 0.0)
     store_every: Count = 1
+
+
+class PathTable(Table, frozen=True):
+    """``[path]``: how ``modalshell path`` follows the equilibria under the scene's load times a growing factor.
+
+    ``until`` and ``begin`` are load factors, ``control`` what steps are measured by, ``steps`` their number at least,
+    ``points`` the most of a path, ``branches`` the bifurcations whose other branch is followed. ``watch`` names the
+    vertices whose mean displacement along ``direction`` is told; the load's own without it.
+    """
+
+    until: float = 1.0
+    begin: float = 0.0
+    control: Literal["arc", "load", "displacement"] = "arc"
+    steps: Count = 20
+    points: Annotated[int, Meta(ge=2)] = 400
+    branches: Annotated[int, Meta(ge=0)] = 0
+    watch: Selection | None = None
+    direction: Vector | None = None
 
 
 class Output(Table, frozen=True):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,18 +12,35 @@ from numpy.typing import NDArray
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.extended import Extended
 from modalshell.shell.pattern import SparsePattern
+from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 
 GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
 """How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""
 
 
+@final
+class Part(NamedTuple):
+    """A weighted sum of some elements of an energy.
+
+    Attributes
+    ----------
+    energy : ElasticEnergy
+        The sum, on its own numbering of the vertices that it touches.
+    vertices : ndarray of int64, shape (k,)
+        Those vertices, as the whole energy numbers them.
+    """
+
+    energy: ElasticEnergy
+    vertices: Index
+
+
 class ElasticEnergy(ABC):
     """Elastic energy of the vertices' positions, with its derivatives; no input checks."""
 
     @abstractmethod
-    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
-        """Pattern of the Hessian with the vertices ``free`` to move, and the slots of the elements in it."""
+    def pattern(self, unknowns: Unknowns) -> tuple[SparsePattern, list[Index]]:
+        """Pattern of the Hessian with its part of the free ``unknowns``, and the slots of the elements in it."""
 
     @property
     def has_dashpots(self) -> bool:
@@ -29,8 +48,8 @@ class ElasticEnergy(ABC):
         return False
 
     def held_slopes(self) -> Index:
-        """Vertices about which the surface cannot turn, as the energy clamps an edge there."""
-        return np.empty(0, dtype=np.int64)
+        """Vertices (k, 2) of the edges about which the surface cannot turn, as the energy clamps or mirrors them."""
+        return np.empty((0, 2), dtype=np.int64)
 
     @abstractmethod
     def energy(self, x: Array) -> float:
@@ -60,6 +79,14 @@ class ElasticEnergy(ABC):
     @abstractmethod
     def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
         """Gradient (n, 3) [N] at ``rest + displacement``, both (n, 3) [m], in extended precision."""
+
+    @abstractmethod
+    def part(self, chosen: Sequence[Index], factors: Sequence[Array], internal: Array | None = None) -> Part:
+        """The ``chosen`` elements of each kind, times positive ``factors``.
+
+        ``internal`` (m, s) are fields of all internal unknowns, if the energy has any: the part is least over their
+        combinations alone.
+        """
 
     def shifted(self, origin: Array) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
         """The same energy of positions from which ``origin`` (3,) [m] has been taken."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from types import ModuleType
 from typing import Any, ClassVar, final
@@ -13,13 +13,17 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.errors import SupportError
 from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
-from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy
+from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy, Part
 from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.material import Material
+from modalshell.shell.mirrored_hinges import MirroredFlexure
 from modalshell.shell.pattern import SparsePattern, build_pattern
+from modalshell.shell.slopes import HeldSlopes
+from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 from modalshell.work import count_elements
 
@@ -32,8 +36,8 @@ class ElementSet:
     ----------
     name : str
         Name of the energy.
-    kernel : module
-        Generated kernel of the energy.
+    kernel : module or MirroredFlexure
+        Generated kernel of the energy, or what takes its place.
     stencils : ndarray of int64, shape (elements, vertices)
         Vertices of each element, in the kernel's order.
     rest : ndarray, shape (elements,)
@@ -45,14 +49,16 @@ class ElementSet:
     """
 
     name: str
-    kernel: ModuleType
+    kernel: ModuleType | MirroredFlexure
     stencils: Index
     rest: Array
     weight: Array
     viscosity: Array | None = None
 
     @classmethod
-    def at_rest(cls, name: str, kernel: ModuleType, mesh: TriangleMesh, stencils: Index, weight: Array) -> ElementSet:
+    def at_rest(
+        cls, name: str, kernel: ModuleType | MirroredFlexure, mesh: TriangleMesh, stencils: Index, weight: Array
+    ) -> ElementSet:
         """Elements of ``weight`` on ``stencils`` of a mesh, without stress where the mesh is at rest."""
         stencils = np.ascontiguousarray(stencils, dtype=np.int64)
         rest = np.empty(stencils.shape[0])
@@ -60,10 +66,12 @@ class ElementSet:
         return cls(name, kernel, stencils, rest, np.ascontiguousarray(weight))
 
     def __getstate__(self) -> dict[str, Any]:  # a module cannot be pickled, its name can
-        return self.__dict__ | {"kernel": self.kernel.__name__}
+        kernel = self.kernel
+        return self.__dict__ | {"kernel": kernel.__name__ if isinstance(kernel, ModuleType) else kernel}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, kernel=import_module(state["kernel"]))
+        kernel = state["kernel"]
+        self.__dict__.update(state, kernel=import_module(kernel) if isinstance(kernel, str) else kernel)
 
     def resistance(self, factor: float) -> Array:
         """Weight of all damping that follows the elements' rates: ``factor`` [s] times the stiffness, and dashpots."""
@@ -93,16 +101,43 @@ ENERGIES: dict[str, type[Energy]] = {}
 """Every further energy by its key."""
 
 
-def element_sets(mesh: TriangleMesh, material: Material, clamped: NDArray[np.bool_]) -> list[ElementSet]:
-    """Elements of a material's energies: stretch over triangles, shear over edges, flexure over hinges."""
+def element_sets(
+    mesh: TriangleMesh, material: Material, clamped: NDArray[np.bool_], slopes: HeldSlopes
+) -> list[ElementSet]:
+    """Elements of a material's energies: stretch over triangles, shear over edges, flexure over hinges.
+
+    Of edges in planes of symmetry half belongs to the mesh, and so does half of the hinge over such an edge.
+    Stiffnesses that are given edge by edge stay as they are.
+    """
     stretch_stiffness, shear_stiffness, flexure_stiffness = material.per_element(mesh)
     if material.correct_clamp:
         flexure_stiffness = flexure_stiffness * np.where(clamp_line_hinges(mesh, clamped), 2.0, 1.0)
+    if slopes.mirrored.size and np.ndim(material.shear) == 0:
+        shear_stiffness = shear_stiffness.copy()
+        shear_stiffness[slopes.mirrored] *= 0.5
     return [
         ElementSet.at_rest("stretch", stretch, mesh, mesh.faces, stretch_stiffness * (1.0 / mesh.face_areas)),
         ElementSet.at_rest("shear", shear, mesh, mesh.edges, shear_stiffness * (1.0 / mesh.edge_lengths)),
         ElementSet.at_rest("flexure", flexure, mesh, mesh.hinges, flexure_stiffness * hinge_weights(mesh)),
+        *_mirrored_sets(mesh, material, slopes),
     ]
+
+
+def _mirrored_sets(mesh: TriangleMesh, material: Material, slopes: HeldSlopes) -> list[ElementSet]:
+    """Halves of the hinges over edges in planes of symmetry, one set for each normal."""
+    if slopes.mirrored.size and np.ndim(material.flexure):
+        raise SupportError(
+            f"a plane of symmetry needs one flexure for all hinges, as those across it are not in the mesh (got "
+            f"{np.size(material.flexure)} values)"
+        )
+    sets = []
+    for reflection in np.unique(slopes.reflections(), axis=0):
+        edges = slopes.mirrored[(slopes.reflections() == reflection).all(axis=(1, 2))]
+        faces, ends = mesh.edge_faces[edges, 0], mesh.edges[edges]
+        stencils = np.column_stack([ends, mesh.faces[faces].sum(axis=1) - ends.sum(axis=1)])
+        weight = 0.5 * float(material.flexure) * 1.5 * mesh.edge_lengths[edges] ** 2 / mesh.face_areas[faces]
+        sets.append(ElementSet.at_rest("mirrored flexure", MirroredFlexure(reflection), mesh, stencils, weight))
+    return sets
 
 
 def _view(array: Array) -> Array:
@@ -188,9 +223,14 @@ class ElementSum(ElasticEnergy):
         """Whether elements are damped by dashpots of their own."""
         return any(e.viscosity is not None for e in self.elements)
 
-    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+    def pattern(self, unknowns: Unknowns) -> tuple[SparsePattern, list[Index]]:
         """Pattern of the Hessian, and the slots of the elements in it."""
-        return build_pattern(self._vertex_count, [e.stencils for e in self.elements], free)
+        return build_pattern(self._vertex_count, [e.stencils for e in self.elements], unknowns)
+
+    def held_slopes(self) -> Index:
+        """Vertices (k, 2) of the edges in planes of symmetry."""
+        mirrored = [e.stencils[:, :2] for e in self.elements if isinstance(e.kernel, MirroredFlexure)]
+        return np.concatenate([np.empty((0, 2), dtype=np.int64), *mirrored])
 
     def energy(self, x: Array) -> float:
         """Energy [J]."""
@@ -231,6 +271,26 @@ class ElementSum(ElasticEnergy):
             e.kernel.measures(rest, e.stencils, stored)
             add_forces(e.stencils, 2.0 * e.weight * (change + (stored - e.rest)), slope, total)
         return total
+
+    def part(self, chosen: Sequence[Index], factors: Sequence[Array], internal: Array | None = None) -> Part:  # noqa: ARG002 (it has none)
+        """Chosen elements of each set times factors."""
+        stencils = [e.stencils[picked].ravel() for e, picked in zip(self.elements, chosen, strict=True)]
+        vertices = np.unique(np.concatenate(stencils))
+        return Part(self.renumbered(chosen, factors, vertices), vertices)
+
+    def renumbered(self, chosen: Sequence[Index], factors: Sequence[Array], vertices: Index) -> ElementSum:
+        """Chosen elements of each set times factors, on a numbering of the sorted ``vertices``."""
+        elements = [
+            replace(
+                e,
+                stencils=np.ascontiguousarray(np.searchsorted(vertices, e.stencils[picked])),
+                rest=e.rest[picked],
+                weight=e.weight[picked] * factor,
+                viscosity=None if e.viscosity is None else e.viscosity[picked] * factor,
+            )
+            for e, picked, factor in zip(self.elements, chosen, factors, strict=True)
+        ]
+        return ElementSum(elements, vertices.size)
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""

@@ -8,7 +8,7 @@ measures are differences from those at rest, so that small displacements have sm
 
 from __future__ import annotations
 
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,7 @@ _SMALL = 1e-3
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 
-def measure_changes(
-    kernel: ModuleType, stencils: Index, rest: Array, displacement: Extended
-) -> tuple[Extended, Extended]:
+def measure_changes(kernel: Any, stencils: Index, rest: Array, displacement: Extended) -> tuple[Extended, Extended]:
     """Changes (elements,) of a generated kernel's measures from ``rest`` to ``rest + displacement``, and their slopes.
 
     A measure's change is the difference of its values; where that would cancel, its gradient integrated along the
@@ -53,7 +51,7 @@ def add_forces(stencils: Index, stress: Extended | Array, slope: Extended, total
     np.add.at(total, stencils[:, 0], -parts.sum(axis=1))
 
 
-def _integrated(kernel: ModuleType, edges: Extended, moved: Extended) -> Extended:
+def _integrated(kernel: Any, edges: Extended, moved: Extended) -> Extended:
     total = np.zeros(edges.shape[1], dtype=np.longdouble)
     slope = np.empty_like(edges)
     for node, weight in zip(_NODES, _WEIGHTS, strict=True):

@@ -6,10 +6,15 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.elastic_energy import ElasticEnergy
 from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.material import Material
+from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.smoothed_membrane import strain_of_lengths
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.typing import Array
 
 
@@ -43,6 +48,28 @@ class ShellFields:
     membrane_force: Array | None = None
     moment: Array | None = None
     von_mises: Array | None = None
+
+
+def fields_at(
+    mesh: TriangleMesh,
+    material: Material | Isotropic,
+    energy: ElasticEnergy,
+    slopes: HeldSlopes,
+    clamped: NDArray[np.bool_],
+    x: Array,
+) -> ShellFields:
+    """Fields of a shell of ``energy`` at positions ``x`` (n, 3); see :meth:`modalshell.Shell.fields`."""
+    sheet = material if isinstance(material, Isotropic) else Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
+    folds = energy if isinstance(energy, SplitFoldEnergy) else SplitFoldEnergy(mesh, sheet, slopes, [], clamped)
+    moment = moment_of_folds(mesh, folds.bending(x)[0])
+    membrane, rigidity, poisson = sheet.elasticity(mesh)
+    curvature = curvature_of_moment(rigidity, poisson, moment)
+    strain = membrane_strain(mesh, x)
+    density = energy.face_energies(mesh, x) / mesh.face_areas
+    if not isinstance(material, Isotropic):
+        return ShellFields(strain, curvature, density)
+    force = resultants(membrane, poisson, strain)
+    return ShellFields(strain, curvature, density, force, moment, von_mises(mesh, sheet, force, moment))
 
 
 def membrane_strain(mesh: TriangleMesh, x: Array) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 
 
@@ -57,9 +58,10 @@ class SparsePattern:
         Entries in a matrix row of each vertex.
     diagonal : ndarray of int64, shape (3n,)
         Where the diagonal entries stand.
-    free_indptr, free_indices, free_entries : ndarray
-        CSR structure of the part that belongs to the free unknowns, and to the internal ones after them, and where its
-        entries stand in the whole.
+    free_indptr, free_indices : ndarray of int32
+        CSR structure of the part that belongs to the free unknowns, and to the internal ones after them.
+    free_entries : ndarray of int64, or csr_array
+        Where its entries stand in the whole; or the matrix that gives them from those of the whole.
     internal : InternalUnknowns, optional
         Internal unknowns of the energy.
     """
@@ -70,7 +72,7 @@ class SparsePattern:
     diagonal: Index
     free_indptr: NDArray[np.int32]
     free_indices: NDArray[np.int32]
-    free_entries: Index
+    free_entries: Index | sps.csr_array
     internal: InternalUnknowns | None = None
 
     @property
@@ -98,6 +100,13 @@ class SparsePattern:
             return result
         coupling = self.coupling(data)
         return np.asarray(result - coupling.T @ self.internal.solve(coupling @ vectors) / scale)
+
+    def internal_form(self, data: Array, vectors: Array) -> Array:
+        """What internal unknowns at their minimum take (k, k) from the blocks' ``vectors^T H vectors``; (3n, k)."""
+        if self.internal is None or (scale := self._internal_scale(data)) == 0.0:
+            return np.zeros((vectors.shape[1], vectors.shape[1]))
+        coupled = self.coupling(data) @ vectors
+        return np.asarray(coupled.T @ self.internal.solve(coupled) / scale)
 
     def _internal_scale(self, data: Array) -> float:
         """The stiffness of the internal unknowns in ``data`` over their own; 0 where there is none."""
@@ -129,12 +138,13 @@ class SparsePattern:
 
     def free_matrix(self, data: Array) -> sps.csc_array:
         """Part of the free unknowns and of the internal ones; symmetric, so its CSR arrays are handed out as CSC."""
-        size = self.free_indptr.size - 1
-        return sps.csc_array((data[self.free_entries], self.free_indices, self.free_indptr), shape=(size, size))
+        size, entries = self.free_indptr.size - 1, self.free_entries
+        values = entries @ data if isinstance(entries, sps.csr_array) else data[entries]
+        return sps.csc_array((values, self.free_indices, self.free_indptr), shape=(size, size))
 
 
 def build_pattern(
-    vertex_count: int, stencils: Sequence[Index], free_vertices: Index, internal: InternalUnknowns | None = None
+    vertex_count: int, stencils: Sequence[Index], unknowns: Unknowns, internal: InternalUnknowns | None = None
 ) -> tuple[SparsePattern, list[Index]]:
     """Pattern that holds every pair of vertices in ``stencils``, and the slots of each stencil array.
 
@@ -144,8 +154,8 @@ def build_pattern(
         Number of vertices n.
     stencils : sequence of (elements, vertices) int arrays
         Vertices of each element; those outside the range 0 to n - 1 have no place in the matrix.
-    free_vertices : ndarray of int
-        Vertices that are not held.
+    unknowns : Unknowns
+        What is free to move.
     internal : InternalUnknowns, optional
         Internal unknowns, which come after the vertices' ones.
 
@@ -184,15 +194,22 @@ def build_pattern(
         slot = 9 * block_starts[row] + 3 * (position - block_starts[row])
         slots.append(np.ascontiguousarray(np.where(inside[:, :, None] & inside[:, None, :], slot, -1)))
 
-    free_unknowns = (3 * free_vertices[:, None] + np.arange(3)).ravel()
     numbers = sps.csr_array(
         (np.arange(1, indices.size + 1, dtype=np.int64), indices, indptr), shape=(3 * vertex_count, 3 * vertex_count)
     )
     if internal is not None:
         numbers = _bordered(numbers, internal)
-        free_unknowns = np.concatenate([free_unknowns, 3 * vertex_count + np.arange(internal.count)])
-    part = numbers[free_unknowns][:, free_unknowns].tocsr()
-    part.sort_indices()
+    extra = 0 if internal is None else internal.count
+    free_entries: Index | sps.csr_array
+    if unknowns.matrix is None:
+        free_unknowns = np.concatenate(
+            [unknowns.values(np.arange(3 * vertex_count)), 3 * vertex_count + np.arange(extra)]
+        )
+        part = numbers[free_unknowns][:, free_unknowns].tocsr()
+        part.sort_indices()
+        free_entries = part.data - 1
+    else:
+        part, free_entries = _mapped(numbers, unknowns.matrix, extra)
     pattern = SparsePattern(
         indptr=indptr,
         indices=indices,
@@ -200,10 +217,33 @@ def build_pattern(
         diagonal=np.flatnonzero(indices == np.repeat(np.arange(indptr.size - 1), np.diff(indptr))),
         free_indptr=part.indptr.astype(np.int32),
         free_indices=part.indices.astype(np.int32),
-        free_entries=part.data - 1,
+        free_entries=free_entries,
         internal=internal,
     )
     return pattern, slots
+
+
+def _mapped(numbers: sps.csr_array, matrix: sps.csr_array, extra: int) -> tuple[sps.csr_array, sps.csr_array]:
+    """Pattern of ``P^T K P``, P the matrix and an identity after it, and the matrix of its entries by those of K.
+
+    Entries of K are those of ``numbers``, counted from 1.
+    """
+    whole = sps.csr_array(sps.block_diag([matrix, sps.eye_array(extra)], format="csr") if extra else matrix)
+    size, starts, used = whole.shape[1], whole.indptr.astype(np.int64), np.diff(whole.indptr).astype(np.int64)
+    rows, columns = np.repeat(np.arange(whole.shape[0]), np.diff(numbers.indptr)), numbers.indices
+    # Each entry of K goes to every pair of the unknowns of its row and its column.
+    pairs = used[rows] * used[columns]
+    entry = np.repeat(np.arange(pairs.size), pairs)
+    place = np.arange(entry.size) - np.repeat(np.cumsum(pairs) - pairs, pairs)
+    first, second = np.divmod(place, used[columns][entry])
+    first, second = starts[rows[entry]] + first, starts[columns[entry]] + second
+    keys, slots = np.unique(whole.indices[first].astype(np.int64) * size + whole.indices[second], return_inverse=True)
+    weights = whole.data[first] * whole.data[second]
+    shape = (keys.size, int(numbers.data.max(initial=0)))
+    entries = sps.csr_array(sps.coo_array((weights, (slots, numbers.data[entry] - 1)), shape=shape))
+    row, column = np.divmod(keys, size)
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=size))])
+    return sps.csr_array((np.ones(keys.size), column, indptr), shape=(size, size)), entries
 
 
 def _bordered(numbers: sps.csr_array, internal: InternalUnknowns) -> sps.csr_array:

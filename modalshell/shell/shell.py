@@ -7,29 +7,27 @@ from collections.abc import Sequence
 
 import numpy as np
 import scipy.sparse as sps
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_vectors, shown
-from modalshell.errors import LoadError, OptionError
-from modalshell.loads import Load
+from modalshell.errors import OptionError, SupportError
+from modalshell.loads import Load, Loading
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
+from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.extended import Extended
-from modalshell.shell.fields import (
-    ShellFields,
-    curvature_of_moment,
-    membrane_strain,
-    moment_of_folds,
-    resultants,
-    von_mises,
-)
+from modalshell.shell.fields import ShellFields, fields_at
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
+from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
-from modalshell.shell.supports import held_vertices
+from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
+from modalshell.supports.base import checked_supports
+from modalshell.supports.held import held_vertices
+from modalshell.supports.reactions import shared_reactions
 from modalshell.typing import Array, Index
 
 _VERTEX_BYTES = 8_000
@@ -46,10 +44,12 @@ class Shell(ReadOnlyArrays):
     material : Material or Isotropic
         Stiffnesses of the discrete-shell energies; or an isotropic sheet, whose energy is that of split folds.
     clamped : array_like of bool, shape (n,), or of int, optional
-        Vertices that are held. To clamp an edge of a :class:`Material`'s shell hold two rows of vertices: with one row
-        the triangles next to it can hinge freely about the clamped edge; the span then begins at the second row, and
-        is shorter by the distance between them. An :class:`Isotropic` shell is clamped by
-        one row: at every edge with both ends held.
+        Vertices that are held, short for one :class:`Clamp`. To clamp an edge of a :class:`Material`'s shell hold two
+        rows of vertices: with one row the triangles next to it can hinge freely about the clamped edge; the span then
+        begins at the second row, and is shorter by the distance between them. An :class:`Isotropic` shell is clamped
+        by one row: at every edge with both ends held.
+    supports : sequence of Support, optional
+        Further supports, such as :class:`Pin`, :class:`Roller` or :class:`Symmetry`.
     energies : sequence of Energy, optional
         Further energies besides those of the material.
 
@@ -59,19 +59,24 @@ class Shell(ReadOnlyArrays):
         Vertex positions at rest [m].
     mass : ndarray, shape (n,)
         Lumped vertex masses [kg]: a third of each triangle's mass to each corner.
+    supports : tuple of Support
+        The supports, a :class:`Clamp` of ``clamped`` first.
+    unknowns : Unknowns
+        What they leave free, and the affine map from it to the vertices' positions.
     clamped : ndarray of bool, shape (n,)
-        Held vertices.
+        Vertices that cannot move.
     free : ndarray of int
-        Vertices that are not held.
-    free_unknowns : ndarray of int
-        Their unknowns in the flattened (3n,) vectors.
+        Vertices that can.
 
     Raises
     ------
     MaterialError
         If the material's arrays do not fit the mesh.
     SupportError
-        If ``clamped`` has the wrong shape, names no such vertex, or holds every vertex.
+        If ``clamped`` has the wrong shape, names no such vertex, or holds every vertex; or for ``supports`` that do
+        not fit the mesh or one another.
+    OptionError
+        For a support that selects no vertex.
     """
 
     def __init__(
@@ -79,6 +84,7 @@ class Shell(ReadOnlyArrays):
         mesh: TriangleMesh,
         material: Material | Isotropic,
         clamped: ArrayLike | None = None,
+        supports: Sequence[Support] = (),
         *,
         energies: Sequence[Energy] = (),
     ) -> None:
@@ -89,7 +95,10 @@ class Shell(ReadOnlyArrays):
         self.rest_positions: Array = np.asarray(mesh.vertices)
         count = len(mesh.vertices)
         demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
-        clamped = held_vertices(clamped, len(mesh.vertices))
+        clamp = held_vertices(clamped, count)
+        self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
+        unknowns = supported_unknowns(self.supports, mesh)
+        self._slopes = held_slopes(self.supports, mesh)
         self.energies = tuple(
             checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
             for energy in energies
@@ -97,43 +106,64 @@ class Shell(ReadOnlyArrays):
         further = [energy.elements(mesh) for energy in self.energies]
         self._energy: ElasticEnergy
         if isinstance(material, Isotropic):
-            self._energy = SplitFoldEnergy(mesh, material, clamped, further)
+            self._energy = SplitFoldEnergy(mesh, material, self._slopes, further, unknowns.held)
         else:
-            self._energy = ElementSum([*element_sets(mesh, material, clamped), *further], len(mesh.vertices))
-        self._hold(clamped)
+            self._energy = ElementSum(
+                [*element_sets(mesh, material, unknowns.held, self._slopes), *further], len(mesh.vertices)
+            )
+        self._support(unknowns)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = read_only(mesh.shared_among_corners(face_mass))
 
-    def _hold(self, clamped: NDArray[np.bool_]) -> None:
-        self.clamped = read_only(clamped)
-        self.free = read_only(np.flatnonzero(~clamped))
-        self.free_unknowns = read_only((3 * self.free[:, None] + np.arange(3)).ravel())
-        self.pattern, self._slots = self._energy.pattern(self.free)
+    def _support(self, unknowns: Unknowns) -> None:
+        self.unknowns = unknowns
+        self.clamped = unknowns.held
+        self.free = read_only(np.flatnonzero(~self.clamped))
+        self.pattern, self._slots = self._energy.pattern(unknowns)
+
+    @property
+    def free_unknowns(self) -> Index:
+        """Unknowns of the free vertices in flattened (3n,) vectors; SupportError where vertices are held in part."""
+        if isinstance(self.unknowns, VertexUnknowns):
+            return self.unknowns.indices
+        raise SupportError(
+            "this takes clamped and pinned vertices only (got supports that hold single components, or tie vertices): "
+            "use ms.Clamp or ms.Pin, or a model that takes the others, such as ms.DiscreteShell"
+        )
+
+    def require_clamps(self, name: str) -> None:
+        """SupportError if a support is anything but a clamp, which ``name`` does not take."""
+        for support in self.supports:
+            if not support.clamps:
+                raise SupportError(f"{name} takes clamped vertices only (got a support of kind {support.key!r})")
 
     @property
     def elements(self) -> list[ElementSet]:
         """Element sets of the discrete-shell energies, or of springs; OptionError for an :class:`Isotropic` shell."""
         if not isinstance(self._energy, ElementSum):
             raise OptionError(
-                "this needs a shell of the discrete-shell energies (got one of ms.Isotropic): build the shell with "
-                "ms.Material.from_physical(...) instead"
+                "this needs a shell of the discrete-shell energies (got one of ms.Isotropic): take "
+                "ms.Material.from_physical(...) in its place, in a scene calibrated = true"
             )
         return self._energy.elements
 
     def holding(self, vertices: ArrayLike) -> Shell:
         """The same shell, with the same energy of what can move, that holds ``vertices`` too (bool (n,) or indices)."""
         further = copy.copy(self)
-        held = self.clamped | held_vertices(vertices, len(self.clamped))
-        further._energy = self._energy.holding(held)
-        further._hold(held)
+        further.supports = (*self.supports, Pin(read_only(held_vertices(vertices, len(self.clamped)))))
+        unknowns = supported_unknowns(further.supports, self.mesh)
+        further._energy = self._energy.holding(unknowns.held)
+        further._support(unknowns)
         return further
 
     def with_elements(self, elements: list[ElementSet]) -> Shell:
         """The same vertices, masses and supports under other energies, such as those of springs."""
+        if self._slopes.mirrored.size:
+            raise SupportError("springs across hinges know no plane of symmetry: take a mesh of the whole surface")
         other = copy.copy(self)
         other.energies = ()
         other._energy = ElementSum(elements, len(self.rest_positions))
-        other._hold(self.clamped)
+        other._support(self.unknowns)
         return other
 
     @property
@@ -164,7 +194,7 @@ class Shell(ReadOnlyArrays):
         """Elastic energy [J] at ``positions`` (n, 3) [m]; LoadError where it is not finite."""
         x = self.checked_positions(positions)
         energy = self.raw_energy(x)
-        self._refuse_collapse("energy", energy, x)
+        refuse_collapse(self.mesh, "energy", energy, x)
         return energy
 
     def force(self, positions: ArrayLike) -> Array:
@@ -174,7 +204,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         gradient = self.energy_gradient(x)[1]
-        self._refuse_collapse("force", gradient, x)
+        refuse_collapse(self.mesh, "force", gradient, x)
         return -gradient
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
@@ -186,7 +216,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
         data = self.energy_gradient_hessian(x, EXACT)[2]
-        self._refuse_collapse("stiffness", data, x)
+        refuse_collapse(self.mesh, "stiffness", data, x)
         return self.pattern.condensed(data)
 
     def fields(self, positions: ArrayLike) -> ShellFields:
@@ -209,20 +239,8 @@ class Shell(ReadOnlyArrays):
         mesh = self.mesh
         sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
         flat = (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
-        self._refuse_collapse("curvature", np.where(flat, np.nan, 0.0), x)
-        material = self.material if isinstance(self.material, Isotropic) else Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
-        energy = self._energy
-        if not isinstance(energy, SplitFoldEnergy):
-            energy = SplitFoldEnergy(mesh, material, self.clamped, [])
-        moment = moment_of_folds(mesh, energy.bending(x)[0])
-        membrane, rigidity, poisson = material.elasticity(mesh)
-        curvature = curvature_of_moment(rigidity, poisson, moment)
-        strain = membrane_strain(mesh, x)
-        density = self._energy.face_energies(mesh, x) / mesh.face_areas
-        if not isinstance(self.material, Isotropic):
-            return ShellFields(strain, curvature, density)
-        force = resultants(membrane, poisson, strain)
-        return ShellFields(strain, curvature, density, force, moment, von_mises(mesh, material, force, moment))
+        refuse_collapse(self.mesh, "curvature", np.where(flat, np.nan, 0.0), x)
+        return fields_at(mesh, self.material, self._energy, self._slopes, self.clamped, x)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -231,16 +249,35 @@ class Shell(ReadOnlyArrays):
     def total_load(
         self, gravity: ArrayLike | None = None, force: ArrayLike | None = None, loads: Sequence[Load] | None = None
     ) -> Array:
-        """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
+        """Load (n, 3) [N] of the shape at rest, at time 0, or LoadError for a part of the wrong shape or not finite."""
+        return self.loading(gravity, force, loads).force(self.rest_positions)
+
+    def loading(
+        self, gravity: ArrayLike | None = None, force: ArrayLike | None = None, loads: Sequence[Load] | None = None
+    ) -> Loading:
+        """All loads together, those that change with the shell apart from the sum of the dead ones.
+
+        LoadError if a part is of the wrong shape or not finite.
+        """
         total = np.zeros_like(self.rest_positions)
         if gravity is not None:
             total += self.gravity_force(gravity)
         if force is not None:
             total += checked_vectors("force", force, total.shape)
+        live = []
         for load in loads or ():
             checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
-            total += checked_vectors(f"the force of {type(load).__name__}", load.force(self.mesh), total.shape)
-        return total
+            applied = load.applied(self.mesh, self.mass)
+            if applied is None:
+                part = load.force(self.mesh)
+            else:
+                part = applied.force(self.rest_positions)
+                if not applied.is_dead:
+                    live.append(applied)
+            part = checked_vectors(f"the force of {type(load).__name__}", part, total.shape)
+            if applied is None or applied.is_dead:
+                total += part
+        return Loading(self.rest_positions, total, live, self.clamped)
 
     def reactions(
         self,
@@ -250,7 +287,7 @@ class Shell(ReadOnlyArrays):
         force: ArrayLike | None = None,
         loads: Sequence[Load] | None = None,
     ) -> Array:
-        """Forces (n, 3) [N] of the supports on the clamped vertices at ``positions`` (n, 3) [m]; zero elsewhere.
+        """Forces (n, 3) [N] of the supports on their vertices at ``positions`` (n, 3) [m]; zero elsewhere.
 
         In equilibrium their sum is minus the load's. Where an edge is clamped on one row of vertices, its share of the
         force acts at both ends of the edge.
@@ -269,30 +306,48 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         gradient = self._energy.support_gradient(x)
-        self._refuse_collapse("force", gradient, x)
-        reactions = gradient - self.total_load(gravity, force, loads)
-        reactions[~self.clamped] = 0.0
+        refuse_collapse(self.mesh, "force", gradient, x)
+        out_of_balance = gradient - self.loading(gravity, force, loads).force(x)
+        reactions = np.zeros_like(out_of_balance)
+        reactions[self.unknowns.supported] = self.unknowns.resisted(out_of_balance[:, :, None])[:, :, 0]
         return reactions
+
+    def support_reactions(
+        self,
+        positions: ArrayLike,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
+    ) -> list[Array]:
+        """The :meth:`reactions` (n, 3) [N] of each of :attr:`supports`; their sum over the vertices is its resultant.
+
+        Where several supports hold a vertex along one direction they share the force evenly.
+
+        Parameters
+        ----------
+        positions, gravity, force, loads
+            As for :meth:`reactions`.
+
+        Raises
+        ------
+        LoadError
+            As for :meth:`reactions`.
+        """
+        return shared_reactions(
+            self.supports, self.mesh, self.reactions(positions, gravity=gravity, force=force, loads=loads)
+        )
 
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
         return checked_vectors("positions", positions, self.rest_positions.shape)
 
-    def _refuse_collapse(self, name: str, values: ArrayLike, x: Array) -> None:
-        if np.isfinite(values).all():
-            return
-        corners = x[self.mesh.faces]
-        sides = corners - np.roll(corners, 1, axis=1)
-        longest = np.max(np.sum(sides**2, axis=2), axis=1)
-        flatness = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.where(longest > 0.0, longest, 1.0)
-        worst = int(np.argmin(flatness))
-        raise LoadError(
-            f"the {name} is not finite at these positions; the flattest triangle is {worst}, vertices "
-            f"{self.mesh.faces[worst].tolist()} (counted from 0), twice its area {flatness[worst]:.1e} of its longest "
-            "side squared: move its corners apart"
-        )
-
     # Below: for solvers, on arrays that they own; no checks.
+
+    @property
+    def elastic_energy(self) -> ElasticEnergy:
+        """The elastic energy itself."""
+        return self._energy
 
     def raw_energy(self, x: Array) -> float:
         """Energy [J] without input checks; not finite at collapsed elements."""
@@ -316,7 +371,7 @@ class Shell(ReadOnlyArrays):
         return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
 
     def held_slopes(self) -> Index:
-        """Vertices of clamped edges, about which the surface cannot turn; none of a discrete shell."""
+        """Vertices (k, 2) of the edges about which the surface cannot turn; none of a discrete shell."""
         return self._energy.held_slopes()
 
     def predicted_stresses(self, x: Array, step: Array) -> list[Array]:

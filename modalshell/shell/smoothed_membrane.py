@@ -7,13 +7,14 @@ edges. Across a smooth edge the strains of both triangles are averaged by area,
           \bar E = \frac{A_T E_T + A_{T'} E_{T'}}{A_T + A_{T'}},
 
 each in the edge's own axes in its own plane, so that nothing depends on the fold. At free, clamped and sharply folded
-edges each triangle keeps its own strain, :math:`W_e = A_T E_T : C : E_T / 6`. The energy is :math:`s^T Q s / 2` with
-one constant matrix Q.
+edges each triangle keeps its own strain, :math:`W_e = A_T E_T : C : E_T / 6`; at smooth edges in a plane of symmetry
+less the shear, which its mirror image has with the other sign. The energy is :math:`s^T Q s / 2` with one constant
+matrix Q.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -55,9 +56,24 @@ class MembraneElements:
     matrices: Array
     faces: Index
 
+    def part(self, chosen: Index, factors: Array, vertices: Index) -> MembraneElements:
+        """Chosen elements times factors, on a numbering of the sorted ``vertices``; edges as they were."""
+        return replace(
+            self,
+            stencils=np.ascontiguousarray(np.searchsorted(vertices, self.stencils[chosen])),
+            edges=self.edges[chosen],
+            matrices=self.matrices[chosen] * factors[:, None, None],
+            faces=self.faces[chosen],
+        )
+
 
 def membrane_elements(
-    mesh: TriangleMesh, stiffness: Array, poisson: Array, clamped: NDArray[np.bool_], angles: Array
+    mesh: TriangleMesh,
+    stiffness: Array,
+    poisson: Array,
+    clamped: NDArray[np.bool_],
+    angles: Array,
+    mirrored: Index,
 ) -> list[MembraneElements]:
     """Elements of pairs of triangles over smooth edges, and of single triangles for their other edges.
 
@@ -71,6 +87,8 @@ def membrane_elements(
         Held vertices.
     angles : ndarray, shape (H,)
         Rest fold angles of the mesh's hinges [rad].
+    mirrored : ndarray of int64
+        Smooth boundary edges in planes of symmetry.
     """
     elastic = np.zeros((len(mesh.faces), 3, 3))
     elastic[:, 0, 0] = elastic[:, 1, 1] = stiffness
@@ -91,11 +109,22 @@ def membrane_elements(
     pairs = MembraneElements(np.ascontiguousarray(hinges), PAIR, numbers, _products(strain, mean), both)
 
     smoothed = np.zeros(len(mesh.faces))
-    np.add.at(smoothed, np.concatenate([left, right]), 1.0)
+    mirrored = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]
+    rim = mesh.edge_faces[mirrored, 0]
+    np.add.at(smoothed, np.concatenate([left, right, rim]), 1.0)
     own = np.flatnonzero(smoothed < 3.0)
     weight = ((3.0 - smoothed[own]) / 3.0 * mesh.face_areas[own])[:, None, None]
     faces = np.ascontiguousarray(mesh.faces[own])
     matrices = _products(_strain_of_lengths(mesh, faces, 1.0), weight * elastic[own])
+    if rim.size:
+        ends = mesh.edges[mirrored]
+        apex = mesh.faces[rim].sum(axis=1) - ends.sum(axis=1)
+        triangles = np.column_stack([ends, apex])
+        strain = _strain_of_lengths(mesh, triangles, 1.0)
+        strain[:, 2] = 0.0
+        products = _products(strain, mesh.face_areas[rim][:, None, None] / 3.0 * elastic[rim])
+        faces, own = np.ascontiguousarray(np.vstack([faces, triangles])), np.concatenate([own, rim])
+        matrices = np.concatenate([matrices, products])
     single = MembraneElements(faces, PAIR[:3], _numbers(mesh, faces, PAIR[:3]), matrices, own[:, None])
     return [pairs, single]
 

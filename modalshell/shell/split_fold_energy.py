@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 import copy
-import functools
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple, final
+from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
-import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from modalshell.errors import SolverError
 from modalshell.kernels import split_folds as kernels
 from modalshell.kernels.generated import flexure
 from modalshell.mesh import TriangleMesh
-from modalshell.sharing import PerThread
-from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy
+from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes
+from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
-from modalshell.shell.smoothed_membrane import membrane_elements, membrane_matrix
-from modalshell.shell.split_folds import SplitFolds, split_folds
+from modalshell.shell.slopes import HeldSlopes
+from modalshell.shell.smoothed_membrane import SHARP, membrane_elements, membrane_matrix
+from modalshell.shell.split_folds import split_folds
+from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 from modalshell.work import count_elements
 
@@ -38,35 +39,6 @@ class _State(NamedTuple):
     stretches: Array
 
 
-def _factorised(stiffness: sps.csc_matrix) -> Any:
-    options = {"SymmetricMode": True}
-    try:
-        return spla.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    except RuntimeError as error:
-        raise SolverError(
-            "the bending stiffness of the fold shares is singular to rounding: thicknesses or moduli of neighbouring "
-            f"triangles are too many decades apart, or overflow ({error})"
-        ) from error
-
-
-@final
-class _Shares:
-    """Constant matrices of the bending energy, and the fold shares' own one factorised."""
-
-    def __init__(self, folds: SplitFolds) -> None:
-        self.by_fold, self.coupling, self.stiffness = folds.matrices()
-        self.coupling_transposed = sps.csr_array(self.coupling.T)
-        self._factor = PerThread(functools.partial(_factorised, sps.csc_matrix(self.stiffness)))
-
-    def solve(self, right_side: Array) -> Array:
-        return np.asarray(self._factor().solve(right_side)) if right_side.size else right_side
-
-    def couples(self, folds: Array) -> Array:
-        """Derivatives (H,) of the bending energy by the fold angles, shares at their minimum [N m]."""
-        shares = self.solve(self.coupling @ folds)
-        return np.asarray(self.by_fold @ folds - self.coupling_transposed @ shares)
-
-
 @final
 class SplitFoldEnergy(ElasticEnergy):
     """Bending by split folds and smoothed membrane of an isotropic sheet.
@@ -77,50 +49,60 @@ class SplitFoldEnergy(ElasticEnergy):
         Rest shape.
     material : Isotropic
         The sheet.
-    clamped : ndarray of bool, shape (n,)
-        Held vertices: their edges are clamped.
+    slopes : HeldSlopes
+        Clamped edges, and edges in planes of symmetry.
     further : list of ElementSet
         Further energies, which are added.
-    held : ndarray of bool, shape (n,), optional
-        Vertices held by constraints besides: triangles of them do not bend, and are clamps of their neighbours, but
-        single rows of them leave the slope free.
+    held : ndarray of bool, shape (n,)
+        Vertices that cannot move: triangles of them do not bend, and are clamps of their neighbours, but single rows of
+        them leave the slope free.
+    halved : bool
+        Whether folds are halved between their triangles; see :func:`split_folds`.
     """
 
     def __init__(
         self,
         mesh: TriangleMesh,
         material: Isotropic,
-        clamped: NDArray[np.bool_],
+        slopes: HeldSlopes,
         further: list[ElementSet],
-        held: NDArray[np.bool_] | None = None,
+        held: NDArray[np.bool_],
+        *,
+        halved: bool = False,
     ) -> None:
-        self._parts = mesh, material, clamped, further
+        self._parts = mesh, material, slopes, further
+        self._held_vertices = held
         self._origin = np.zeros(3)
-        held = clamped if held is None else held
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
         self._held: NDArray[np.bool_] = np.asarray(held[mesh.faces].all(axis=1))
-        folds = self._folds = split_folds(mesh, rigidity, poisson, clamped, held, float(stiffness.mean()))
-        self._shares = _Shares(folds)
+        scale = float(stiffness.mean())
+        folds = self._folds = split_folds(mesh, rigidity, poisson, slopes, held, scale, halved=halved)
+        self._shares = FoldShares(folds)
         self._edges = np.ascontiguousarray(mesh.edges)
         self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
         angles = np.zeros(len(mesh.hinges))
         rest = np.asarray(mesh.vertices)
         kernels.fold_angles(rest, np.asarray(mesh.hinges), np.zeros_like(angles), angles, np.empty((angles.size, 9)))
-        self._membrane = membrane_elements(mesh, stiffness, poisson, held, angles)
-        self._tension = membrane_matrix(self._membrane, len(self._edges))
+        self._mirrors = MirroredHinges(folds.hinges, folds.reflections)
         state = self._measured(rest)
         self._rest_angles, self._rest_squares = state.folds, state.stretches
+        self._rest_angles[self._mirrors.places] *= 2.0
+        smooth = np.abs(self._rest_angles[self._mirrors.places]) <= SHARP
+        mirrored = self._mirrors.edges(mesh)[smooth]
+        self._membrane = membrane_elements(mesh, stiffness, poisson, held, angles, mirrored)
+        self._tension = membrane_matrix(self._membrane, len(self._edges))
 
     def _points(self, x: Array) -> Array:
-        return np.vstack([x, self._folds.ghosts])
+        return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))
 
     def _measured(self, x: Array) -> _State:
         points, hinges = self._points(x), self._folds.hinges
         count_elements(len(hinges) + len(self._edges))
         angles, slopes, stretches = np.empty(len(hinges)), np.empty((len(hinges), 9)), np.empty(len(self._edges))
         kernels.fold_angles(points, hinges, self._rest_angles, angles, slopes)
+        self._mirrors.halve(angles, slopes)
         kernels.half_squares(points, self._edges, self._rest_squares, stretches)
         return _State(points, angles, slopes, stretches)
 
@@ -150,13 +132,13 @@ class SplitFoldEnergy(ElasticEnergy):
         kernels.half_square_rates(state.points, moved, self._edges, stretches)
         return folds, stretches
 
-    def pattern(self, free: Index) -> tuple[SparsePattern, list[Index]]:
+    def pattern(self, unknowns: Unknowns) -> tuple[SparsePattern, list[Index]]:
         """Pattern of the Hessian, and the slots of the elements in it."""
         folds = self._folds
         stencils = [folds.triangles, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
         stencils += [e.stencils for e in self._further.elements]
         internal, share_slots = self._internal()
-        pattern, slots = build_pattern(self._vertex_count, stencils, free, internal)
+        pattern, slots = build_pattern(self._vertex_count, stencils, unknowns, internal)
         share_slots = np.where(share_slots >= 0, pattern.indices.size + 3 * share_slots, -1)
         return pattern, [*slots, np.ascontiguousarray(share_slots)]
 
@@ -166,9 +148,9 @@ class SplitFoldEnergy(ElasticEnergy):
         return self._further.has_dashpots
 
     def held_slopes(self) -> Index:
-        """Vertices of the edges that ghosts clamp."""
+        """Vertices (k, 2) of the edges that ghosts clamp or mirror."""
         hinges = self._folds.hinges
-        return np.unique(hinges[hinges[:, 3] >= self._vertex_count][:, :2])
+        return hinges[hinges[:, 3] >= self._vertex_count][:, :2]
 
     def _internal(self) -> tuple[InternalUnknowns, Index]:
         """The fold shares, and the place (B, 3, 6) of each triangle's vertices in their coupling (or -1)."""
@@ -197,6 +179,82 @@ class SplitFoldEnergy(ElasticEnergy):
         moments[~self._held] = np.einsum("tkl,tl->tk", folds.moments, gamma)
         energies[~self._held] = 0.5 * np.sum(gamma * moments[~self._held], axis=1)
         return moments, energies
+
+    def halved(self) -> SplitFoldEnergy:
+        """The same energy, each fold halved between its triangles: shares are small, but more positions coupled."""
+        other = SplitFoldEnergy(*self._parts, self._held_vertices, halved=True)
+        return other.shifted(self._origin)
+
+    def least_shares(self, x: Array) -> Array:
+        """Fold shares (m,) at the minimum."""
+        return -self._shares.solve(self._shares.coupling @ self._measured(x).folds)
+
+    def share_rates(self, x: Array, steps: Array) -> Array:
+        """Their rates (m, r) along ``steps`` (n, 3, r)."""
+        return -self._shares.solve(self._shares.coupling @ self._all_rates(self._measured(x), steps)[0])
+
+    def _all_rates(self, state: _State, steps: Array) -> tuple[Array, Array]:
+        rates = [self._rates(state, step) for step in np.moveaxis(steps, 2, 0)]
+        return np.stack([folds for folds, _ in rates], axis=1), np.stack([squares for _, squares in rates], axis=1)
+
+    @property
+    def further_elements(self) -> list[ElementSet]:
+        """The further sets."""
+        return self._further.elements
+
+    @property
+    def element_stencils(self) -> list[Index]:
+        """Vertices (or -1) of every element: triangles that bend, pairs and single ones that stretch, further sets."""
+        triangles = self._folds.triangles
+        bending = np.where(triangles < self._vertex_count, triangles, -1)
+        return [bending, *(e.stencils for e in self._membrane), *(e.stencils for e in self._further.elements)]
+
+    @property
+    def share_stiffness(self) -> sps.csr_array:
+        """Second derivatives (m, m) of the energy by the fold shares."""
+        return self._shares.stiffness
+
+    def element_forces(self, x: Array, chosen: Sequence[Index], steps: Array, shares: Array) -> list[Array]:
+        """Generalised forces (elements, r + s) of chosen elements along ``steps`` (n, 3, r) and ``shares`` (m, s).
+
+        Of triangles that bend, and of pairs and single triangles that stretch, with all shares at the minimum.
+        """
+        state, folds = self._measured(x), self._folds
+        fold_rates, square_rates = self._all_rates(state, steps)
+        least = np.append(self.least_shares(x), 0.0)
+        gamma = np.append(state.folds, 0.0)[folds.folds] + folds.shares * least[folds.share_index]
+        moments = np.einsum("tkl,tl->tk", folds.moments, gamma)[chosen[0]]
+        none = np.zeros((1, steps.shape[2])), np.zeros((1, shares.shape[1]))
+        along = np.vstack([fold_rates, none[0]])[folds.folds[chosen[0]]]
+        fields = np.vstack([shares, none[1]])[folds.share_index[chosen[0]]]
+        own = np.einsum("tk,tks->ts", moments * folds.shares[chosen[0]], fields)
+        forces = [np.hstack([np.einsum("tk,tkr->tr", moments, along), own])]
+        for e, picked in zip(self._membrane, chosen[1:], strict=True):
+            edges = e.edges[picked]
+            tensions = np.einsum("epq,eq->ep", e.matrices[picked], state.stretches[edges])
+            stretching = np.einsum("ep,epr->er", tensions, square_rates[edges])
+            forces.append(np.hstack([stretching, np.zeros((len(picked), shares.shape[1]))]))
+        return forces
+
+    def part(self, chosen: Sequence[Index], factors: Sequence[Array], internal: Array | None = None) -> Part:
+        """Chosen triangles that bend, pairs and single ones that stretch, and elements of further sets."""
+        stencils = [stencil[picked].ravel() for stencil, picked in zip(self.element_stencils, chosen, strict=True)]
+        vertices = np.unique(np.concatenate(stencils))
+        vertices = vertices[vertices >= 0]
+        other = copy.copy(self)
+        other._vertex_count = vertices.size
+        other._folds, hinges, shares = self._folds.part(chosen[0], factors[0], vertices, self._vertex_count)
+        other._mirrors = MirroredHinges(other._folds.hinges, other._folds.reflections)
+        other._shares = FoldShares(other._folds, None if internal is None else internal[shares])
+        kinds = zip(self._membrane, chosen[1:3], factors[1:3], strict=True)
+        own = [e.part(picked, factor, vertices) for e, picked, factor in kinds]
+        edges = np.unique(np.concatenate([e.edges.ravel() for e in own]))
+        other._membrane = [replace(e, edges=np.searchsorted(edges, e.edges)) for e in own]
+        other._edges = np.ascontiguousarray(np.searchsorted(vertices, self._edges[edges]))
+        other._tension = membrane_matrix(other._membrane, edges.size)
+        other._rest_angles, other._rest_squares = self._rest_angles[hinges], self._rest_squares[edges]
+        other._further = self._further.renumbered(chosen[3:], factors[3:], vertices)
+        return Part(other, vertices)
 
     def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
         """Energy of every triangle (T,) [J]; that of membrane elements is shared by their triangles by area."""
@@ -246,6 +304,8 @@ class SplitFoldEnergy(ElasticEnergy):
             projected = geometric == PROJECTED
             strides = pattern.strides
             hinges = self._folds.hinges
+            self._mirrors.add_curvatures(state.points, couples, projected, slots[1], strides, data)
+            couples = self._mirrors.without(couples)
             kernels.add_fold_curvatures(state.points, hinges, couples, projected, slots[1], strides, data)
             kernels.add_edge_curvatures(self._edges, tensions, projected, slots[2], strides, data)
         return total, gradient, data
@@ -266,9 +326,10 @@ class SplitFoldEnergy(ElasticEnergy):
         """Gradient (n, 3) [N] in extended precision: of the measures, as the constant matrices do not cancel."""
         still = self._measured(rest)
         ghosts = np.zeros((len(self._folds.ghosts), 3), dtype=np.longdouble)
-        moved: Extended = np.concatenate([displacement, ghosts])
+        moved: Extended = self._mirrors.placed(np.concatenate([displacement, ghosts]))
         hinges = self._folds.hinges
         change, slope = measure_changes(flexure, hinges, still.points, moved)
+        self._mirrors.halve(change, slope.T)
         total = np.zeros(moved.shape, dtype=np.longdouble)
         add_forces(hinges, self._shares.couples(still.folds + change.astype(np.float64)), slope, total)
         first, second = self._edges.T
@@ -279,7 +340,7 @@ class SplitFoldEnergy(ElasticEnergy):
         np.add.at(total, first, -forces)
         return total[: len(rest)] + self._further.extended_gradient(rest, displacement)
 
-    def shifted(self, origin: Array) -> ElasticEnergy:
+    def shifted(self, origin: Array) -> SplitFoldEnergy:
         """The same energy with its ghosts moved as the positions are."""
         other = copy.copy(self)
         other._origin = self._origin + origin

@@ -16,12 +16,13 @@ positions are coupled across every other triangle only and factors stay sparse.
 
 Edges: a free edge has no moment, so its fold is condensed out of K_T. At a clamped edge the whole fold belongs to the
 one free triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the
-triangle's rest plane. One held row of vertices therefore clamps.
+triangle's rest plane. One held row of vertices therefore clamps. At an edge in a plane of symmetry half of the fold
+belongs to the one triangle, against the mirror image of its opposite vertex, which moves with that vertex.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 
 from modalshell.kernels.split_folds import colour_triangles
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.slopes import HeldSlopes
 from modalshell.typing import Array, Index
 
 
@@ -42,6 +44,8 @@ class SplitFolds:
     ----------
     ghosts : ndarray, shape (g, 3)
         Positions of the ghost vertices [m]; they follow the n vertices of the mesh in every stencil.
+    reflections : ndarray, shape (s, 3, 3)
+        Reflections that make the last s ghosts, and the last s hinges, of the vertices across their edges.
     hinges : ndarray of int64, shape (H, 4)
         Hinges that carry energy, in the order of the flexure kernel.
     triangles : ndarray of int64, shape (B, 6)
@@ -61,6 +65,7 @@ class SplitFolds:
     """
 
     ghosts: Array
+    reflections: Array
     hinges: Index
     triangles: Index
     folds: Index
@@ -90,14 +95,43 @@ class SplitFolds:
             sps.csr_array(by_share.T @ blocks @ by_share),
         )
 
+    def part(self, chosen: Index, factors: Array, vertices: Index, count: int) -> tuple[SplitFolds, Index, Index]:
+        """Chosen triangles times factors, on a numbering of the sorted ``vertices`` out of ``count``.
+
+        Ghosts follow these again. Also the hinges and the shares that the part has.
+        """
+        folds, share_index, triangles = self.folds[chosen], self.share_index[chosen], self.triangles[chosen]
+        hinges, shares = (np.unique(numbers[numbers >= 0]) for numbers in (folds, share_index))
+
+        def local(numbers: Index) -> Index:
+            real = np.searchsorted(vertices, numbers)
+            return np.ascontiguousarray(np.where(numbers < count, real, numbers - count + vertices.size))
+
+        mirrored = hinges - (len(self.hinges) - len(self.reflections))
+        part = replace(
+            self,
+            reflections=self.reflections[mirrored[mirrored >= 0]],
+            hinges=local(self.hinges[hinges]),
+            triangles=np.where(triangles >= 0, local(triangles), -1),
+            folds=np.where(folds >= 0, np.searchsorted(hinges, folds), -1),
+            places=self.places[chosen],
+            shares=self.shares[chosen],
+            share_index=np.where(share_index >= 0, np.searchsorted(shares, share_index), -1),
+            moments=self.moments[chosen] * factors[:, None, None],
+            share_count=int(shares.size),
+        )
+        return part, hinges, shares
+
 
 def split_folds(
     mesh: TriangleMesh,
     rigidity: Array,
     poisson: Array,
-    clamped: NDArray[np.bool_],
+    slopes: HeldSlopes,
     held_vertices: NDArray[np.bool_],
     scale: float,
+    *,
+    halved: bool = False,
 ) -> SplitFolds:
     """Split folds of a mesh.
 
@@ -107,12 +141,15 @@ def split_folds(
         Rest shape.
     rigidity, poisson : ndarray, shape (T,)
         Bending stiffness D [N m] and Poisson's ratio of every triangle.
-    clamped : ndarray of bool, shape (n,)
-        Vertices held by supports; an edge is clamped where both ends are.
+    slopes : HeldSlopes
+        Clamped and mirrored edges.
     held_vertices : ndarray of bool, shape (n,)
         All held vertices; triangles of them do not bend.
     scale : float
         Diagonal entry that the shares' stiffness is scaled to [N/m], near those of the positions.
+    halved : bool
+        Whether each fold counts by half in both of its triangles, and the shares are what one has more and the other
+        less than that. The energy is the same, but every triangle couples all the vertices around it.
     """
     faces = mesh.faces
     held: NDArray[np.bool_] = np.asarray(held_vertices[faces].all(axis=1))
@@ -123,9 +160,12 @@ def split_folds(
     sides = mesh.edge_faces[edges]
     left = sides[:, :, 0] == bending[:, None]
     across = np.where(left, sides[:, :, 1], sides[:, :, 0])
-    held_edge = clamped[mesh.edges[edges]].all(axis=2)
+    held_edge = slopes.clamped[mesh.edges[edges]].all(axis=2)
     against_held = (across >= 0) & held[across]
-    ghost = held_edge & ~against_held
+    plane = np.full(len(mesh.edges), -1)
+    plane[slopes.mirrored] = np.arange(slopes.mirrored.size)
+    mirrored = plane[edges] >= 0
+    ghost = (held_edge & ~against_held) | mirrored
     free = (across < 0) & ~ghost
     split = ~free & ~ghost & ~against_held
     whole = _takes_fold(held, bending, np.where(split, across, -1), left)
@@ -137,13 +177,14 @@ def split_folds(
     hinge_of_edge[mesh.hinge_edges] = np.arange(len(mesh.hinges))
     real = mesh.hinges[hinge_of_edge[used]]
 
-    triangle, k = np.nonzero(ghost)
+    triangle, k = np.hstack([np.nonzero(ghost & ~mirrored), np.nonzero(mirrored)])
     first, second, apex = (corners[triangle, (k + shift) % 3] for shift in (1, 2, 0))
     ghosts = _mirror_images(mesh.vertices, first, second, apex)
+    reflections = slopes.reflections()[plane[edges][mirrored]]
     ghost_index = len(mesh.vertices) + np.arange(triangle.size)
     hinges = np.vstack([real, np.column_stack([first, second, apex, ghost_index])]).astype(np.int64)
 
-    folds = np.where((split & whole) | against_held, number[edges], -1)
+    folds = np.where((split & (whole | halved)) | against_held, number[edges], -1)
     folds[triangle, k] = used.size + np.arange(triangle.size)
     places, opposite = _places(hinges, folds, left | ghost)
     share_number = np.full(len(mesh.edges), -1)
@@ -155,9 +196,16 @@ def split_folds(
     diagonal = np.zeros(shared.size)
     np.add.at(diagonal, share_index[split], np.einsum("tkk->tk", moments)[split])
     shares = np.zeros(split.shape)
-    shares[split] = np.where(whole, -1.0, 1.0)[split] * np.sqrt(scale / diagonal[share_index[split]])
+    shares[split] = np.where(left if halved else ~whole, 1.0, -1.0)[split] * np.sqrt(
+        scale / diagonal[share_index[split]]
+    )
+    if halved:
+        weight = np.where(split, 0.5, 1.0)
+        shares /= weight
+        moments = weight[:, :, None] * moments * weight[:, None, :]
     return SplitFolds(
         ghosts=ghosts,
+        reflections=reflections,
         hinges=np.ascontiguousarray(hinges),
         triangles=np.ascontiguousarray(np.hstack([corners, opposite])),
         folds=np.ascontiguousarray(folds),

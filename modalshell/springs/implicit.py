@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors
 from modalshell.kernels import spring_blocks as kernels
-from modalshell.shell.supports import held_vertices
 from modalshell.springs.partition import rank_block
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import ThreadChoice
+from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
 
 TASKS = ("force", "matrix update", "acceleration", "velocity", "position")

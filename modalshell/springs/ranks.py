@@ -30,11 +30,11 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.kernels import rank_blocks, spring_blocks
-from modalshell.shell.supports import held_vertices
 from modalshell.springs.implicit import TASKS, ImplicitStep
 from modalshell.springs.partition import rank_block
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import limited_to
+from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
 
 

@@ -35,6 +35,9 @@ class Factored(Protocol):
     def is_definite(self) -> bool:
         """Whether the matrix is positive definite."""
 
+    def negative_eigenvalues(self) -> int:
+        """Number of negative eigenvalues; SolverError where the factors do not show it."""
+
 
 @dataclass
 class NewtonResult:
@@ -102,6 +105,28 @@ class Problem(ABC, Generic[Matrix]):
     def push(self) -> Array:
         """Load (N,) on the free unknowns."""
         return self.load
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether the load leaves the Hessian alone."""
+        return True
+
+    @property
+    def weights(self) -> Array:
+        """Weight (N,) of each free unknown in the squared length of a step."""
+        return np.ones(self.push.size)
+
+    def push_at(self, x: Array) -> Array:  # noqa: ARG002 (of loads whose work is not linear in x)
+        """Load (N,) on the free unknowns at ``x``: what a growing load adds to minus the gradient."""
+        return self.push
+
+    def difference(self, x: Array, y: Array) -> Array:
+        """``x - y`` on the free unknowns (N,)."""
+        return (x - y).ravel()
+
+    @abstractmethod
+    def critical_mode(self, hessian: Matrix) -> tuple[float, Array]:
+        """Eigenvalue of a Hessian nearest to zero, over :attr:`weights`, and its direction (N,)."""
 
     @abstractmethod
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, Matrix]:

@@ -24,11 +24,12 @@ def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResu
     if result.residual <= ACCEPTED or not (result.converged and result.stable) or result.factor is None:
         return result
     shell = problem.shell
-    free = shell.free_unknowns
+    unknowns = shell.unknowns
     moved = result.point.astype(np.longdouble) - shell.rest_positions
     best, residual = moved, np.inf
     for iteration in range(_LIMIT + 1):
-        gradient = (shell.extended_gradient(moved) - problem.load).ravel()[free]
+        force = problem.force((shell.rest_positions + moved).astype(np.float64))
+        gradient = unknowns.restrict((shell.extended_gradient(moved) - force).ravel())
         # Both in double precision and scaled: squares of the smallest loads would underflow.
         out = (gradient / scale).astype(np.float64)
         size = float(np.linalg.norm(out))
@@ -37,8 +38,8 @@ def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResu
         best, residual = moved, size
         if size <= 0.01 * ACCEPTED or iteration == _LIMIT:
             break
-        moved = moved.copy()
-        moved.reshape(-1)[free] += problem.step(result.factor, out) * np.longdouble(scale)
+        step = problem.step(result.factor, out) * np.longdouble(scale)
+        moved = moved + unknowns.prolong(step).reshape(-1, 3)
     limited = not residual <= ACCEPTED
     return replace(
         result,

@@ -13,7 +13,7 @@ from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.path import find_jump
 from modalshell.compare.runs import static_answers, turn_at
-from modalshell.models.coarse_discrete_shell import drawn_to_supports
+from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
@@ -241,6 +241,31 @@ def test_rungs_that_a_case_does_not_allow_are_named():
     assert set(left_out) == {"coarse DS", "more modes"}
     assert found[0].label == "rigid"
     assert found[-1].label == "DS"
+
+
+def test_the_truth_of_a_physical_scene_is_shell_theory(scene_file):
+    """And where it is calibrated, discrete shells; springs say why they are left out."""
+    old = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2"
+    sheet = "young = 1e6\npoisson = 0.3\nthickness = 0.01\ndensity = 20.0"
+    found = ms.tradeoff(scene_file((old, sheet), FLAT, WEAK, STILL), modes=(4,), loads=(1.0,))
+    case = found.case
+    assert isinstance(case.shell.material, ms.Isotropic)
+    np.testing.assert_allclose(
+        found.path.answers[0].positions, ms.DiscreteShell(case.shell).equilibrium(force=case.load).positions, atol=1e-9
+    )
+    assert {"LMA 4", "MWTS 4", "RSW 4", "MD-ROM 4", "DS"} <= {row.label for row in found.rows}
+    assert "discrete-shell energies (got one of ms.Isotropic)" in found.left_out["springs"]
+    assert "DS stands for shell theory" in found.table()
+    assert "DS stands for shell theory" in choose(found, 0.1, 1.0).explanation
+    changes = ((old, f"{sheet}\ncalibrated = true"), FLAT, WEAK, STILL)
+    with pytest.warns(ms.ModalShellWarning, match="calibration"):
+        calibrated = ms.tradeoff(scene_file(*changes), modes=(4,), loads=(1.0,))
+    assert isinstance(calibrated.case.shell.material, ms.Material)
+    assert "shell theory" not in calibrated.table()
+    apart = ms.measure.displacement_error(
+        calibrated.path.answers[0].positions, found.path.answers[0].positions, case.shell
+    )
+    assert 0.001 < apart < 0.5
 
 
 def test_modes_are_charged_to_every_rung_that_uses_them():

@@ -25,7 +25,7 @@ from modalshell import cli
 from modalshell.atomic_io import write_text
 
 BAD_MESHES = Path(__file__).resolve().parents[1] / "data" / "bad"
-QUICK = ("simulate", "modes", "run", "view", "sweep", "reproduce", "bench", "tradeoff", "advise", "doctor")
+QUICK = ("simulate", "modes", "repair", "run", "view", "sweep", "reproduce", "bench", "tradeoff", "advise", "doctor")
 """Commands that may be given what they accept: what takes minutes in them is left out here."""
 
 _WORDS = (
@@ -249,7 +249,7 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
         name = draw(st.sampled_from([*table, *table, "simulate", "modes", "run", "fly", "", "--version", "--help"]))
         argv = [name] if name else []
         file = draw(st.sampled_from([*meshes, *meshes, *scenes, *scenes, *files, "no_such.obj", *_WORDS]))
-        wanted = meshes if name in ("simulate", "modes") else sweeps if name == "sweep" else scenes
+        wanted = meshes if name in ("simulate", "modes", "repair") else sweeps if name == "sweep" else scenes
         if draw(st.integers(0, 2)) and name in QUICK:
             file = draw(st.sampled_from(wanted))
         attached = name == "view" and draw(st.booleans())

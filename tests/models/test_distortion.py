@@ -1,5 +1,7 @@
 """Modal models say where a state is beyond what they can describe, all by the same criteria."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,42 @@ def test_linear_modes_that_inflate_the_surface_are_distorted(basis):
     assert run.outcome is ms.Outcome.DISTORTED
     assert "stretched or folded over" in run.message
     answer = ms.LinearModal(basis).equilibrium(gravity=(0, 0, -80.0))
+    assert answer.outcome is ms.Outcome.DISTORTED
+    assert answer.converged  # its equations are solved
+    assert not answer.outcome.succeeded
     assert "surface area" in answer.message
+
+
+@pytest.fixture(scope="module")
+def models(basis):
+    """Every modal rung."""
+    full = ms.RotationStrain(basis)
+    trained = ms.ReducedRotationStrain.trained(full, [(0, 0, -1.0), (0, 0, -3.0)], rank=6)
+    derivatives = ms.ModalDerivatives(basis.shell, 4)
+    return [ms.LinearModal(basis), ms.ModalWarping(basis), full, trained, derivatives]
+
+
+def crumpled_state(model):
+    """A state at rest whose coordinates are far beyond all loads."""
+    state = model.start_motion()
+    state.coordinates[:] = 100.0 * model.shell.size * np.sqrt(model.shell.mass.sum())
+    return state
+
+
+def test_every_modal_model_names_crumpled_motion(models):
+    for model in models:
+        assert model.fault(model.start_motion()) is None
+        assert model.fault(crumpled_state(model)) in (ms.Outcome.WOUND_UP, ms.Outcome.DISTORTED), model.name
+
+
+def test_every_modal_model_judges_its_answers_by_the_same_rule(models, monkeypatch):
+    load = {"gravity": (0.0, 0.0, -10.0)}
+    assert all(model.equilibrium(**load).outcome is ms.Outcome.CONVERGED for model in models)
+    monkeypatch.setattr(sys.modules["modalshell.models.distortion"], "_AREA", 1.0 + 1e-9)
+    for model in models:
+        answer = model.equilibrium(**load)
+        assert answer.outcome is ms.Outcome.DISTORTED, model.name
+        assert answer.message.startswith("beyond what the model can describe: the surface area is")
 
 
 @pytest.mark.parametrize("model", [ms.LinearModal, ms.ModalWarping, ms.RotationStrain])
@@ -47,6 +84,9 @@ def test_distortion_sees_stretch_collapse_and_folds():
     assert distortion(bent, mesh) == ""
     assert "area is 2.2" in distortion(rest * [1.5, 1.5, 1.0], mesh)
     assert "area is 0.25" in distortion(rest * [0.5, 0.5, 1.0], mesh)
+    locally = rest.copy()
+    locally[:, 0] = np.where(rest[:, 0] > 0.8, rest[:, 0] + 1.5 * (rest[:, 0] - 0.8), rest[:, 0])
+    assert "doubled or halved on 20 % of the surface" in distortion(locally, mesh)
     crumpled = rest.copy()
-    crumpled[:, 0] += np.where(np.round(rest[:, 0] * 20.0) % 2 == 0, 0.06, 0.0)
+    crumpled[:, 0] = np.abs((rest[:, 0] + 0.1) % 0.2 - 0.1)  # a zigzag of leaves 0.1 m long
     assert "fold over" in distortion(crumpled, mesh)

@@ -82,7 +82,7 @@ def test_linear_statics_with_all_modes_is_the_full_solve(coarse):
     u = (answer.positions - shell.rest_positions).ravel()
     np.testing.assert_allclose(u, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
     assert answer.converged
-    assert answer.status == "converged"
+    assert answer.status == "distorted"  # by forces of a newton on every vertex
 
 
 def test_linear_statics_converges_to_the_full_solve_with_the_modes(v_shell):

@@ -9,6 +9,7 @@ from modalshell.models import Damping
 from modalshell.reduction.derivatives import modal_derivatives, orthonormal_extension
 from modalshell.reduction.reduced_energy import ReducedEnergy
 from modalshell.shell import GAUSS_NEWTON, MIXED
+from modalshell.shell.elements import ElementSum
 
 
 def strip(thickness=1e-2, cells=(40, 8)):
@@ -18,6 +19,13 @@ def strip(thickness=1e-2, cells=(40, 8)):
     clamped = mesh.vertices[:, 0] < 1.5 / cells[0]
     length = 1.0 - mesh.vertices[clamped, 0].max()
     return ms.Shell(mesh, material, clamped), 1e9 * thickness**2 / 12.0 / (1000.0 * length**3)
+
+
+def theory_strip(cells=(40, 8), poisson=0.0, family="delaunay"):
+    """The same of shell theory."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=cells, family=family)
+    material = ms.Isotropic(young=1e9, poisson=poisson, thickness=1e-2, density=1000.0)
+    return ms.Shell(mesh, material, mesh.vertices[:, 0] < 1e-9), 1e9 * 1e-4 / (12.0 * (1.0 - poisson**2) * 1000.0)
 
 
 def twisting(shell, gravity):
@@ -37,18 +45,22 @@ def flat():
     return ms.ModalDerivatives(shell), unit
 
 
-@pytest.fixture(scope="module")
-def sparse():
-    shell, unit = strip(cells=(30, 6))
+@pytest.fixture(scope="module", params=["discrete shell", "shell theory"])
+def sparse(request):
+    shell, unit = (
+        strip(cells=(30, 6)) if request.param == "discrete shell" else theory_strip((30, 6), 0.3, "alternating")
+    )
     return ms.ModalDerivatives(shell, 5, cubature=True), ms.ModalDerivatives(shell, 5), unit
 
 
-@pytest.fixture(scope="module")
-def curved():
+@pytest.fixture(scope="module", params=["discrete shell", "shell theory"])
+def curved(request):
     """A shell with curvature at rest, where modes bend and stretch at once."""
     mesh = ms.cylinder_panel(cells=(10, 8))
-    shell = ms.Shell(mesh, ms.Material(200.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < mesh.vertices[:, 0].min() + 0.16)
-    return ms.ModalDerivatives(shell, 4)
+    material = ms.Material(200.0, 20.0, 0.05, 0.2)
+    if request.param == "shell theory":
+        material = ms.Isotropic(young=50000.0, poisson=0.3, thickness=0.05, density=4.0)
+    return ms.ModalDerivatives(ms.Shell(mesh, material, mesh.vertices[:, 0] < mesh.vertices[:, 0].min() + 0.16), 4)
 
 
 # ---- derivatives and basis
@@ -174,12 +186,35 @@ def test_weighted_parts_add_up(curved):
     """A split of the elements with factors sums to what the parts sum to."""
     shell, u = curved.shell, curved.basis.vectors
     z = np.random.default_rng(3).standard_normal(u.shape[1]) / np.sqrt(curved.basis.eigenvalues)
-    even, odd = ([np.arange(k, e.rest.size, 2) for e in shell.elements] for k in (0, 1))
-    parts = [ReducedEnergy(shell, u, chosen, [np.full(c.size, 2.0) for c in chosen]) for chosen in (even, odd)]
+    energy = shell.elastic_energy
+    counts = [len(e.stencils) for e in shell.elements] if isinstance(energy, ElementSum) else None
+    internal = None
+    if counts is None:  # all combinations of the shares, of which each part would seek its own minimum: none
+        energy, counts = energy.halved(), [len(stencils) for stencils in energy.element_stencils]
+        internal = np.zeros((energy.share_stiffness.shape[0], 0))
+    even, odd, every = ([np.arange(k, count, step) for count in counts] for k, step in ((0, 2), (1, 2), (0, 1)))
+    whole, *parts = (
+        ReducedEnergy(shell, u, energy.part(chosen, [np.full(c.size, 2.0) for c in chosen], internal))
+        for chosen in (every, even, odd)
+    )
     results = [part.hessian(z) for part in parts]
-    for k, whole in enumerate(curved.energy.hessian(z)):
+    for k, together in enumerate(whole.hessian(z)):
         summed = results[0][k] + results[1][k]
-        np.testing.assert_allclose(0.5 * summed, whole, rtol=0, atol=1e-12 * np.abs(whole).max())
+        np.testing.assert_allclose(summed, together, rtol=0, atol=1e-12 * np.abs(together).max())
+
+
+def test_all_elements_with_all_shares_are_the_energy(curved):
+    shell, u = curved.shell, curved.basis.vectors
+    z = np.random.default_rng(3).standard_normal(u.shape[1]) / np.sqrt(curved.basis.eigenvalues)
+    energy = shell.elastic_energy
+    if isinstance(energy, ElementSum):
+        counts, shares = [len(e.stencils) for e in shell.elements], None
+    else:
+        energy, counts = energy.halved(), [len(stencils) for stencils in energy.element_stencils]
+        shares = np.random.default_rng(4).standard_normal(energy.share_stiffness.shape)
+    part = energy.part([np.arange(count) for count in counts], [np.ones(count) for count in counts], shares)
+    for found, expected in zip(ReducedEnergy(shell, u, part).hessian(z), curved.energy.hessian(z), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 
 
 # ---- statics
@@ -194,6 +229,23 @@ def test_flat_strip_under_gravity(flat, gamma, tolerance):
     truth = ms.DiscreteShell(model.shell).equilibrium(gravity=gravity)
     assert ms.measure.displacement_error(answer.positions, truth.positions, model.shell) < tolerance
     np.testing.assert_allclose(model.coordinates_of(answer.positions), answer.coordinates, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("poisson", "tolerances"),
+    [(0.0, (1e-4, 1e-4, 1e-3)), (0.3, (1e-4, 0.01, 0.05))],
+    ids=["without", "with anticlastic curvature"],
+)
+def test_strip_of_shell_theory(poisson, tolerances):
+    """Poisson's ratio curves the strip across too, which modes of the flat strip hold less well."""
+    shell, unit = theory_strip(poisson=poisson)
+    model = ms.ModalDerivatives(shell)
+    for gamma, tolerance in zip((1.0, 4.0, 16.0), tolerances, strict=True):
+        gravity = (0.0, 0.0, -gamma * unit)
+        answer = model.equilibrium(gravity=gravity)
+        truth = ms.DiscreteShell(shell).equilibrium(gravity=gravity)
+        assert answer.converged
+        assert ms.measure.displacement_error(answer.positions, truth.positions, shell) < tolerance
 
 
 def test_flat_strip_under_gravity_and_twist(flat):
@@ -264,8 +316,7 @@ def test_statics_from_a_start_and_without_load(flat):
 def test_absurd_loads_do_not_raise(curved):
     answer = curved.equilibrium(gravity=(0.0, 0.0, -1e9))
     assert np.isfinite(answer.positions).all()
-    assert answer.converged == (answer.status == "converged")
-    assert answer.converged or "not converged" in answer.status
+    assert answer.outcome in (ms.Outcome.DISTORTED, ms.Outcome.NOT_CONVERGED)
 
 
 # ---- motion
@@ -335,9 +386,6 @@ def test_cubature_is_positive_and_sparse(sparse):
     found = model.cubature
     assert (found.factors > 0.0).all()
     assert found.factors.size == sum(group.size for group in found.chosen)
-    triangles, edges, hinges = (elements.rest.size for elements in model.energy.elements)
-    assert [triangles, hinges] == [group.size for group in found.chosen]
-    assert edges <= 3 * triangles
     assert found.share < 0.35
     assert found.seconds > 0.0
 

@@ -100,7 +100,9 @@ def test_other_formats_are_refused(saved):
     refused(saved)
 
 
-@pytest.mark.parametrize("name", ["vertices", "clamped", "stretch", "correct_clamp", "eigenvalues", "modes", "backend"])
+@pytest.mark.parametrize(
+    "name", ["vertices", "supports", "stretch", "correct_clamp", "eigenvalues", "modes", "backend"]
+)
 def test_files_that_lack_an_array_are_refused(saved, name):
     rewritten(saved, **{name: None})
     refused(saved)
@@ -113,7 +115,7 @@ def test_files_that_lack_an_array_are_refused(saved, name):
         ("rotations", np.zeros((7, 3))),
         ("eigenvalues", np.zeros(5)),
         ("faces", np.array([[0, 1, 99999]])),
-        ("clamped", np.zeros(3, dtype=bool)),
+        ("supports", np.zeros(3, dtype=bool)),
         ("density", np.array(-1.0)),
         ("rigid_modes", np.array([1, 2])),
         ("modes", np.array(["a"])),

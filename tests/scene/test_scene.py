@@ -1,3 +1,4 @@
+import json
 import re
 
 import numpy as np
@@ -73,13 +74,78 @@ def test_mesh_files_are_looked_for_beside_the_scene_and_in_the_package(load, tmp
     assert len(bundled.mesh.faces) > 96
 
 
-def test_physical_material_is_calibrated_on_the_mesh(load):
-    numbers = {"young": 1e7, "poisson": 0.3, "thickness": 1e-3, "density": 700.0}
-    text = "\n".join(f"{name} = {value}" for name, value in numbers.items())
-    shell = load("stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2", text).build_shell()
+SHEET = {"young": 1e7, "poisson": 0.3, "thickness": 1e-3, "density": 700.0}
+STIFFNESSES = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2"
+
+
+def sheet_text(**changed):
+    return "\n".join(f"{name} = {json.dumps(value)}" for name, value in (SHEET | changed).items())
+
+
+def test_physical_material_is_shell_theory(load):
+    shell = load(STIFFNESSES, sheet_text()).build_shell()
+    assert shell.material == ms.Isotropic(**SHEET).on(shell.mesh)
+
+
+@pytest.mark.parametrize("name", [name for name in MODELS if name not in ("springs", "coarse-ds")])
+def test_models_take_shell_theory(load, name):
+    scene = ms.load_scene(load(STIFFNESSES, sheet_text()).file)
+    text = scene.file.read_text().replace('"mwts"', f'"{name}"')
+    scene.file.write_text(text)
+    motion = ms.load_scene(scene.file).build().start_motion()
+    motion.advance()
+    assert np.isfinite(motion.positions()).all()
+
+
+def test_springs_refuse_shell_theory(load):
+    scene = load(STIFFNESSES, sheet_text())
+    scene.file.write_text(scene.file.read_text().replace('"mwts"', '"springs"'))
+    with pytest.raises(ms.SceneError, match="in a scene calibrated = true"):
+        ms.load_scene(scene.file).build()
+
+
+def test_calibrated_material_is_that_of_discrete_shells(load):
+    shell = load(STIFFNESSES, sheet_text(calibrated=True)).build_shell()
     np.testing.assert_array_equal(
-        shell.material.shear, ms.Material.from_physical(**numbers, mesh=ms.v_beam(cells=(12, 4))).shear
+        shell.material.shear, ms.Material.from_physical(**SHEET, mesh=ms.v_beam(cells=(12, 4))).shear
     )
+
+
+@pytest.mark.parametrize("kind", ["list", "npy", "txt"])
+def test_material_may_differ_between_triangles(load, tmp_path, kind):
+    thickness = np.linspace(1e-3, 2e-3, 96)
+    given = thickness.tolist() if kind == "list" else f"thickness.{kind}"
+    if kind == "npy":
+        np.save(tmp_path / given, thickness)
+    elif kind == "txt":
+        np.savetxt(tmp_path / given, thickness)
+    scene = load(STIFFNESSES, sheet_text(thickness=given))
+    shell = scene.build_shell()
+    np.testing.assert_array_equal(shell.material.thicknesses(shell.mesh), thickness)
+    # The digest is of the numbers, wherever they stand.
+    same = load(STIFFNESSES, sheet_text(thickness=thickness.tolist()))
+    other = load(STIFFNESSES, sheet_text(thickness=(2.0 * thickness).tolist()))
+    digests = [one.digests(shell.mesh)["scene"] for one in (scene, same, other)]
+    assert digests[0] == digests[1] != digests[2]
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"thickness": [1e-3, 2e-3]}, "material.thickness: has 2 values, but the mesh has 96 triangles"),
+        ({"thickness": "none.npy"}, "material.thickness: must be a number, a number a triangle, or a readable file"),
+        ({"young": "words.txt"}, "material.young: must be a number, .* could not convert string to float"),
+        ({"young": "words.npy"}, "material.young: must be a number"),
+        ({"young": [1e6] * 96, "calibrated": True}, "material.young: must be one number where the material is calib"),
+        ({"thickness": [1e-3, -1e-3]}, r"material.thickness\[1\]: must be a number above 0.0"),
+        ({"thickness": []}, "material.thickness: must be a list of length at least 1"),
+    ],
+)
+def test_bad_materials_by_triangle_are_refused(load, tmp_path, changed, message):
+    for suffix in ("txt", "npy"):
+        (tmp_path / f"words.{suffix}").write_text("thin thick")
+    with pytest.raises(ms.SceneError, match=message):
+        load(STIFFNESSES, sheet_text(**changed)).build_shell()
 
 
 def test_forces_are_spread_over_the_selected_area(load):

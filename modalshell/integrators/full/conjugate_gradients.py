@@ -41,6 +41,7 @@ class ConjugateGradientEuler(FullIntegrator):
 
     def __init__(self, springs: Springs, shell: Shell, iterations: int) -> None:
         self.iterations = iterations
+        _ = shell.free_unknowns  # refuses supports of single components
         self._springs = springs
         self._stepper = PerThread(partial(ImplicitSprings, springs, shell.mass, shell.clamped))
 

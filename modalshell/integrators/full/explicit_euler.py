@@ -27,7 +27,7 @@ class ExplicitEuler(FullIntegrator, key="explicit"):
         shell, x = body.shell, state.coordinates
         force = load + inner_force(shell, x, state.rates, damping)
         rates = state.rates * (1.0 - dt * damping.mass_factor) + dt * force / shell.mass[:, None]
-        rates[shell.clamped] = led_rates(shell, x, dt, held)
+        rates = led_rates(shell, rates, x, dt, held)
         return MotionState(x + dt * rates, rates), True
 
     def stable_step(self, stiffness: float, drag: float, viscosity: float) -> float:

@@ -20,6 +20,7 @@ class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
     """
 
     name = "linearised implicit Euler"
+    takes_live = True
 
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
@@ -32,5 +33,5 @@ class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
         factor = problem.definite_factor(hessian)
         if factor is None:
             return MotionState(x.copy(), np.zeros_like(x)), False
-        moved.reshape(-1)[shell.free_unknowns] = problem.step(factor, gradient)
+        moved += shell.unknowns.prolong(problem.step(factor, gradient)).reshape(-1, 3)
         return MotionState(x + moved, moved / dt), True

@@ -35,10 +35,10 @@ class Verlet(FullIntegrator, key="verlet"):
         drag, kick = 0.5 * dt * damping.mass_factor, 0.5 * dt / shell.mass[:, None]
         inner = inner_force(shell, x, state.rates, damping) if inner is None else inner
         middle = state.rates * (1.0 - drag) + kick * (load + inner)
-        middle[shell.clamped] = led_rates(shell, x, dt, held)
+        middle = led_rates(shell, middle, x, dt, held)
         x = x + dt * middle
         inner = inner_force(shell, x, middle, damping)
-        rates = (middle + kick * (load + inner)) / (1.0 + drag)
+        rates = shell.unknowns.project((middle + kick * (load + inner)) / (1.0 + drag), shell.mass)
         rates[shell.clamped] = middle[shell.clamped]
         return MotionState(x, rates, {"force": inner}), True
 

@@ -1,0 +1,154 @@
+"""What a command chooses for a mesh of which nothing is known but its shape: supports, stiffness and time step.
+
+The weight bends the shell by a set share of its size, so that a film of any mesh, in whatever unit, shows motion that
+a modal model can follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.errors import REPAIR, SupportError
+from modalshell.mesh import TriangleMesh
+from modalshell.modes import Basis
+from modalshell.motion import Trajectory
+from modalshell.outcome import Outcome
+from modalshell.typing import Array
+
+SAG = 0.15
+"""Share of the mesh's size by which its weight bends it, in linear theory."""
+_END, _LARGEST_END = 0.05, 0.5
+"""Share of a part's length that is held, and the share up to which that grows until a triangle is held."""
+_STEPS, _PERIODS = 24, 2.5
+"""Steps a period and periods of the motion."""
+_NOTHING = 1e-9
+"""Share of the highest eigenvalue below which a mode is a motion that nothing but rounding resists."""
+_UNSEEN, _LARGE = 2e-3, 1.0
+"""Largest displacement, as a share of the size, below which nothing is seen and above which a shell is a rag."""
+
+
+@final
+@dataclass(frozen=True)
+class Ends:
+    """Vertices that are held at one end of a mesh.
+
+    Attributes
+    ----------
+    held : ndarray of bool, shape (n,)
+        One end of each connected part.
+    told : str
+        What that is, in words.
+    """
+
+    held: NDArray[np.bool_]
+    told: str
+
+
+def hold_one_end(mesh: TriangleMesh, gravity: Array) -> Ends:
+    """The end of each connected part that lies lowest along the longest axis across ``gravity`` (3,).
+
+    At least one triangle of a part is held, and of a part with others not all of its vertices where that can be.
+    """
+    axis = _axis_across(mesh, gravity)
+    along = mesh.vertices[:, axis]
+    labels = mesh.components
+    parts = int(labels.max()) + 1
+    faces_of = np.argsort(labels[mesh.faces[:, 0]], kind="stable")
+    starts = np.searchsorted(labels[mesh.faces[faces_of, 0]], np.arange(parts + 1))
+    held = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    for part in range(parts):
+        faces = mesh.faces[faces_of[starts[part] : starts[part + 1]]]
+        held[_end_of_part(along, faces)] = True
+    name = "xyz"[axis]
+    if parts == 1:
+        return Ends(held, f'holds the end "{name} <= {along[held].max():.6g}" ({held.sum()} vertices)')
+    return Ends(held, f"holds the end of lowest {name} of each of {parts} parts ({held.sum()} vertices)")
+
+
+def _axis_across(mesh: TriangleMesh, gravity: Array) -> int:
+    """The axis along which the mesh is longest, of those that do not run along gravity."""
+    extents = np.ptp(mesh.vertices, axis=0)
+    strength = float(np.linalg.norm(gravity))
+    if strength > 0.0:
+        extents = np.where(np.abs(gravity) / strength > 0.8, -1.0, extents)
+    return int(extents.argmax())
+
+
+def _end_of_part(along: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Vertices of the part ``faces`` near its lower end, a whole triangle of them at least."""
+    heights = along[faces]
+    low, length = float(heights.min()), float(np.ptp(heights))
+    highest = heights.max(axis=1)
+    share = _END
+    while share < _LARGEST_END and not (highest <= low + share * length).any():
+        share *= 1.25
+    bound = max(low + share * length, float(highest.min()))
+    vertices = np.unique(faces)
+    end = vertices[along[vertices] <= bound]
+    return end if len(end) < len(vertices) else np.unique(faces[int(heights.mean(axis=1).argmin())])
+
+
+def softening(basis: Basis, gravity: Array) -> float:
+    """Factor on all stiffnesses at which the weight bends the shell by the share SAG of its size, in linear theory.
+
+    1 without weight.
+
+    Raises
+    ------
+    SupportError
+        If the supports leave motions that nothing resists.
+    """
+    load = basis.shell.gravity_force(gravity).ravel()
+    values = np.maximum(basis.eigenvalues, 1e-300)
+    sag = basis.modes @ ((load @ basis.modes) / values)
+    largest = float(np.linalg.norm(sag.reshape(-1, 3), axis=1).max()) / basis.shell.mesh.size
+    unresisted = int((values < _NOTHING * values[-1]).sum())
+    if unresisted or largest * _NOTHING > 1.0 / _NOTHING:
+        raise SupportError(
+            f"nothing resists {unresisted or 'the'} lowest modes of the mesh although each part is held: sheets hang "
+            f"together by single vertices; split them by {REPAIR}"
+        )
+    return float(f"{largest / SAG:.2g}") if largest > 0.0 else 1.0
+
+
+@final
+@dataclass(frozen=True)
+class Timing:
+    """Steps of a motion.
+
+    Attributes
+    ----------
+    duration, dt : float
+        Of the motion and of a step [s].
+    damping : tuple of float
+        Rayleigh factors of mass [1/s] and stiffness [s].
+    """
+
+    duration: float
+    dt: float
+    damping: tuple[float, float]
+
+    @classmethod
+    def of_sag(cls, size: float, gravity: Array) -> Timing:
+        """What suits a shell of ``size`` [m] that its weight bends by the share SAG of it."""
+        strength = float(np.linalg.norm(gravity))
+        period = 2.0 * np.pi * np.sqrt(SAG * size / strength) if strength > 0.0 else 1.0
+        period = float(f"{period:.2g}")
+        return cls(_PERIODS * period, period / _STEPS, (0.4 / period, 8e-4 * period))
+
+
+def motion_in_words(run: Trajectory, size: float) -> str:
+    """One line on how far a shell of ``size`` [m] moved: too stiff, too soft, flown apart, or right."""
+    moved = np.linalg.norm(run.positions - run.rest_positions, axis=2).max() / size
+    share = f"moves by up to {100.0 * moved:.2g} % of its size"
+    if run.outcome in (Outcome.DIVERGED, Outcome.RUNS_AWAY):
+        return f"flies apart ({share}): take a smaller --dt or more --damping"
+    if run.outcome in (Outcome.DISTORTED, Outcome.WOUND_UP) or moved > _LARGE:
+        return f"too soft ({share}): raise --young or --thickness, or lower --gravity"
+    if moved < _UNSEEN:
+        return f"too stiff to see ({share}): lower --young, about {_UNSEEN / max(moved, 1e-12):.1g} times or more"
+    return share

@@ -1,0 +1,267 @@
+"""Commands on a mesh file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from cyclopts import App, Parameter
+from numpy.typing import NDArray
+from rich.table import Table
+
+import modalshell as ms
+from modalshell.atomic_io import make_folder
+from modalshell.commands.choices import Timing, hold_one_end, motion_in_words, softening
+from modalshell.commands.terminal import CONSOLE, end_with, progress
+from modalshell.errors import OptionError
+from modalshell.mesh.files import repair_mesh
+from modalshell.mesh.parts import chosen_part, refuse_loose_parts
+from modalshell.models.factory import MODE_COUNT, ModelFactory
+from modalshell.models.registry import MODELS
+from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.run import write_results
+from modalshell.scene.models import model_tables
+from modalshell.scene.parts import build_material
+from modalshell.scene.tables import PhysicalSheet
+from modalshell.selection import select_vertices
+from modalshell.statics.buckling import ADVICE, buckles
+
+_OR_FILE = ", or a file of one number a triangle"
+_YOUNG = 1e9
+"""Young's modulus [Pa] where none is named or chosen."""
+_TIMING = Timing(2.0, 1.0 / 30.0, (0.5, 0.001))
+"""Steps of a motion where none are named or chosen."""
+_FILM_RATE = 30.0
+"""Frames a second of a film whose time step was chosen: small shells are shown slowed down, large ones sped up."""
+
+MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")]
+Repair = Annotated[bool, Parameter(name="--repair", negative="", help="Mend the mesh first, and tell what was done.")]
+Part = Annotated[
+    Literal["largest", "all"] | int | None,
+    Parameter(help="Part of a mesh in several: its number from 0 by falling area, largest, or all as they are."),
+]
+Join = Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")]
+
+
+@Parameter(name="*")
+class _ShellOptions:
+    """Options that say how a mesh becomes a shell."""
+
+    def __init__(
+        self,
+        *,
+        clamp: Annotated[
+            str | None, Parameter(help="Vertices to hold, such as 'x < 0.01', or 'none'; see the command without it.")
+        ] = None,
+        young: Annotated[float | Path | None, Parameter(help=f"Young's modulus [Pa]{_OR_FILE}.")] = None,
+        poisson: Annotated[float | Path, Parameter(help=f"Poisson's ratio{_OR_FILE}.")] = 0.3,
+        thickness: Annotated[
+            float | Path | None, Parameter(help=f"Thickness [m]{_OR_FILE}; else 1/200 of the mesh's size.")
+        ] = None,
+        density: Annotated[float | Path, Parameter(help=f"Mass per volume [kg/m^3]{_OR_FILE}.")] = 1000.0,
+        calibrated: Annotated[
+            bool, Parameter(help="Discrete shells, calibrated on the mesh, in place of shell theory.", negative="")
+        ] = False,
+        repair: Repair = False,
+        component: Part = None,
+        join: Join = None,
+    ) -> None:
+        self.repair, self.component, self.join = repair, component, join
+        self.clamp, self.calibrated = clamp, calibrated
+        self.material = {"young": young, "poisson": poisson, "thickness": thickness, "density": density}
+
+    def mesh(self, path: Path) -> ms.TriangleMesh:
+        """Load the mesh, repaired and of the parts that are asked for."""
+        if not self.repair:
+            return chosen_part(ms.load_mesh(path), self.component, self.join)
+        mesh, report = repair_mesh(path, tolerance=self.join, component=self.component)
+        _tell(path, report)
+        return mesh
+
+    def held(self, mesh: ms.TriangleMesh) -> NDArray[np.bool_]:
+        """The vertices of ``--clamp``; none without it."""
+        held = np.zeros(len(mesh.vertices), dtype=np.bool_)
+        if self.clamp is not None and self.clamp != "none":
+            held = select_vertices(self.clamp, mesh)
+            if not held.any():
+                low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
+                raise OptionError(f"--clamp {self.clamp!r} holds no vertex; the mesh reaches from {low} to {high}")
+        if self.component != "all":
+            refuse_loose_parts(mesh, held)
+        return held
+
+    def build(self, mesh: ms.TriangleMesh, held: NDArray[np.bool_]) -> ms.Shell:
+        """The shell of a mesh with vertices held."""
+        values: dict[str, Any] = {
+            name: str(value) if isinstance(value, Path) else value for name, value in self.material.items()
+        }
+        if values["thickness"] is None:
+            values["thickness"] = mesh.size / 200.0
+        if values["young"] is None:
+            values["young"] = _YOUNG
+        material = build_material(PhysicalSheet(**values, calibrated=self.calibrated), mesh, Path())
+        return ms.Shell(mesh, material, held if held.any() else None)
+
+
+def _tell(path: Path, report: ms.RepairReport) -> None:
+    for line in str(report).splitlines():
+        print(f"{path}: {line}")
+
+
+@dataclass(frozen=True)
+class _Chosen:
+    """A shell and what its motion is stepped by; ``told`` says what was chosen for it."""
+
+    shell: ms.Shell
+    timing: Timing
+    told: str
+
+
+def _choose(options: _ShellOptions, mesh: ms.TriangleMesh, gravity: tuple[float, float, float], modes: int) -> _Chosen:
+    """Supports for a mesh of which nothing is said, and unless it is named a stiffness that lets it sag visibly."""
+    ends = hold_one_end(mesh, np.array(gravity))
+    shell = options.build(mesh, ends.held)
+    if options.material["young"] is not None:
+        return _Chosen(shell, _TIMING, ends.told)
+    factor = softening(ms.solve_modes(shell, min(modes, 3 * int(shell.free.sum()))), np.array(gravity))
+    timing = Timing.of_sag(mesh.size, np.array(gravity))
+    told = f"Young's modulus {factor * _YOUNG:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
+    return _Chosen(ms.Shell(mesh, _softer(shell.material, factor), ends.held), timing, f"{ends.told}; {told}")
+
+
+def _softer(material: ms.Material | ms.Isotropic, factor: float) -> ms.Material | ms.Isotropic:
+    """The material with all stiffnesses times ``factor``."""
+    names = ("young",) if isinstance(material, ms.Isotropic) else ("stretch", "shear", "flexure")
+    changed: dict[str, Any] = {name: factor * np.asarray(getattr(material, name)) for name in names}
+    return replace(material, **changed)
+
+
+def simulate(
+    mesh: MeshPath,
+    *,
+    shell: _ShellOptions | None = None,
+    gravity: Annotated[tuple[float, float, float], Parameter(help="Acceleration [m/s^2].")] = (0.0, 0.0, -9.81),
+    model: Annotated[str, Parameter(help=f"One of {', '.join(MODELS)}.")] = "mwts",
+    modes: Annotated[int, Parameter(help="Number of modes of the modal models.")] = MODE_COUNT,
+    static: Annotated[bool, Parameter(help="Equilibrium instead of motion: a picture instead of a film.")] = False,
+    duration: Annotated[float | None, Parameter(help="Simulated time [s]; 2 with --clamp.")] = None,
+    dt: Annotated[float | None, Parameter(help="Time step, and time between frames [s]; 1/30 with --clamp.")] = None,
+    damping: Annotated[
+        tuple[float, float] | None,
+        Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s]; 0.5 and 0.001 with --clamp."),
+    ] = None,
+    out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
+) -> None:
+    """Let a mesh of your own hang, fall or swing; write a film or a picture, and the positions.
+
+    Without --clamp one end of each part is held, and what is not named of Young's modulus, duration, time step and
+    damping is chosen by the mesh's size, so that its weight bends it visibly; the choice is printed. --clamp none lets
+    it fall.
+    """
+    known = model_tables()
+    if model not in known:
+        raise OptionError(f"there is no model {model!r}; choose from {', '.join(known)}")
+    options = shell or _ShellOptions()
+    built_mesh = options.mesh(mesh)
+    if options.clamp is None:
+        chosen = _choose(options, built_mesh, gravity, modes)
+    else:
+        chosen = _Chosen(options.build(built_mesh, options.held(built_mesh)), _TIMING, "")
+    built, timing = chosen.shell, chosen.timing
+    print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
+    if chosen.told:
+        print(f"{mesh}: {chosen.told}")
+    kind = known[model]
+    load = built.gravity_force(gravity)
+    factory = ModelFactory(built, lambda: load)
+    model_used = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
+    for basis in factory.bases.values():
+        span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
+        print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
+    make_folder(out)
+    if static:
+        answer = model_used.equilibrium(gravity=gravity)
+        found = ms.Trajectory.still(answer, built, built.loading(gravity))
+        work = f"{answer.iterations} iterations, residual {answer.residual:.1e}"
+    else:
+        with progress(f"{model_used.name} steps") as on_step:
+            found = ms.simulate(
+                model_used,
+                duration=timing.duration if duration is None else duration,
+                dt=timing.dt if dt is None else dt,
+                gravity=gravity,
+                damping=damping or timing.damping,
+                on_step=on_step,
+            )
+        work = f"{len(found.times)} frames in {found.seconds:.3g} s"
+    if kind.spec.quadratic and buckles(built, load):
+        found = found.with_remark(ADVICE)
+    print(f"{model_used.name}: {found.outcome.with_message(found.message)}, {work}")
+    if built.clamped.any():
+        print(f"{model_used.name}: {motion_in_words(found, built.mesh.size)}")
+    formats = ["npz", "png" if static else "mp4"]
+    title = f"{mesh.stem}, {model_used.name}"
+    rate = _FILM_RATE if timing is not _TIMING and dt is None else None
+    with progress("film") as on_frame:
+        written = write_results(found, out, f"{mesh.stem}_{model}", formats, title=title, rate=rate, on_step=on_frame)
+    for path in written:
+        print(path)
+    end_with(found.outcome)
+
+
+def modes(
+    mesh: MeshPath,
+    *,
+    shell: _ShellOptions | None = None,
+    count: Annotated[int, Parameter(help="Number of modes, rigid ones counted in.")] = 8,
+    out: Annotated[Path, Parameter(help="Folder for the picture and the basis.")] = Path("results"),
+) -> None:
+    """Print the natural frequencies of a mesh and draw its mode shapes; without --clamp nothing is held."""
+    options = shell or _ShellOptions()
+    loaded = options.mesh(mesh)
+    built = options.build(loaded, options.held(loaded))
+    make_folder(out)
+    basis = ms.solve_modes(built, count)
+    table = Table("mode", "frequency [Hz]", "kind")
+    size = built.size
+    views = []
+    for k, frequency in enumerate(basis.frequencies):
+        rigid = k < basis.rigid_modes
+        table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if rigid else "elastic")
+        shape = basis.modes[:, k].reshape(-1, 3)
+        length = np.linalg.norm(shape, axis=1)
+        moved = built.rest_positions + shape * (0.15 * size / length.max())
+        title = f"mode {k + 1}: " + ("rigid" if rigid else f"{frequency:.4g} Hz")
+        surface = ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)
+        views.append(View([surface], title=title))
+    CONSOLE.print(table)
+    basis.save(out / f"{mesh.stem}_basis.npz")
+    print(out / f"{mesh.stem}_basis.npz")
+    print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))
+
+
+def repair(
+    mesh: MeshPath,
+    *,
+    out: Annotated[Path, Parameter(help="File to write: OBJ, PLY, STL, OFF or GLB; not the mesh itself.")],
+    component: Part = None,
+    join: Join = None,
+) -> None:
+    """Make a shell's mesh of a file as it comes, and tell what was done; see ms.repair. Nothing is filled.
+
+    Example: modalshell repair scan.stl --out scan_mended.ply --component largest
+    """
+    if out.exists() and mesh.exists() and out.samefile(mesh):
+        raise OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")
+    mended, report = repair_mesh(mesh, tolerance=join, component=component)
+    _tell(mesh, report)
+    ms.save_mesh(mended, out)
+    print(out)
+
+
+def register(app: App) -> None:
+    """Add the commands to ``app``."""
+    for command in (simulate, modes, repair):
+        app.command(command)

@@ -1,0 +1,79 @@
+"""Commands on results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import App, Parameter
+
+import modalshell as ms
+from modalshell.commands.terminal import progress
+from modalshell.errors import FileFormatError, OptionError
+from modalshell.export import check_formats, compress, load_clip, save_modes_gltf
+from modalshell.page import clip_page
+from modalshell.reading import open_regular
+
+_SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
+_SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd"}
+
+
+def export(
+    result: Annotated[Path, Parameter(help="Trajectory (.npz), clip (.clip) or basis (.npz) that was saved.")],
+    *,
+    to: Annotated[
+        Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd"], Parameter(help="Format to write.")
+    ],
+    out: Annotated[Path | None, Parameter(help="File to write; beside RESULT without it.")] = None,
+) -> None:
+    """Write a saved motion, or a basis, for other programs.
+
+    Example: modalshell export results/leaf.npz --to usd
+    """
+    target = out or result.with_suffix(_SUFFIXES[to])
+    if target.suffix != _SUFFIXES[to]:
+        raise OptionError(f"--out must end in {_SUFFIXES[to]} for {to} (got {target.name!r})")
+    if target.resolve() == result.resolve():
+        raise OptionError(f"{result} would be overwritten: give another file with --out")
+    check_formats([target.suffix[1:]])
+    try:
+        run = load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result)
+    except FileFormatError:
+        if (basis := _saved_basis(result)) is None:
+            raise
+        if to == "page":
+            print(basis.page(title=result.stem).save(target))
+        elif to == "gltf":
+            print(save_modes_gltf(basis, target))
+        else:
+            raise OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
+        return
+    if to == "page":
+        motion = compress(run)
+        shapes = motion.displacements()
+        page = clip_page(
+            motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem
+        )
+        print(page.save(target))
+        return
+    with progress(f"{result.stem} frames") as on_frame:
+        print(ms.save_trajectory(run, target, on_frame=on_frame))
+    if target.suffix in (".pc2", ".mdd"):
+        rest = target.with_name(f"{target.stem}_rest.obj")
+        ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
+        print(rest)
+
+
+def _saved_basis(path: Path) -> ms.Basis | None:
+    """The basis of a file; None if it holds none."""
+    with open_regular(path):
+        pass
+    try:
+        return ms.Basis.load(path)
+    except FileFormatError:
+        return None
+
+
+def register(app: App) -> None:
+    """Add the commands to ``app``."""
+    app.command(export)

@@ -1,0 +1,37 @@
+"""Point caches: PC2 and MDD, positions of a mesh's vertices frame by frame, as animation programs read them."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from modalshell.atomic_io import write_atomically
+from modalshell.motion import Trajectory
+
+
+def save_pc2(run: Trajectory, path: Path) -> Path:
+    """Write a PC2 file: one sample a frame from frame 0, little-endian float32, z up; the times are not in it."""
+    frames, vertices = run.positions.shape[:2]
+
+    def write(file: IO[bytes]) -> None:
+        file.write(struct.pack("<12siiffi", b"POINTCACHE2", 1, vertices, 0.0, 1.0, frames))
+        for frame in run.positions:
+            file.write(np.ascontiguousarray(frame, dtype="<f4").tobytes())
+
+    return write_atomically(path, write)
+
+
+def save_mdd(run: Trajectory, path: Path) -> Path:
+    """Write an MDD file: big-endian float32 times [s] and positions, z up."""
+    frames, vertices = run.positions.shape[:2]
+
+    def write(file: IO[bytes]) -> None:
+        file.write(struct.pack(">ii", frames, vertices))
+        file.write(np.asarray(run.times, dtype=">f4").tobytes())
+        for frame in run.positions:
+            file.write(np.ascontiguousarray(frame, dtype=">f4").tobytes())
+
+    return write_atomically(path, write)

@@ -1,0 +1,88 @@
+"""Polygons and their triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import final
+
+import numpy as np
+
+from modalshell.mesh.topology import FloatArray, IntArray
+
+
+@final
+@dataclass(frozen=True)
+class Polygons:
+    """Vertices and polygons as a file or a user gives them.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (n, 3)
+        Positions.
+    corners : ndarray of int64
+        Corners of all polygons, one polygon after the other, counted from 0; all of them vertices of the file.
+    sizes : ndarray of int64
+        Number of corners of each polygon, three or more.
+    """
+
+    vertices: FloatArray
+    corners: IntArray
+    sizes: IntArray
+
+    @classmethod
+    def of_lists(cls, vertices: Sequence[Sequence[float]] | FloatArray, polygons: Sequence[Sequence[int]]) -> Polygons:
+        """The same from lists of points and of polygons."""
+        flat, sizes = list(chain.from_iterable(polygons)), [len(polygon) for polygon in polygons]
+        return cls(np.array(vertices), np.array(flat, dtype=np.int64), np.array(sizes, dtype=np.int64))
+
+    def triangles(self) -> IntArray:
+        """Triangles (T, 3), in the order of the polygons.
+
+        Each larger polygon becomes a fan about its first corner, or where that would fold over, as in polygons that
+        are not convex, the triangles of ear clipping.
+        """
+        first = np.cumsum(self.sizes) - self.sizes
+        owner = np.repeat(np.arange(len(self.sizes)), self.sizes - 2)
+        step = np.arange(len(owner)) - np.repeat(np.cumsum(self.sizes - 2) - (self.sizes - 2), self.sizes - 2)
+        triangles = self.corners[np.stack([first[owner], first[owner] + step + 1, first[owner] + step + 2], axis=1)]
+        if not (self.sizes > 3).any():
+            return triangles
+        with np.errstate(invalid="ignore", over="ignore"):  # vertices are checked by those who build a mesh
+            points = self.vertices[triangles]
+            areas = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
+            normals = np.zeros((len(self.sizes), 3))
+            np.add.at(normals, owner, areas)
+            folded = np.unique(owner[np.einsum("ti,ti->t", areas, normals[owner]) < 0.0])
+        for polygon in folded:
+            corners = self.corners[first[polygon] : first[polygon] + self.sizes[polygon]]
+            triangles[owner == polygon] = corners[_clip_ears(self.vertices[corners], normals[polygon])]
+        return triangles
+
+
+def _clip_ears(points: FloatArray, normal: FloatArray) -> IntArray:
+    """Triangles (k - 2, 3) of a plane polygon (k, 3) seen along ``normal``; a fan of what is left without ears."""
+    drop = int(np.abs(normal).argmax())
+    plane = np.delete(points, drop, axis=1) * ([1.0, 1.0] if (normal[drop] > 0) == (drop != 1) else [-1.0, 1.0])
+    left = list(range(len(points)))
+    triangles = []
+    while len(left) > 3:
+        ear = next((at for at in range(len(left)) if _is_ear(plane[left], at)), None)
+        if ear is None:
+            break
+        triangles.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
+        del left[ear]
+    triangles += [[left[0], left[k], left[k + 1]] for k in range(1, len(left) - 1)]
+    return np.array(triangles, dtype=np.int64)
+
+
+def _is_ear(plane: FloatArray, at: int) -> bool:
+    """Whether corner ``at`` of a counter-clockwise polygon (k, 2) sticks out and its triangle holds no other corner."""
+    corners = plane[[at - 1, at, (at + 1) % len(plane)]]
+    sides = corners[[1, 2, 0]] - corners
+    if sides[0, 0] * sides[1, 1] - sides[0, 1] * sides[1, 0] <= 0.0:
+        return False
+    others = plane[~(plane[:, None] == corners).all(axis=2).any(axis=1)]
+    apart = others[:, None] - corners
+    return not bool((sides[:, 0] * apart[..., 1] - sides[:, 1] * apart[..., 0] >= 0.0).all(axis=1).any())

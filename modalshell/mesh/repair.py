@@ -1,0 +1,253 @@
+"""Repair of meshes as they come: what cannot be a shell is mended, and what was done is told."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any, cast, final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.checks import as_array, shown
+from modalshell.errors import MeshError, ModalShellWarning
+from modalshell.mesh import validation
+from modalshell.mesh.parts import Component, chosen_part
+from modalshell.mesh.polygons import Polygons
+from modalshell.mesh.sheets import cut_into_sheets
+from modalshell.mesh.topology import IntArray
+from modalshell.mesh.triangle_mesh import TriangleMesh
+from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
+
+_TOLD = {
+    "recentred": "moved the mesh to the origin, from which it was {} of its lengths away",
+    "triangulated": "split {} larger polygons into triangles",
+    "invalid_faces": "dropped {} faces with vertices that are missing or not finite",
+    "merged_vertices": "merged {} coincident vertices into others",
+    "collapsed_faces": "dropped {} faces that named a vertex twice",
+    "flat_faces": "took away {} faces of zero area, and split neighbours at their corners",
+    "repeated_faces": "dropped {} faces that were there already",
+    "split_edges": "split {} edges of three or more faces into separate sheets",
+    "split_vertices": "added {} vertices where sheets were split",
+    "cut_edges": "cut one-sided surfaces open along {} edges",
+    "flipped_faces": "flipped {} faces to make the winding consistent",
+    "unused_vertices": "dropped {} vertices in no face",
+    "dropped_parts": "left out {} parts",
+}
+
+
+@final
+@dataclass(frozen=True, kw_only=True)
+class RepairReport:
+    """What :func:`repair` did, as counts; ``str()`` tells it in lines.
+
+    Attributes
+    ----------
+    recentred : int
+        Distance from the origin in lengths of the mesh, where that was so large that the mesh was moved there; else 0.
+    triangulated : int
+        Polygons of more than three corners.
+    invalid_faces : int
+        Dropped faces with vertices that are missing or not finite.
+    merged_vertices : int
+        Vertices merged into others that coincide with them.
+    collapsed_faces : int
+        Dropped faces that named a vertex twice, before merging or after.
+    flat_faces : int
+        Faces of zero area that were taken away.
+    repeated_faces : int
+        Dropped copies of faces, on either side.
+    split_edges : int
+        Edges of three or more faces that were split into sheets.
+    split_vertices : int
+        Vertices added where sheets were split or cut.
+    cut_edges : int
+        Edges along which one-sided surfaces were cut open.
+    flipped_faces : int
+        Faces turned over for a consistent winding.
+    unused_vertices : int
+        Dropped vertices in no face.
+    dropped_parts : int
+        Connected parts that were not chosen.
+    parts : int
+        Connected parts that the mesh has now.
+    open_edges : int
+        Edges with one face that the mesh has now: nothing was filled.
+    """
+
+    recentred: int = 0
+    triangulated: int = 0
+    invalid_faces: int = 0
+    merged_vertices: int = 0
+    collapsed_faces: int = 0
+    flat_faces: int = 0
+    repeated_faces: int = 0
+    split_edges: int = 0
+    split_vertices: int = 0
+    cut_edges: int = 0
+    flipped_faces: int = 0
+    unused_vertices: int = 0
+    dropped_parts: int = 0
+    parts: int = 1
+    open_edges: int = 0
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """All counts by name."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def changed(self) -> bool:
+        """Whether anything was done."""
+        return any(self.counts[name] for name in _TOLD)
+
+    @property
+    def messages(self) -> list[str]:
+        """What was done, one line each; empty where the mesh was a shell already."""
+        return [text.format(f"{self.counts[name]:,}") for name, text in _TOLD.items() if self.counts[name]]
+
+    def __str__(self) -> str:
+        parts = f"{self.parts} parts" if self.parts > 1 else "one part"
+        return "\n".join([*(self.messages or ["nothing to repair"]), f"now {parts}, {self.open_edges:,} open edges"])
+
+
+def repair(
+    vertices: ArrayLike,
+    faces: ArrayLike | Sequence[Sequence[int]] | Polygons,
+    *,
+    tolerance: float | None = None,
+    component: Component | None = None,
+) -> tuple[TriangleMesh, RepairReport]:
+    """Make a shell's mesh of vertices and polygons as they come.
+
+    In this order: faces with vertices that are missing or not finite are dropped; polygons are split into triangles;
+    coincident vertices are merged; faces without area are taken away, their neighbours split at their corners, so that
+    no crack opens; copies of faces are dropped; edges of three or more faces, and vertices at which sheets touch, are
+    split into separate sheets, those faces staying together that are wound alike and lie flattest; one-sided surfaces
+    are cut open along a line; faces are wound alike; vertices in no face are dropped. Holes are not filled. A mesh that
+    is a shell already comes back as it is.
+
+    Parameters
+    ----------
+    vertices : (n, 3) float
+        Positions [m].
+    faces : (T, k) int, or a list of lists
+        Corners of each polygon, three or more.
+    tolerance : float, optional
+        Distance [m] up to which vertices are merged; 1e-8 of the bounding box's diagonal without it.
+    component : "largest", "all" or int, optional
+        Which connected part is kept: that of the largest area, or the N-th by falling area; all without it.
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh, of one part or several.
+    RepairReport
+        What was done.
+
+    Raises
+    ------
+    MeshError
+        Where nothing is left that could be a shell: no face with area, coordinates out of range.
+    """
+    count: dict[str, int] = {}
+    points = as_array("vertices", vertices, "an array (n, 3) of real numbers [m]", MeshError).astype(np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        points = validation.as_vertices(points)  # which says what is wrong
+    polygons, count["invalid_faces"] = _usable(points, _as_polygons(points, faces))
+    count["triangulated"] = int((polygons.sizes > 3).sum())
+    triangles = polygons.triangles()
+    used = np.zeros(len(points), dtype=np.bool_)
+    used[triangles] = True
+    count["unused_vertices"] = int((~used).sum())
+    points, triangles = drop_unused(points, triangles)
+    size, away = float(np.ptp(points, axis=0).max()), float(np.abs(points).max())
+    if size > 0.0 and away > validation.FARTHEST * size:
+        count["recentred"] = int(away / size)
+        points = points - points.mean(axis=0)
+    points = validation.as_vertices(points)
+
+    before = len(points)
+    points, triangles, count["collapsed_faces"] = weld_arrays(points, triangles, tolerance)
+    count["merged_vertices"] = before - len(points)
+    triangles, count["flat_faces"] = _with_area(points, triangles)
+    triangles, count["repeated_faces"] = _once_each(triangles)
+    sheets = cut_into_sheets(points, triangles)
+    points, triangles = drop_unused(sheets.vertices, sheets.faces)
+    count |= {name: getattr(sheets, name) for name in ("split_edges", "split_vertices", "cut_edges")}
+    count["flipped_faces"] = sheets.flipped
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)  # of seams, which are where sheets were split
+        whole = TriangleMesh(points, triangles)
+        mesh = chosen_part(whole, component)
+    parts = int(mesh.components.max()) + 1
+    count["dropped_parts"] = int(whole.components.max()) + 1 - parts
+    return mesh, RepairReport(**count, parts=parts, open_edges=int((mesh.edge_faces[:, 1] < 0).sum()))
+
+
+def _as_polygons(points: Any, faces: ArrayLike | Sequence[Sequence[int]] | Polygons) -> Polygons:
+    """Faces in whatever form as polygons; MeshError where they are no lists of three or more whole numbers."""
+    if isinstance(faces, Polygons):
+        return faces
+    if (
+        isinstance(faces, np.ndarray)
+        and faces.ndim == 2
+        and len(faces)
+        and faces.shape[1] > 2
+        and faces.dtype.kind in "iu"
+    ):
+        sizes = np.full(len(faces), faces.shape[1], dtype=np.int64)
+        return Polygons(points, np.ravel(faces).astype(np.int64), sizes)
+    rows: list[Any]
+    try:
+        rows = [list(row) for row in (faces.tolist() if isinstance(faces, np.ndarray) else cast("Any", faces))]
+    except TypeError as error:
+        raise MeshError(f"faces must be lists of vertex indices (got {shown(faces)})") from error
+    if not rows:
+        raise MeshError("the mesh has vertices and no faces; give lists of three or more vertex indices")
+    for at, row in enumerate(rows):
+        if len(row) < 3:
+            raise MeshError(f"face {at} (counted from 0) has {len(row)} corners; expected three or more")
+        if not all(map(_is_whole, row)):
+            raise MeshError(f"face {at} (counted from 0) holds {shown(row)}; faces must hold whole numbers")
+    return Polygons.of_lists(points, [[int(corner) for corner in row] for row in rows])
+
+
+def _is_whole(value: Any) -> bool:
+    if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    number = float(value)
+    return abs(number) < 2.0**53 and number.is_integer()
+
+
+def _usable(points: Any, polygons: Polygons) -> tuple[Polygons, int]:
+    """The polygons whose corners are vertices at finite positions, and how many others there were."""
+    first = np.cumsum(polygons.sizes) - polygons.sizes
+    inside = (polygons.corners >= 0) & (polygons.corners < len(points))
+    good = inside.copy()
+    good[inside] = np.isfinite(points[polygons.corners[inside]]).all(axis=1)
+    whole = np.logical_and.reduceat(good, first)
+    if not whole.any():
+        raise MeshError(f"none of the {len(whole)} faces has all its corners at finite positions; write the mesh again")
+    kept = Polygons(points, polygons.corners[np.repeat(whole, polygons.sizes)], polygons.sizes[whole])
+    return kept, int((~whole).sum())
+
+
+def _with_area(points: Any, triangles: IntArray) -> tuple[IntArray, int]:
+    """Triangles that have an area, their neighbours split where they had none; and how many had none."""
+    flat = int(validation.degenerate(points, triangles).sum())
+    if not flat:
+        return triangles, 0
+    mended = without_flat_faces(points, triangles)
+    mended = mended[~validation.degenerate(points, mended)]
+    if not len(mended):
+        raise MeshError(f"all {len(triangles)} faces have zero area: a shell needs a surface; write the mesh again")
+    return mended, flat
+
+
+def _once_each(triangles: IntArray) -> tuple[IntArray, int]:
+    """The first of the triangles with the same three corners, in order; and how many copies there were."""
+    _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
+    return triangles[np.sort(first)], len(triangles) - len(first)

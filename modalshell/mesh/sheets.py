@@ -1,0 +1,179 @@
+"""Cutting triangles apart into sheets: surfaces whose edges have one face or two, and which have two sides.
+
+Faces are joined over edges by pairs of half-edges; faces round a vertex that no chain of pairs joins get vertices of
+their own. This splits edges with three or more faces, and vertices at which two fans of faces meet, in one step.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
+
+
+class Sheets(NamedTuple):
+    """Triangles cut apart.
+
+    Attributes
+    ----------
+    vertices : (n, 3) float
+        The vertices as they were, followed by new ones.
+    faces : (T, 3) int
+        The triangles, wound alike.
+    split_edges : int
+        Edges that had three or more faces.
+    split_vertices : int
+        Vertices that were added.
+    cut_edges : int
+        Edges along which a one-sided surface was cut open.
+    flipped : int
+        Triangles that were turned over.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    split_edges: int
+    split_vertices: int
+    cut_edges: int
+    flipped: int
+
+
+def cut_into_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
+    """Split what is no surface, cut one-sided surfaces open, and wind the faces alike.
+
+    The faces must have distinct corners, and no two the same three. Where more than two faces meet at an edge, those
+    are joined that are wound alike and lie flattest. A surface that still passes twice over one pair of vertices gets
+    a vertex at the middle of the edge for each further pass. No triangle is moved or left out.
+    """
+    count = len(vertices)
+    split_edges = int((half_edges(faces, count).counts > 2).sum())
+    while True:
+        pairs, crowded = _paired_half_edges(vertices, faces)
+        vertices, faces = _fans_apart(vertices, faces, pairs)
+        if not crowded:
+            break
+        vertices, faces, bisected = _bisect_repeated_edges(vertices, faces)
+        if not bisected:
+            break
+    pairs, _ = _paired_half_edges(vertices, faces)
+    flip, torn = _sides(faces, pairs)
+    if torn.any():
+        vertices, faces = _fans_apart(vertices, faces, pairs[~torn])
+    faces = np.where(flip[:, None], faces[:, [0, 2, 1]], faces)
+    return Sheets(vertices, faces, split_edges, len(vertices) - count, int(torn.sum()), int(flip.sum()))
+
+
+def _paired_half_edges(vertices: FloatArray, faces: IntArray) -> tuple[IntArray, bool]:
+    """Pairs (P, 2) of half-edges, numbered as in ``faces.ravel()``, and whether some edge has more than two."""
+    links = half_edges(faces, len(vertices))
+    half = links.face_edges.ravel()
+    order = np.argsort(half, kind="stable")
+    counts = links.counts[half[order]]
+    pairs = [order[counts == 2].reshape(-1, 2)]
+    crowd = order[counts > 2]
+    for group in np.split(crowd, np.flatnonzero(np.diff(half[crowd])) + 1) if crowd.size else ():
+        pairs.append(_flattest_pairs(vertices, faces, links, group))
+    return np.concatenate(pairs), bool(crowd.size)
+
+
+def _flattest_pairs(vertices: FloatArray, faces: IntArray, links: HalfEdges, group: IntArray) -> IntArray:
+    """Pairs among the half-edges ``group`` of one edge: those wound alike first, the flattest of them first."""
+    start, end = vertices[links.edges[links.face_edges.ravel()[group[0]]]]
+    tangent = (end - start) / np.linalg.norm(end - start)
+    aside = vertices[faces[group // 3, (group + 2) % 3]] - start
+    aside -= np.outer(aside @ tangent, tangent)
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    forward = links.forward.ravel()[group]
+    first, second = np.triu_indices(len(group), 1)
+    rank = np.lexsort((np.einsum("pi,pi->p", aside[first], aside[second]).round(6), forward[first] == forward[second]))
+    free = np.ones(len(group), dtype=np.bool_)
+    pairs = []
+    for a, b in zip(first[rank], second[rank], strict=True):
+        if free[a] and free[b]:
+            free[[a, b]] = False
+            pairs.append((group[a], group[b]))
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _fans_apart(vertices: FloatArray, faces: IntArray, pairs: IntArray) -> tuple[FloatArray, IntArray]:
+    """Give each fan of faces round a vertex, joined by ``pairs``, a vertex of its own; the first keeps the number."""
+    corners = faces.ravel()
+    following = np.arange(len(corners)) + np.tile([1, 1, -2], len(faces))
+    a, b = pairs.T
+    same = corners[a] == corners[b]
+    left = np.concatenate((a, following[a]))
+    right = np.concatenate((np.where(same, b, following[b]), np.where(same, following[b], b)))
+    graph = coo_array((np.ones(len(left), dtype=np.int8), (left, right)), shape=(len(corners),) * 2)
+    _, fan = connected_components(graph, directed=False)
+    _, first = np.unique(fan, return_index=True)
+    owner = corners[first]
+    order = np.lexsort((first, owner))
+    further = np.zeros(len(first), dtype=np.bool_)
+    further[order[1:]] = owner[order[1:]] == owner[order[:-1]]
+    number = owner.copy()
+    added = np.flatnonzero(further)
+    number[added] = len(vertices) + np.arange(len(added))
+    return np.vstack((vertices, vertices[owner[added]])), number[fan].reshape(-1, 3)
+
+
+def _bisect_repeated_edges(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, bool]:
+    """Give all but the first pair of faces at an edge with more than two a vertex of their own in its middle.
+
+    A face is cut once a call: call again until nothing is left.
+    """
+    links = half_edges(faces, len(vertices))
+    half = links.face_edges.ravel()
+    touched = np.zeros(len(faces), dtype=np.bool_)
+    points: list[FloatArray] = []
+    halves: list[tuple[int, int, int]] = []
+    for edge in np.flatnonzero(links.counts > 2):
+        group = np.flatnonzero(half == edge)
+        pairs = _flattest_pairs(vertices, faces, links, group)
+        single = np.setdiff1d(group, pairs)
+        for members in [*pairs[1:], *single[:, None]]:
+            if touched[members // 3].any():
+                continue
+            touched[members // 3] = True
+            middle = len(vertices) + len(points)
+            points.append(vertices[links.edges[edge]].mean(axis=0))
+            for member in members:
+                start, end, opposite = faces[member // 3][(member + np.arange(3)) % 3]
+                halves += [(start, middle, opposite), (middle, end, opposite)]
+    if not points:
+        return vertices, faces, False
+    kept = np.concatenate((faces[~touched], np.array(halves, dtype=np.int64)))
+    return np.vstack((vertices, points)), kept, True
+
+
+def _sides(faces: IntArray, pairs: IntArray) -> tuple[BoolArray, BoolArray]:
+    """Faces (T,) to flip so that paired ones are wound alike, and pairs (P,) that no choice of flips satisfies.
+
+    Of the two answers for each part the one with fewer flips is taken.
+    """
+    corners = faces.ravel()
+    a, b = pairs.T
+    left, right = a // 3, b // 3
+    opposed = corners[a] == corners[b]  # both run the same way: one must be flipped
+    count = len(faces)
+    graph = coo_array((np.ones(len(a), dtype=np.int8), (left, right)), shape=(count, count)).tocsr()
+    _, part = connected_components(graph, directed=False)
+    weights = coo_array((opposed + 1, (np.minimum(left, right), np.maximum(left, right))), shape=(count, count)).tocsr()
+    flip = np.zeros(count, dtype=np.bool_)
+    _, roots = np.unique(part, return_index=True)
+    if opposed.any():
+        crooked = np.unique(part[left[opposed]])
+        for root in roots[crooked]:
+            order, parents = breadth_first_order(graph, root, directed=False)
+            order = order[1:]
+            above = parents[order]
+            turned = np.asarray(weights[np.minimum(order, above), np.maximum(order, above)]).ravel() == 2
+            for face, parent, turn in zip(order.tolist(), above.tolist(), turned.tolist(), strict=True):
+                flip[face] = flip[parent] != turn
+    torn = (flip[left] ^ flip[right]) != opposed
+    share = np.bincount(part, weights=flip) / np.bincount(part)
+    flip = flip ^ (share > 0.5)[part]
+    return flip, torn

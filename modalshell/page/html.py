@@ -1,0 +1,76 @@
+"""Self-contained HTML: the template with its numbers, in base 64, and a picture for browsers that cannot draw them."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.atomic_io import write_text
+from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.typing import Array
+
+MOST_SHAPES = 100
+"""WebGL2 promises 256 uniform vectors; a mode and its rotations take one each."""
+
+
+@final
+@dataclass(frozen=True)
+class Page:
+    """A self-contained HTML page; a notebook shows it live.
+
+    Attributes
+    ----------
+    text : str
+        The HTML.
+    """
+
+    text: str = field(repr=False)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page to an ``.html`` file."""
+        return write_text(path, self.text)
+
+    def _repr_html_(self) -> str:
+        return (
+            f'<iframe srcdoc="{html.escape(self.text)}" style="width: 100%; height: 480px; border: 1px solid #ddd">'
+            "</iframe>"
+        )
+
+
+def filled_page(kind: str, title: str, data: Mapping[str, Any], vertices: Array, faces: NDArray[Any]) -> Page:
+    """A page with the controls and the script of its ``kind``, and a picture for browsers without WebGL2."""
+    with tempfile.TemporaryDirectory() as folder:
+        surface = ShadedSurface(vertices, np.asarray(faces))
+        drawn = draw_views([View([surface])], Path(folder, "rest.png"), size=(640, 400)).read_bytes()
+    picture = base64.b64encode(drawn).decode("ascii")
+    room = files("modalshell.page")
+    controls, *scripts = (
+        room.joinpath(name).read_text(encoding="utf-8") for name in (f"{kind}.html", "common.js", f"{kind}.js")
+    )
+    parts = {"controls": controls, "script": "\n".join(scripts), "picture": picture}
+    template = Template(room.joinpath("page.html").read_text(encoding="utf-8"))
+    return Page(template.substitute(parts, title=html.escape(title), data=json.dumps(data)))
+
+
+def encoded(array: NDArray[Any]) -> str:
+    """The little-endian bytes of an array in base 64."""
+    return base64.b64encode(np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes()).decode("ascii")
+
+
+def halves(matrix: Array) -> tuple[NDArray[np.float16], Array]:
+    """Columns scaled to 1 at most as half floats (3n, m), and their scales (m,)."""
+    scales = np.abs(matrix).max(axis=0, initial=0.0)
+    scales[scales == 0.0] = 1.0
+    return (matrix / scales).astype(np.float16), scales

@@ -1,0 +1,56 @@
+"""The fold shares of the split-fold energy at their minimum."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any, final
+
+import numpy as np
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+
+from modalshell.errors import SolverError
+from modalshell.sharing import PerThread
+from modalshell.shell.split_folds import SplitFolds
+from modalshell.typing import Array
+
+_SLACK = 1e-12
+"""Stiffness of a combination of fold shares, as a share of the largest, below which it is none."""
+
+
+def _factorised(stiffness: sps.csc_matrix) -> Any:
+    options = {"SymmetricMode": True}
+    try:
+        return spla.splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    except RuntimeError as error:
+        raise SolverError(
+            "the bending stiffness of the fold shares is singular to rounding: thicknesses or moduli of neighbouring "
+            f"triangles are too many decades apart, or overflow ({error})"
+        ) from error
+
+
+@final
+class FoldShares:
+    """Constant matrices of the bending energy, and its least shares: of all, or of the combinations of ``fields``."""
+
+    def __init__(self, folds: SplitFolds, fields: Array | None = None) -> None:
+        self.by_fold, self.coupling, self.stiffness = folds.matrices()
+        self.coupling_transposed = sps.csr_array(self.coupling.T)
+        self._factor = PerThread(functools.partial(_factorised, sps.csc_matrix(self.stiffness)))
+        self._fields = fields
+        if fields is not None:
+            # Few elements may leave combinations without stiffness; nothing drives these either.
+            values, vectors = np.linalg.eigh(fields.T @ (self.stiffness @ fields))
+            kept = values > _SLACK * values.max(initial=0.0)
+            self._fields = fields @ (vectors[:, kept] / np.sqrt(values[kept]))
+
+    def solve(self, right_side: Array) -> Array:
+        """Shares (m,) or (m, k) under loads of that shape."""
+        if self._fields is not None:
+            return np.asarray(self._fields @ (self._fields.T @ right_side))
+        return np.asarray(self._factor().solve(right_side)) if right_side.size else right_side
+
+    def couples(self, folds: Array) -> Array:
+        """Derivatives (H,) of the bending energy by the fold angles, shares at their minimum [N m]."""
+        shares = self.solve(self.coupling @ folds)
+        return np.asarray(self.by_fold @ folds - self.coupling_transposed @ shares)

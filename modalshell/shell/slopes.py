@@ -1,0 +1,63 @@
+"""Where supports hold the slope of a surface: clamped edges, and edges in planes of symmetry."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.mesh import TriangleMesh
+from modalshell.supports import Support
+from modalshell.typing import Array, Index
+
+
+@final
+@dataclass(frozen=True)
+class HeldSlopes:
+    """Where supports hold the slope of a surface.
+
+    Attributes
+    ----------
+    clamped : ndarray of bool, shape (n,)
+        Vertices of clamps: edges between two of them are clamped.
+    mirrored : ndarray of int64, shape (s,)
+        Boundary edges in planes of symmetry.
+    normals : ndarray, shape (s, 3)
+        Unit normals of their planes.
+    """
+
+    clamped: NDArray[np.bool_]
+    mirrored: Index
+    normals: Array
+
+    def reflections(self) -> Array:
+        """Reflections ``I - 2 N N^T`` (s, 3, 3) about the planes."""
+        return np.asarray(np.eye(3) - 2.0 * self.normals[:, :, None] * self.normals[:, None, :])
+
+    @classmethod
+    def of(cls, clamped: NDArray[np.bool_]) -> HeldSlopes:
+        """Clamped vertices without planes of symmetry."""
+        return cls(clamped, np.empty(0, dtype=np.int64), np.empty((0, 3)))
+
+
+def held_slopes(supports: Sequence[Support], mesh: TriangleMesh) -> HeldSlopes:
+    """Slopes that ``supports`` hold; of edges that are clamped and mirrored the clamp counts."""
+    clamped = np.zeros(len(mesh.vertices), dtype=bool)
+    plane = np.zeros((len(mesh.edges), 3))
+    for support in supports:
+        if support.clamps:
+            clamped |= support.vertices(mesh)
+        normal = support.mirror()
+        if normal is None:
+            continue
+        inside = support.vertices(mesh)
+        # A triangle in the plane itself is its own mirror image, and folds about none of its edges.
+        faces = mesh.edge_faces[:, 0]
+        rim = (mesh.edge_faces[:, 1] < 0) & inside[mesh.edges].all(axis=1) & ~inside[mesh.faces[faces]].all(axis=1)
+        plane[rim] = normal
+    plane[clamped[mesh.edges].all(axis=1)] = 0.0
+    mirrored = np.flatnonzero(plane.any(axis=1))
+    return HeldSlopes(clamped, mirrored, plane[mirrored])

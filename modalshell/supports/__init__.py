@@ -1,0 +1,20 @@
+"""Supports of a shell: what each kind holds, and the affine map from the free unknowns to the vertices' positions."""
+
+from modalshell.supports.base import SUPPORTS, Support
+from modalshell.supports.kinds import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
+from modalshell.supports.unknowns import Unknowns, VertexUnknowns, supported_unknowns
+
+__all__ = [
+    "SUPPORTS",
+    "Clamp",
+    "Diaphragm",
+    "Fix",
+    "Pin",
+    "Roller",
+    "Support",
+    "Symmetry",
+    "Tie",
+    "Unknowns",
+    "VertexUnknowns",
+    "supported_unknowns",
+]

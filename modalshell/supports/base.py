@@ -1,0 +1,94 @@
+"""The base of supports, and their registry."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.checks import checked_kind, checked_vectors, shown
+from modalshell.errors import SupportError
+from modalshell.mesh import TriangleMesh
+from modalshell.selection import Selection, checked_selection, selected
+from modalshell.sharing import read_only
+from modalshell.typing import Array, Vector
+
+
+class Support(ABC):
+    """What holds selected vertices of a shell.
+
+    A subclass with a key is known to scenes: with ``class Pin(Support, key="pin")`` each table ``[[supports]]`` of
+    ``kind = "pin"`` is such a support, its further keys the parameters of the constructor.
+
+    Attributes
+    ----------
+    sel : str, ndarray of bool or of int
+        The vertices, by a text about the shape at rest, a mask, or indices.
+    """
+
+    key: ClassVar[str]
+    clamps: ClassVar[bool] = False
+    """Whether edges between two of its vertices cannot turn."""
+    ties: ClassVar[bool] = False
+    """Whether its vertices move together along the directions, instead of being held."""
+
+    def __init_subclass__(cls, *, key: str = "") -> None:
+        cls.key = key
+        if key:
+            SUPPORTS[key] = cls
+
+    def __init__(self, sel: Selection) -> None:
+        self.sel = checked_selection("sel", sel)
+
+    def plain(self) -> dict[str, Any]:
+        """The parameters of its constructor, as texts and lists."""
+        plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(self).items()}
+        if isinstance(self.sel, np.ndarray) and self.sel.dtype == bool:
+            plain["sel"] = np.flatnonzero(self.sel).tolist()
+        return plain
+
+    @abstractmethod
+    def directions(self) -> Array:
+        """Orthonormal directions (k, 3) along which the vertices are held."""
+
+    def mirror(self) -> Array | None:
+        """Normal (3,) of the plane in which the shell is its own mirror image, if there is one."""
+        return None
+
+    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+        """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
+        return selected("sel", self.sel, mesh)
+
+
+SUPPORTS: dict[str, type[Support]] = {}
+"""Every support by its key."""
+
+
+def unit_vector(name: str, vector: Vector) -> Array:
+    """``vector`` (3,) over its length; SupportError if it has none."""
+    checked = checked_vectors(name, vector, (3,), SupportError)
+    length = float(np.linalg.norm(checked))
+    if length == 0.0:
+        raise SupportError(f"{name} must not be zero (got {checked.tolist()})")
+    # An axis stays the axis to the last bit.
+    return read_only(checked / length)
+
+
+def complement(unit: Array) -> Array:
+    """Two unit directions (2, 3) at right angles to a ``unit`` one (3,); axes where that is an axis."""
+    first = np.eye(3)[(int(np.argmax(np.abs(unit))) + 1) % 3]
+    first = first - unit * (first @ unit)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(unit, first)])
+
+
+def checked_supports(supports: Sequence[Support]) -> tuple[Support, ...]:
+    """The supports as a tuple; SupportError where one is none."""
+    try:
+        given = tuple(supports)
+    except TypeError as error:
+        raise SupportError(f"supports must be a list of supports (got {shown(supports)})") from error
+    return tuple(checked_kind("each of supports", support, Support) for support in given)  # type: ignore[type-abstract]

@@ -1,0 +1,212 @@
+"""The kinds of supports."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.checks import shown
+from modalshell.errors import SupportError
+from modalshell.mesh import TriangleMesh
+from modalshell.selection import Selection
+from modalshell.supports.base import Support, complement, unit_vector
+from modalshell.typing import Array, Vector
+
+_PLANE = 1e-6
+"""Distance from a plane, as a share of the shape's size, up to which vertices lie in it."""
+
+
+def _checked_axes(axes: str) -> str:
+    if not isinstance(axes, str) or not axes or set(axes) - set("xyz") or len(set(axes)) < len(axes):
+        raise SupportError(f"axes must be some of the letters x, y and z, each once (got {shown(axes)})")
+    return axes
+
+
+def _axes(axes: str) -> Array:
+    return np.eye(3)[["xyz".index(axis) for axis in axes]]
+
+
+@final
+class Clamp(Support, key="clamp"):
+    """Holds vertices, and the slope of the surface at them.
+
+    An :class:`~modalshell.Isotropic` shell is clamped at every edge with both ends in it. The hinges of a
+    :class:`~modalshell.Material` know no slope at a boundary: there two rows of vertices must be held.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices.
+    """
+
+    clamps = True
+
+    def directions(self) -> Array:
+        """All three."""
+        return np.eye(3)
+
+
+@final
+class Pin(Support, key="pin"):
+    """Holds vertices, and lets the surface turn about them.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices; triangles with all their corners among them do not move at all.
+    """
+
+    def directions(self) -> Array:
+        """All three."""
+        return np.eye(3)
+
+
+@final
+class Fix(Support, key="fix"):
+    """Holds single components of the vertices' positions.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices.
+    axes : str
+        Some of the letters x, y and z.
+
+    Raises
+    ------
+    SupportError
+        For other ``axes``.
+    """
+
+    def __init__(self, sel: Selection, axes: str) -> None:
+        super().__init__(sel)
+        self.axes = _checked_axes(axes)
+
+    def directions(self) -> Array:
+        """The axes that are named."""
+        return _axes(self.axes)
+
+
+@final
+class Symmetry(Support, key="symmetry"):
+    """Holds vertices in a plane of symmetry, and the surface's boundary there at right angles to it as at rest.
+
+    The shell then moves as half of the whole that it makes with its mirror image.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices in the plane.
+    normal : (float, float, float)
+        Normal of the plane, of any length.
+
+    Raises
+    ------
+    SupportError
+        For a normal that is no direction; on a shell, for vertices that do not lie in one such plane.
+    """
+
+    def __init__(self, sel: Selection, normal: Vector) -> None:
+        super().__init__(sel)
+        self.normal = unit_vector("normal", normal)
+
+    def directions(self) -> Array:
+        """The normal."""
+        return self.normal[None]
+
+    def mirror(self) -> Array:
+        """The normal."""
+        return self.normal
+
+    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+        """Mask (n,) of its vertices; SupportError unless they lie in one plane of the normal."""
+        chosen = super().vertices(mesh)
+        heights = mesh.vertices[chosen] @ self.normal
+        if np.ptp(heights) > _PLANE * mesh.size:
+            raise SupportError(
+                f"sel of a symmetry plane must select vertices in one plane of normal {self.normal.tolist()}: they "
+                f"reach from {heights.min():g} to {heights.max():g} m along it"
+            )
+        return chosen
+
+
+@final
+class Roller(Support, key="roller"):
+    """Lets vertices move along one direction only.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices.
+    direction : (float, float, float)
+        The direction, of any length.
+
+    Raises
+    ------
+    SupportError
+        For a direction that is none.
+    """
+
+    def __init__(self, sel: Selection, direction: Vector) -> None:
+        super().__init__(sel)
+        self.direction = unit_vector("direction", direction)
+
+    def directions(self) -> Array:
+        """The two across."""
+        return complement(self.direction)
+
+
+@final
+class Diaphragm(Support, key="diaphragm"):
+    """A rigid diaphragm: holds vertices in its plane, and lets them move along its axis and turn.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices, such as the rim of a cylinder.
+    axis : (float, float, float)
+        Normal of the diaphragm, of any length.
+
+    Raises
+    ------
+    SupportError
+        For an axis that is no direction.
+    """
+
+    def __init__(self, sel: Selection, axis: Vector) -> None:
+        super().__init__(sel)
+        self.axis = unit_vector("axis", axis)
+
+    def directions(self) -> Array:
+        """The two in the plane."""
+        return complement(self.axis)
+
+
+@final
+class Tie(Support, key="tie"):
+    """Lets vertices move together: along the axes their displacements are equal.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices.
+    axes : str
+        Some of the letters x, y and z; all of them without it.
+
+    Raises
+    ------
+    SupportError
+        For other ``axes``.
+    """
+
+    ties = True
+
+    def __init__(self, sel: Selection, axes: str = "xyz") -> None:
+        super().__init__(sel)
+        self.axes = _checked_axes(axes)
+
+    def directions(self) -> Array:
+        """The axes that are named."""
+        return _axes(self.axes)

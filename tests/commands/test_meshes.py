@@ -1,0 +1,194 @@
+"""Commands on meshes as they come: what is chosen, what is repaired, and what is said."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+from modalshell.commands.choices import SAG, Timing, hold_one_end, motion_in_words, softening
+from modalshell.outcome import Outcome
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+@pytest.fixture(autouse=True)
+def _without_opengl(monkeypatch):
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+
+
+def run(capsys, *arguments):
+    status = 0
+    try:
+        main([str(argument) for argument in arguments])
+    except SystemExit as stop:
+        status = stop.code
+    captured = capsys.readouterr()
+    return status or 0, captured.out, captured.err
+
+
+@pytest.fixture
+def torn(tmp_path):
+    """A strip with a fin on an inner edge, a copied face, and a small loose part."""
+    mesh = ms.sheet(length=1.0, width=0.3, cells=(8, 3))
+    first, second = mesh.edges[mesh.hinge_edges[4]]
+    count = len(mesh.vertices)
+    fin = 0.5 * (mesh.vertices[first] + mesh.vertices[second]) + [0.0, 0.0, 0.1]
+    vertices = np.vstack((mesh.vertices, fin, mesh.vertices[[0, 1, 2, 4]] + np.array([0.0, 1.0, 0.0])))
+    faces = [*mesh.faces.tolist(), mesh.faces[0].tolist(), [first, second, count], [count + 1, count + 4, count + 2]]
+    path = tmp_path / "torn.obj"
+    points = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in vertices.tolist())
+    path.write_text(points + "".join(f"f {a + 1} {b + 1} {c + 1}\n" for a, b, c in faces))
+    return path
+
+
+def test_a_mesh_that_is_refused_makes_a_film_with_repair(capsys, torn, tmp_path):
+    status, out, err = run(capsys, "simulate", torn, "--out", tmp_path)
+    assert status == 2
+    assert out == ""
+    assert "--repair" in err
+    status, out, err = run(capsys, "simulate", torn, "--repair", "--duration", "0.1", "--out", tmp_path)
+    assert status == 0, err
+    assert "dropped 1 faces that were there already" in out
+    assert "split 1 edges of three or more faces" in out
+    assert "now 3 parts" in out
+    assert "end of lowest y of each of 3 parts" in out
+    assert (tmp_path / "torn_mwts.mp4").exists()
+    status, _, err = run(capsys, "modes", torn, "--repair", "--clamp", "x > 0.8", "--out", tmp_path)
+    assert status == 2
+    assert "--component" in err or "component 'largest'" in err
+    options = ("--repair", "--component", "largest", "--count", "2", "--clamp", "x > 0.8", "--out", tmp_path)
+    assert run(capsys, "modes", torn, *options)[0] == 0
+
+
+def test_repair_writes_a_mesh_that_is_taken_and_leaves_the_original(capsys, torn, tmp_path):
+    before = torn.read_bytes()
+    mended = tmp_path / "mended.ply"
+    status, out, err = run(capsys, "repair", torn, "--out", mended, "--component", "largest")
+    assert status == 0, err
+    assert "left out 2 parts" in out
+    assert "open edges" in out
+    assert str(mended) in out
+    assert ms.load_mesh(mended).area == pytest.approx(0.3)
+    status, _, err = run(capsys, "repair", torn, "--out", torn)
+    assert status == 2
+    assert "never overwritten" in err
+    (tmp_path / "link.obj").symlink_to(torn)
+    assert run(capsys, "repair", torn, "--out", tmp_path / "link.obj")[0] == 2
+    assert torn.read_bytes() == before
+    status, _, err = run(capsys, "repair", tmp_path / "none.obj", "--out", tmp_path / "b.obj")
+    assert status == 2
+    assert "no such file" in err
+
+
+def test_scenes_repair(torn, scene_file):
+    def scene(more):
+        table = f'file = "{torn.as_posix()}"\ncomponent = "largest"{more}'
+        return ms.load_scene(scene_file(('shape = "v_beam"\ncells = [12, 4]', table)))
+
+    with pytest.raises(ms.SceneError, match="--repair"):
+        scene("").build_mesh()
+    with pytest.warns(ms.ModalShellWarning, match="split 1 edges"):
+        assert scene("\nrepair = true").build_mesh().area == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+def test_without_flags_a_mesh_of_any_size_sags_alike(capsys, tmp_path, size):
+    mesh = ms.cylinder_panel(length=size, radius=0.6 * size, cells=(6, 6))
+    ms.save_mesh(mesh, tmp_path / "panel.ply")
+    status, out, err = run(capsys, "simulate", tmp_path / "panel.ply", "--static", "--model", "lma", "--out", tmp_path)
+    assert status == 0, err
+    assert 'holds the end "x <= ' in out
+    assert "Young's modulus" in out
+    assert "time step" in out
+    assert "moves by up to" in out
+    found = ms.load_trajectory(tmp_path / "panel_lma.npz")
+    moved = np.linalg.norm(found.positions - found.rest_positions, axis=2).max() / mesh.size
+    assert moved == pytest.approx(SAG, rel=0.06)
+
+
+def test_what_is_named_is_not_chosen(capsys, tmp_path):
+    ms.save_mesh(ms.sheet(length=1.0, width=0.4, cells=(8, 3)), tmp_path / "sheet.ply")
+    command = ("simulate", tmp_path / "sheet.ply", "--out", tmp_path, "--duration", "0.1")
+    _, out, _ = run(capsys, *command, "--young", "1e9")
+    assert "holds the end" in out
+    assert "Young" not in out
+    assert len(ms.load_trajectory(tmp_path / "sheet_mwts.npz").times) == 4
+    _, out, _ = run(capsys, *command, "--clamp", "none")
+    assert "holds" not in out
+    assert "6 rigid" in out
+    _, out, _ = run(capsys, *command, "--clamp", "x < 0.2", "--young", "1e15")
+    assert "too stiff to see" in out
+    _, out, _ = run(capsys, *command, "--clamp", "x < 0.2", "--young", "10", "--gravity", "0", "0", "-2000")
+    assert "too soft" in out
+
+
+def test_one_end_of_each_part_is_held():
+    strip = ms.sheet(length=1.0, width=0.3, cells=(20, 6))
+    ends = hold_one_end(strip, GRAVITY)
+    assert np.array_equal(ends.held, strip.vertices[:, 0] <= 0.05 + 1e-9)
+    assert ends.told == 'holds the end "x <= 0.05" (14 vertices)'
+    coarse = ms.sheet(length=1.0, width=0.3, cells=(2, 1))
+    assert hold_one_end(coarse, GRAVITY).held[coarse.faces].all(axis=1).any()
+    upright = ms.TriangleMesh(strip.vertices[:, [2, 1, 0]], strip.faces)
+    assert np.ptp(upright.vertices[hold_one_end(upright, GRAVITY).held, 1]) < 0.1  # along y, for z runs along gravity
+    single = ms.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [6, 0, 0], [5, 1, 0], [6, 1, 0]],
+                             [[0, 1, 2], [3, 4, 5], [4, 6, 5]])  # fmt: skip
+    held = hold_one_end(single, GRAVITY).held
+    assert held[:3].all()
+    assert held[3:].sum() == 3
+
+
+def test_sheets_that_hang_by_a_vertex_are_refused_with_a_repair_that_works():
+    mesh = ms.sheet(length=1.0, width=1.0, cells=(3, 3))
+    corner = int(mesh.vertices.sum(axis=1).argmax())
+    count = len(mesh.vertices)
+    number = np.where(np.arange(count) == 0, corner, count - 1 + np.arange(count))
+    vertices = np.vstack((mesh.vertices, (mesh.vertices - mesh.vertices[0] + mesh.vertices[corner])[1:]))
+    pair = ms.TriangleMesh(vertices, np.vstack((mesh.faces, number[mesh.faces])))
+    material = ms.Material(20.0, 20.0, 0.05, 0.2)
+    basis = ms.solve_modes(ms.Shell(pair, material, hold_one_end(pair, GRAVITY).held), 4)
+    with pytest.raises(ms.SupportError, match=r"single vertices; split them by .*--repair"):
+        softening(basis, GRAVITY)
+    mended, report = ms.repair(pair.vertices, pair.faces)
+    assert report.parts == 2
+    basis = ms.solve_modes(ms.Shell(mended, material, hold_one_end(mended, GRAVITY).held), 4)
+    assert basis.rigid_modes == 0
+    assert softening(basis, GRAVITY) > 0.0
+    assert softening(basis, 0.0 * GRAVITY) == 1.0
+
+
+def test_the_weight_sags_by_the_set_share():
+    mesh = ms.v_beam(cells=(16, 4))
+    held = hold_one_end(mesh, GRAVITY).held
+
+    def basis(factor):
+        return ms.solve_modes(ms.Shell(mesh, ms.Material(factor * 1e3, factor * 1e3, factor * 0.1, 0.2), held), 4)
+
+    factor = softening(basis(1.0), GRAVITY)
+    assert softening(basis(factor), GRAVITY) == pytest.approx(1.0, rel=0.06)
+    answer = ms.LinearModal(basis(factor)).equilibrium(gravity=GRAVITY)
+    assert np.linalg.norm(answer.positions - mesh.vertices, axis=1).max() == pytest.approx(SAG * mesh.size, rel=0.06)
+    timing = Timing.of_sag(mesh.size, GRAVITY)
+    assert timing.duration / timing.dt == pytest.approx(60.0)
+
+
+@pytest.mark.parametrize(
+    ("moved", "outcome", "told"),
+    [
+        (1e-4, Outcome.COMPLETED, "too stiff"),
+        (0.2, Outcome.COMPLETED, "moves by up to 20 % of its size"),
+        (3.0, Outcome.COMPLETED, "too soft"),
+        (0.5, Outcome.DISTORTED, "too soft"),
+        (0.5, Outcome.WOUND_UP, "too soft"),
+        (9.0, Outcome.DIVERGED, "flies apart"),
+        (9.0, Outcome.RUNS_AWAY, "flies apart"),
+    ],
+)
+def test_too_stiff_too_soft_and_flying_apart_are_told_apart(moved, outcome, told):
+    rest = np.array(ms.sheet(cells=(2, 2)).vertices)
+    frames = np.stack((rest, rest + np.array([0.0, 0.0, moved])))
+    found = ms.Trajectory(times=np.arange(2.0), positions=frames, outcome=outcome, message="", unconverged_steps=0,
+                          seconds=0.0, rest_positions=rest)  # fmt: skip
+    line = motion_in_words(found, 1.0)
+    assert line.startswith(told)
+    assert "\n" not in line

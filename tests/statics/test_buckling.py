@@ -1,0 +1,84 @@
+"""Linear buckling: what models of quadratic energy cannot see, and `modalshell run` says."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+from modalshell.statics.buckling import buckles
+
+SCENE = """
+[mesh]
+shape = "v_beam"
+fold = 150.0
+cells = [40, 8]
+[material]
+stretch = 2000.0
+shear = 2000.0
+flexure = 0.05
+density = 0.2
+[supports]
+clamped = "x < 0.026"
+[loads]
+gravity = [0.0, 0.0, %g]
+[model]
+name = "%s"
+modes = 4
+"""
+
+
+@pytest.mark.parametrize("material", ["hinges", "shell theory"])
+def test_a_column_buckles_at_eulers_load(material):
+    young, thickness, width = 1e9, 1e-3, 0.05
+    mesh = ms.flat_beam(length=1.0, width=width, cells=(40, 4))
+    held = mesh.vertices[:, 0] < (0.03 if material == "hinges" else 1e-9)
+    if material == "hinges":
+        made = ms.Material.from_physical(young=young, poisson=0.0, thickness=thickness, density=1.0, mesh=mesh)
+    else:
+        made = ms.Isotropic(young=young, poisson=0.0, thickness=thickness, density=1.0)
+    shell = ms.Shell(mesh, made, held)
+    length = 1.0 - mesh.vertices[held, 0].max()
+    critical = np.pi**2 * young * width * thickness**3 / 12.0 / (4.0 * length**2)
+    force = ms.LineForce("x > 0.999", (-1.0 / width, 0.0, 0.0)).force(mesh)
+    assert not buckles(shell, 0.95 * critical * force)
+    assert buckles(shell, 1.05 * critical * force)
+    assert not buckles(shell, -5.0 * critical * force)  # a pull
+    assert not buckles(shell, 0.0 * force)
+
+
+def test_shells_that_nothing_holds_or_that_have_no_stiffness_are_not_said_to_buckle():
+    mesh = ms.flat_beam(cells=(8, 2))
+    for material, held in ((ms.Material(20.0, 20.0, 0.05, 0.2), None), (ms.Material(0.0, 0.0, 0.0, 0.2), [0, 1, 2])):
+        shell = ms.Shell(mesh, material, held)
+        assert not buckles(shell, shell.gravity_force((-1e3, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize(("cells", "gravities"), [((40, 8), (40.0, 46.0)), ((80, 16), (40.0, 46.0))])
+def test_it_is_where_the_stiff_fold_snaps(cells, gravities):
+    """DS snaps between 42 and 44, `studies/v_beam_accuracy.py`."""
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=cells)
+    shell = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.026)
+    below, above = (buckles(shell, shell.gravity_force((0.0, 0.0, -gravity))) for gravity in gravities)
+    assert (below, above) == (False, True)
+
+
+@pytest.mark.parametrize("fold", [150.0, 180.0])
+def test_large_bends_without_a_snap_are_not_called_one(fold):
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=fold, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.051)
+    assert not buckles(shell, shell.gravity_force((0.0, 0.0, -30.0)))
+
+
+@pytest.mark.parametrize("motion", ["", "[motion]\nduration = 0.1\n"])
+@pytest.mark.parametrize(
+    ("model", "gravity", "told"), [("mwts", -70.0, True), ("lma", -70.0, True), ("mwts", -20.0, False)]
+)
+def test_run_past_a_snap_points_to_advise(model, gravity, told, motion, tmp_path, capsys):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE % (gravity, model) + motion)
+    with pytest.raises(SystemExit) as ended:
+        main(["run", str(scene), "--out", str(tmp_path / "out")])
+    assert ended.value.code == 0
+    assert ("linear buckling load" in capsys.readouterr().out) == told
+    kept = ms.load_trajectory(tmp_path / "out" / "scene.npz")
+    assert ("modalshell advise" in kept.message) == told
