@@ -47,7 +47,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "supports": {"checks", "errors", "mesh", "selection", "sharing", "typing"},
     "shell": {"checks", "errors", "kernels", "loads", "memory", "mesh", "sharing", "supports", "typing", "work"},
     "constraints": {"checks", "errors", "kernels", "sharing", "shell", "typing"},
-    "measure": {"checks", "errors", "mesh", "shell", "typing"},
+    "measure": {"checks", "errors", "loads", "mesh", "shell", "typing"},
     "modes": {
         "atomic_io",
         "checks",
@@ -138,7 +138,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "timings",
         "typing",
     },
-    "export": {"atomic_io", "checks", "errors", "modes", "motion", "outcome", "reading", "sharing", "typing"},
+    "export": {"atomic_io", "checks", "errors", "modes", "motion", "outcome", "reading", "sharing", "shell", "typing"},
     "scene": {
         "atomic_io",
         "checks",
@@ -271,7 +271,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "typing",
         "viewer",
     },
-    "cli": {"atomic_io", "checks", "commands", "compare", "doctor", "errors", "memory", ROOT, "provenance"},
+    "cli": {"atomic_io", "checks", "commands", "compare", "doctor", "errors", "memory", ROOT, "provenance", "scene"},
     "__main__": {"cli"},
 }
 

@@ -85,8 +85,18 @@ def methods():
         Target("OrientationConstraint.at", ms.OrientationConstraint([8], [0.1, 0.0, 0.0]).at, {"time": 0.05}),
         Target("WarpFrame.positions", ms.WarpFrame(basis).positions, {"q": q}),
         Target("TriangleMesh.shared_among_corners", mesh.shared_among_corners, {"face_values": mesh.face_areas}),
+        Target(
+            "Basis.page",
+            basis.page,
+            {"gravity": gravity, "force": vectors, "damping": np.array([0.5, 0.001]), "dt": 0.01},
+        ),
         Target("Flock.step", lambda dt: ms.Flock(rest[:3], rest[3:6] + 1.0).step(dt), {"dt": 0.1}),
     ]
+    coarse = next(model for model in models.values() if isinstance(model, ms.CoarseDiscreteShell))
+    made.append(
+        Target("CoarseDiscreteShell.prolong", coarse.prolong, {"positions": coarse.coarse.shell.rest_positions})
+    )
+    made.append(Target("CoarseDiscreteShell.restrict", coarse.restrict, {"load": vectors}))
     crowd, pose = ms.Crowd(basis, 2), {"rotations": np.eye(3), "translations": np.zeros(3)}
     blend = functools.partial(crowd.blend_strains, models["rsw"], out=np.empty((2, *rest.shape)))
     made.append(Target("Crowd.blend_strains", blend, {"shares": np.array([0.0, 1.0])} | pose))
