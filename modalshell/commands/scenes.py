@@ -8,9 +8,12 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 import modalshell as ms
+from modalshell.atomic_io import make_folder
 from modalshell.commands.terminal import end_with, progress
 from modalshell.errors import OptionError
+from modalshell.run.path_files import write_path
 from modalshell.scene.page import scene_page
+from modalshell.scene.paths import scene_path
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
 
@@ -19,11 +22,14 @@ def run(
     scene: Annotated[Path, Parameter(help="TOML file.")],
     *,
     out: Annotated[Path | None, Parameter(help="Folder of the results instead of the scene's own.")] = None,
+    color: Annotated[
+        str | None, Parameter(help="Field that colours the film or picture: curvature, von_mises, energy_density, ...")
+    ] = None,
     restart: Annotated[bool, Parameter(help="Drop what a stopped run has left and start anew.")] = False,
 ) -> None:
     """Run a scene file, or go on with a run of it that was stopped."""
     with progress(f"{scene.stem} steps") as on_step:
-        result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
+        result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
     print(f"{scene.stem}: {result.summary}")
     for path in result.files:
         print(path)
@@ -97,6 +103,32 @@ def sweep(
     end_with(*found.counts())
 
 
+def path(
+    scene: Annotated[Path, Parameter(help="TOML file; its [path] table says how.")],
+    *,
+    until: Annotated[float | None, Parameter(help="Load factor at the end instead of the scene's.")] = None,
+    branches: Annotated[int | None, Parameter(help="Bifurcations whose other branch is followed.")] = None,
+    out: Annotated[Path, Parameter(help="Folder of the numbers and pictures.")] = Path("results"),
+) -> None:
+    """Follow a scene's equilibria under its growing load through snaps: load-deflection curve, stable or not.
+
+    Example: modalshell path studies/scenes/v_beam_stiff.toml --branches 1
+    """
+    declared = ms.load_scene(scene)
+    changed = {name: value for name, value in (("until", until), ("branches", branches)) if value is not None}
+    make_folder(out)
+    with progress(f"{scene.stem} points") as on_step:
+        found = scene_path(declared, on_step, **changed)
+    print(f"{declared.name}: {found.outcome.with_message(found.message)}, {len(found.factors)} points")
+    for number, one in enumerate([found, *found.branches]):
+        begin = "" if one is found else f"branch {number}: "
+        for kind, index, factor in one.events:
+            print(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
+    for file in write_path(found, out, declared.name):
+        print(file)
+    end_with(found.outcome)
+
+
 def page(
     scene: Annotated[Path, Parameter(help="TOML file.")],
     *,
@@ -111,5 +143,5 @@ def page(
 
 def register(app: App) -> None:
     """Add the commands to ``app``."""
-    for command in (run, view, sweep, page):
+    for command in (run, view, sweep, path, page):
         app.command(command)

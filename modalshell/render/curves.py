@@ -18,7 +18,10 @@ _INSIDE = 5
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a panel: values ``y`` over ``x`` with a label and a colour; a guide has no points."""
+    """One line of a panel: values ``y`` over ``x`` with a label and a colour; a guide has no points.
+
+    A label that begins with an underscore is not in the legend.
+    """
 
     x: ArrayLike
     y: ArrayLike
@@ -26,6 +29,7 @@ class Curve:
     color: str
     dashed: bool = False
     points: bool = True
+    marker: str = "o"
 
 
 @dataclass(frozen=True)
@@ -79,8 +83,9 @@ def draw_curves(
     for place, panel in enumerate(panels, start=1):
         axes = figure.add_subplot(rows, across, place, sharey=figure.axes[0] if share_y and figure.axes else None)
         for curve in panel.curves:
-            style, marker = "--" if curve.dashed else "-", "o" if curve.points else None
-            axes.plot(curve.x, curve.y, style, marker=marker, ms=4, color=curve.color, label=curve.label)
+            style, marker = "--" if curve.dashed else "-", curve.marker if curve.points else None
+            size = 4 if curve.marker == "o" else 7
+            axes.plot(curve.x, curve.y, style, marker=marker, ms=size, color=curve.color, label=curve.label)
         if panel.log:
             axes.set_yscale("log")
         if panel.log_x:

@@ -1,0 +1,59 @@
+"""A path of equilibria as files: its numbers, its load-deflection curve, and pictures at its marked points."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from modalshell.atomic_io import write_npz
+from modalshell.models.paths import EquilibriumPath
+from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.render.load_paths import MARKERS, path_curves
+
+_COLORS = ("#2b5fc8", "#d98200", "#7b2d8e", "#2f9e44", "#c8322b")
+_MOST = 11
+"""Marked points that are pictured at most, the beginning and the end not counted."""
+
+
+def write_path(path: EquilibriumPath, folder: Path, name: str) -> list[Path]:
+    """Write ``NAME_path.npz``, ``NAME_path.png`` and ``NAME_path_shapes.png`` into ``folder``; return the paths."""
+    arrays = {}
+    for number, one in enumerate([path, *path.branches]):
+        begin = "" if one is path else f"branch_{number}_"
+        for key in ("factors", "displacements", "stable", "unstable_directions", "positions", "residuals"):
+            arrays[f"{begin}{key}"] = getattr(one, key)
+        arrays[f"{begin}event_kinds"] = np.array([event.kind for event in one.events], dtype="U16")
+        arrays[f"{begin}event_points"] = np.array([event[1] for event in one.events], dtype=np.int64)
+    written = [write_npz(folder / f"{name}_path.npz", **arrays)]
+    curves: list[Curve] = []
+    for number, one in enumerate([path, *path.branches]):
+        label = "path" if one is path else f"branch {number}"
+        color = _COLORS[number % len(_COLORS)]
+        curves += path_curves(one.displacements, one.factors, one.stable, one.events, label, color)
+    seen = {event.kind for one in [path, *path.branches] for event in one.events}
+    for kind, marker in MARKERS.items():  # to be named in the legend
+        if kind in seen:
+            place = next((one, e[1]) for one in [path, *path.branches] for e in one.events if e.kind == kind)
+            x, y = place[0].displacements[place[1]], place[0].factors[place[1]]
+            curves.append(Curve([x], [y], kind, "black", marker=marker))
+    panel = Panel(curves, f"{name}: stable parts drawn through, unstable dashed", "displacement [m]", "load factor")
+    written.append(draw_curves([panel], folder / f"{name}_path.png"))
+    if path.mesh is not None:
+        written.append(_draw_shapes(path, folder / f"{name}_path_shapes.png"))
+    return written
+
+
+def _draw_shapes(path: EquilibriumPath, file: Path) -> Path:
+    """The shapes at the beginning, at the marked points, and at the end."""
+    assert path.mesh is not None
+    marked = [(event.kind, event[1]) for event in path.events][:_MOST]
+    views = []
+    for text, index in [("beginning", 0), *marked, ("end", len(path.factors) - 1)]:
+        state = "stable" if path.stable[index] else f"{path.unstable_directions[index]} unstable"
+        surface = ShadedSurface(path.positions[index], path.mesh.faces, smooth=True)
+        views.append(View([surface], title=f"{text}, {path.factors[index]:.4g}", subtitle=state))
+    columns = min(4, len(views))
+    rows = -(-len(views) // columns)
+    return draw_views(views, file, columns=columns, size=(400 * columns, 330 * rows), legend=False)
