@@ -24,6 +24,7 @@ from modalshell.errors import ModalShellError
 from modalshell.memory import available_memory, gigabytes
 from modalshell.reproduce import chosen_studies, run_benchmarks
 from modalshell.reproduce import reproduce as reproduce_study
+from modalshell.scene.page import write_pages
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
 scenes.register(app)
@@ -41,8 +42,14 @@ def reproduce(
     out: Annotated[Path, Parameter(help="Folder of the results; pictures go to 'figures' in it.")] = Path("results"),
     figures: Annotated[Path | None, Parameter(help="Another folder for the pictures.")] = None,
     quick: Annotated[bool, Parameter(help="Coarser meshes and fewer loads, to try things out.")] = False,
+    pages: Annotated[bool, Parameter(help="Write a web page of each scene into 'pages' instead.")] = False,
 ) -> None:
     """Run the studies and draw the paper's figures."""
+    if pages:
+        with progress("pages") as on_step:
+            written = write_pages(out / "pages", on_step)
+        print(*written, sep="\n")
+        return
     names = chosen_studies(only, everything)
     make_folder(out)
     for name in names:

@@ -273,7 +273,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "typing",
         "viewer",
     },
-    "cli": {"atomic_io", "checks", "commands", "compare", "doctor", "errors", "memory", ROOT, "reproduce"},
+    "cli": {"atomic_io", "checks", "commands", "compare", "doctor", "errors", "memory", ROOT, "reproduce", "scene"},
     "__main__": {"cli"},
 }
 
