@@ -40,7 +40,7 @@ def test_modes_that_do_not_fit_are_refused(shell, little):
 
 def test_rigid_motions_of_many_parts_are_counted(little):
     corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    vertices = np.concatenate([corners + [0.0, 0.0, k] for k in range(3000)])
+    vertices = np.concatenate([corners + np.array([0.0, 0.0, k]) for k in range(3000)])
     shell = ms.Shell(
         ms.TriangleMesh(vertices, np.arange(9000).reshape(-1, 3)), ms.Material(1.0, 1.0, 1.0, 1.0), loose_parts=True
     )
