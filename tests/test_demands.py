@@ -1,6 +1,5 @@
 """Work that needs more than the machine has is refused with its need; long work is announced or shows how far it is."""
 
-import json
 import shutil
 
 import numpy as np

@@ -58,8 +58,8 @@ def check_gltf(data: bytes) -> None:
         return
     if instances > _MANY_INSTANCES:
         warnings.warn(
-            f"the glTF places {instances} meshes, which takes about {1e-3 * instances:.0f} s to read; join them into one "
-            "mesh to be faster",
+            f"the glTF places {instances} meshes, which takes about {1e-3 * instances:.0f} s to read; join them into "
+            "one mesh to be faster",
             ModalShellWarning,
             stacklevel=4,
         )
