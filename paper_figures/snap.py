@@ -62,10 +62,6 @@ def shapes(case: str, positions: np.ndarray, faces: np.ndarray) -> list[View]:
         positions = positions[[0, 1, 2, -1]]
     names = [*("at rest", "first limit point", "second limit point")[: len(positions) - 1], "end"]
     return [
-        View(
-            [ShadedSurface(x, faces, smooth=True)],
-            title=f"{case}: {name}" if x is positions[0] else name,
-            camera=CAMERA,
-        )
+        View([ShadedSurface(x, faces, smooth=True)], title=case, subtitle=name, camera=CAMERA)
         for name, x in zip(names, positions, strict=True)
     ]
