@@ -1,6 +1,10 @@
 """Selection of vertices: by a text such as ``x < 0.01 and abs(y) > 0.2``, by a mask, or by indices.
 
-Texts are parsed, never evaluated as code.
+Texts compare the coordinates ``x``, ``y``, ``z`` [m] at rest, and ``angle(nx, ny, nz)``, the angle [deg] between the
+surface's normal at a vertex and a direction. Besides, ``boundary`` selects all boundary vertices, ``boundary(k)`` those
+of one boundary loop, counted from 0 by falling length, ``component(k)`` those of one connected part, counted from 0 by
+falling area, ``nearest(x, y, z)`` the vertex nearest to a point, and ``box(x0, y0, z0, x1, y1, z1)`` those in a box.
+They are parsed, never evaluated as code.
 """
 
 from __future__ import annotations
@@ -12,9 +16,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from modalshell.checks import as_array, shortened, shown
 from modalshell.errors import OptionError
+from modalshell.mesh import TriangleMesh
 from modalshell.sharing import read_only_copy
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
@@ -29,20 +36,40 @@ _ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
 }
-_ALLOWED = "comparisons (<, <=, >, >=) of x, y, z, numbers, + - * /, abs(...), joined by and, or, not"
+_ALLOWED = (
+    "comparisons (<, <=, >, >=) of x, y, z, numbers, + - * /, abs(...), angle(nx, ny, nz), and boundary, boundary(k), "
+    "component(k), nearest(x, y, z), box(x0, y0, z0, x1, y1, z1), joined by and, or, not"
+)
 _LONGEST = 1000
 """Characters of a selection: the parser's own limits end in no message."""
 
 
+_ON_MESH: dict[str, tuple[int, Callable[..., NDArray[np.bool_]]]] = {
+    "boundary": (1, lambda mesh, number: _boundary_loop(mesh, number)),
+    "component": (1, lambda mesh, number: _component(mesh, number)),
+}
+"""Functions of a mesh that select vertices, and how many numbers they take."""
+_ON_POINTS: dict[str, tuple[int, Callable[..., NDArray[np.bool_]]]] = {
+    "nearest": (3, lambda points, *at: np.arange(len(points)) == np.argmin(np.linalg.norm(points - at, axis=1))),
+    "box": (6, lambda points, *box: ((points >= box[:3]) & (points <= box[3:])).all(axis=1)),
+}
+"""Functions of points that select vertices, and how many numbers they take."""
+
 Selection = str | Sequence[int] | NDArray[np.bool_] | NDArray[np.int64]
 """Vertices by a text, by indices, or by a mask."""
+
+
+class _NoSuchPartError(OptionError):
+    """The mesh has fewer parts than a selection asks for."""
 
 
 def checked_selection(name: str, selection: Selection) -> Selection:
     """A selection that no one can change, before there is a mesh; OptionError about ``name`` where it can be none."""
     if isinstance(selection, str):
         try:
-            select_vertices(selection, np.zeros((1, 3)))
+            select_vertices(selection, _SAMPLE)
+        except _NoSuchPartError:
+            return selection
         except OptionError as error:
             raise OptionError(f"{name} {error}") from error
         return selection
@@ -52,12 +79,13 @@ def checked_selection(name: str, selection: Selection) -> Selection:
     return read_only_copy(np.atleast_1d(entries))
 
 
-def selected(name: str, selection: Selection, vertices: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Mask (n,) of the selected ones of ``vertices`` (n, 3), at least one; else OptionError about ``name``."""
+def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Mask (n,) of the selected vertices of a mesh, or points (n, 3), at least one; else OptionError about ``name``."""
+    vertices = np.asarray(surface.vertices if isinstance(surface, TriangleMesh) else surface)
     count = len(vertices)
     if isinstance(selection, str):
         try:
-            mask = select_vertices(selection, vertices)
+            mask = select_vertices(selection, surface)
         except OptionError as error:
             raise OptionError(f"{name} {error}") from error
     else:
@@ -76,15 +104,15 @@ def selected(name: str, selection: Selection, vertices: NDArray[np.float64]) -> 
     return mask
 
 
-def select_vertices(expression: str, vertices: NDArray[np.float64]) -> NDArray[np.bool_]:
+def select_vertices(expression: str, surface: TriangleMesh | NDArray[np.float64]) -> NDArray[np.bool_]:
     """Mask (n,) of the vertices for which ``expression`` holds.
 
     Parameters
     ----------
     expression : str
-        Comparisons of the coordinates ``x``, ``y``, ``z`` [m], joined by ``and``, ``or``, ``not``.
-    vertices : ndarray, shape (n, 3)
-        Positions [m].
+        What is selected, as :mod:`modalshell.selection` says, joined by ``and``, ``or``, ``not``.
+    surface : TriangleMesh, or ndarray, shape (n, 3)
+        The mesh, or positions [m], which have neither boundary nor normals.
 
     Raises
     ------
@@ -96,14 +124,15 @@ def select_vertices(expression: str, vertices: NDArray[np.float64]) -> NDArray[n
     try:
         tree = ast.parse(expression.strip(), mode="eval").body
         with np.errstate(divide="ignore", invalid="ignore"):
-            mask = _mask(tree, expression.strip(), np.asarray(vertices).T)
+            mask = _mask(tree, expression.strip(), surface)
     except (SyntaxError, ValueError, OverflowError, RecursionError, MemoryError) as error:
         if isinstance(error, OptionError):
             raise
         raise OptionError(
             f"cannot read the selection {shown(expression)}: {shortened(str(error))}; allowed: {_ALLOWED}"
         ) from error
-    return np.broadcast_to(np.asarray(mask, dtype=bool), (len(vertices),)).copy()
+    count = len(surface.vertices) if isinstance(surface, TriangleMesh) else len(surface)
+    return np.broadcast_to(np.asarray(mask, dtype=bool), (count,)).copy()
 
 
 def _refuse(node: ast.AST, text: str) -> OptionError:
@@ -111,33 +140,44 @@ def _refuse(node: ast.AST, text: str) -> OptionError:
     return OptionError(f"cannot use {shown(part)} in the selection {shown(text)}; allowed: {_ALLOWED}")
 
 
-def _mask(node: ast.expr, text: str, axes: NDArray[np.float64]) -> Any:
+def _mask(node: ast.expr, text: str, surface: TriangleMesh | NDArray[np.float64]) -> Any:
     if isinstance(node, ast.BoolOp):
-        masks = [_mask(value, text, axes) for value in node.values]
+        masks = [_mask(value, text, surface) for value in node.values]
         combine = np.logical_and if isinstance(node.op, ast.And) else np.logical_or
         return combine.reduce(np.broadcast_arrays(*masks))
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-        return np.logical_not(_mask(node.operand, text, axes))
+        return np.logical_not(_mask(node.operand, text, surface))
     if isinstance(node, ast.Compare):
-        values = [_value(part, text, axes) for part in (node.left, *node.comparators)]
+        values = [_value(part, text, surface) for part in (node.left, *node.comparators)]
         result: Any = True
         for compare, left, right in zip(node.ops, values[:-1], values[1:], strict=True):
             if type(compare) not in _COMPARE:
                 raise _refuse(node, text)
             result = np.logical_and(result, _COMPARE[type(compare)](left, right))
         return result
+    if isinstance(node, ast.Name) and node.id == "boundary":
+        mesh = _mesh(surface, node, text)
+        return np.isin(np.arange(len(mesh.vertices)), mesh.boundary_vertices)
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        name = node.func.id
+        if name in _ON_MESH:
+            count, select = _ON_MESH[name]
+            return select(_mesh(surface, node, text), *_numbers(node, text, count))
+        if name in _ON_POINTS:
+            count, select = _ON_POINTS[name]
+            return select(_points(surface), *_numbers(node, text, count))
     raise _refuse(node, text)
 
 
-def _value(node: ast.expr, text: str, axes: NDArray[np.float64]) -> Any:
+def _value(node: ast.expr, text: str, surface: TriangleMesh | NDArray[np.float64]) -> Any:
     if isinstance(node, ast.Name) and node.id in ("x", "y", "z"):
-        return axes["xyz".index(node.id)]
+        return _points(surface)[:, "xyz".index(node.id)]
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
         return np.float64(node.value)
     if isinstance(node, ast.BinOp) and type(node.op) in _ARITHMETIC:
-        return _ARITHMETIC[type(node.op)](_value(node.left, text, axes), _value(node.right, text, axes))
+        return _ARITHMETIC[type(node.op)](_value(node.left, text, surface), _value(node.right, text, surface))
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return -_value(node.operand, text, axes)
+        return -_value(node.operand, text, surface)
     if (
         isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)
@@ -145,5 +185,76 @@ def _value(node: ast.expr, text: str, axes: NDArray[np.float64]) -> Any:
         and len(node.args) == 1
         and not node.keywords
     ):
-        return np.abs(_value(node.args[0], text, axes))
+        return np.abs(_value(node.args[0], text, surface))
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "angle":
+        return _angles(_mesh(surface, node, text), np.array(_numbers(node, text, 3)))
     raise _refuse(node, text)
+
+
+def _points(surface: TriangleMesh | NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(surface.vertices if isinstance(surface, TriangleMesh) else surface)
+
+
+def _mesh(surface: TriangleMesh | NDArray[np.float64], node: ast.AST, text: str) -> TriangleMesh:
+    if not isinstance(surface, TriangleMesh):
+        part = ast.get_source_segment(text, node)
+        raise OptionError(f"cannot use {shown(part)} in the selection {shown(text)} of points without a mesh")
+    return surface
+
+
+def _numbers(node: ast.Call, text: str, count: int) -> list[float]:
+    """The arguments of a call, which must be ``count`` numbers."""
+    if node.keywords or len(node.args) != count:
+        raise OptionError(
+            f"{ast.get_source_segment(text, node)!r:.60} must have {count} numbers in the selection {shown(text)}"
+        )
+    values = []
+    for argument in node.args:
+        number = argument.operand if isinstance(argument, ast.UnaryOp) else argument
+        sign = -1.0 if isinstance(argument, ast.UnaryOp) and isinstance(argument.op, ast.USub) else 1.0
+        value = number.value if isinstance(number, ast.Constant) else None
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            raise _refuse(argument, text)
+        values.append(sign * float(value))
+    return values
+
+
+def _boundary_loop(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
+    """Vertices of one boundary loop; loops that meet in a vertex count as one."""
+    rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
+    count = len(mesh.vertices)
+    graph = coo_array((np.ones(len(rim), dtype=np.int8), (rim[:, 0], rim[:, 1])), shape=(count, count))
+    labels = connected_components(graph, directed=False)[1]
+    lengths = np.bincount(labels[rim[:, 0]], weights=np.linalg.norm(np.diff(mesh.vertices[rim], axis=1)[:, 0], axis=1))
+    return np.asarray(
+        labels == _numbered("boundary", np.argsort(-lengths, kind="stable")[: np.sum(lengths > 0)], number)
+    )
+
+
+def _component(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
+    """Vertices of one connected part."""
+    labels = mesh.components
+    areas = np.bincount(labels[mesh.faces[:, 0]], weights=mesh.face_areas)
+    return np.asarray(labels == _numbered("component", np.argsort(-areas, kind="stable"), number))
+
+
+def _numbered(name: str, labels: NDArray[np.int64], number: float) -> int:
+    if not 0 <= number < len(labels) or number != int(number):
+        raise _NoSuchPartError(
+            f"{name} must be a whole number below {len(labels)}, as there are so many (got {number:g})"
+        )
+    return int(labels[int(number)])
+
+
+def _angles(mesh: TriangleMesh, direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angle [deg] between a direction and the normal at each vertex, the mean of its triangles' by area."""
+    if not (length := float(np.linalg.norm(direction))) > 0.0:
+        raise OptionError("angle must be that to a direction (got zero)")
+    normals = np.zeros((len(mesh.vertices), 3))
+    np.add.at(normals, mesh.faces, (mesh.face_areas[:, None] * mesh.face_normals)[:, None])
+    cosines = normals @ (direction / length) / np.linalg.norm(normals, axis=1)
+    return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+
+
+_SAMPLE = TriangleMesh([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[0, 1, 2]])
+"""A mesh on which a text is tried before there is one."""

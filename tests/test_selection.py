@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from modalshell import TriangleMesh, cylinder_panel, sheet
 from modalshell.errors import OptionError
 from modalshell.selection import select_vertices
 
@@ -61,3 +62,31 @@ def test_any_text_selects_or_is_refused(text):
         return
     assert mask.shape == (3,)
     assert mask.dtype == bool
+
+
+def test_parts_of_a_mesh_are_selected():
+    ring = sheet(cells=(6, 6))
+    centres = ring.vertices[ring.faces].mean(axis=1)
+    hole = TriangleMesh.from_soup(ring.vertices, ring.faces[np.abs(centres - [0.5, 0, 0]).max(axis=1) > 0.2])
+    x, y, _ = hole.vertices.T
+    outer = (x < 1e-9) | (x > 1 - 1e-9) | (np.abs(y) > 0.5 - 1e-9)
+    assert (select_vertices("boundary(0)", hole) == outer).all()
+    assert (select_vertices("boundary(0) or boundary(1)", hole) == select_vertices("boundary", hole)).all()
+    assert not (select_vertices("boundary(1)", hole) & outer).any()
+    with pytest.raises(OptionError, match="whole number below 2"):
+        select_vertices("boundary(2)", hole)
+    assert np.flatnonzero(select_vertices("nearest(1, 0.5, 9)", hole)).tolist() == [int(np.argmax(x + y))]
+    assert (select_vertices("box(0, -1, -1, 0.4, 0, 1)", hole) == ((x <= 0.4) & (y <= 0))).all()
+    faces = np.vstack([hole.faces, hole.faces + x.size])
+    two = TriangleMesh(np.vstack([hole.vertices, 0.5 * hole.vertices + 9]), faces)
+    assert (select_vertices("component(1)", two) == (np.arange(2 * x.size) >= x.size)).all()
+    panel = cylinder_panel(cells=(8, 4), angle=90.0)
+    normals = select_vertices("angle(0, 0, 1) < 20 or angle(0, 0, -1) < 20", panel)
+    assert 0 < normals.sum() < len(panel.vertices)
+    assert select_vertices("angle(0, 0, 1) < 1", ring).all() or select_vertices("angle(0, 0, 1) > 179", ring).all()
+
+
+@pytest.mark.parametrize("text", ["boundary", "component(0)", "angle(0, 0, 1) < 9"])
+def test_points_have_no_parts(text):
+    with pytest.raises(OptionError, match="without a mesh"):
+        select_vertices(text, np.zeros((3, 3)))

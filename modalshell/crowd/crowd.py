@@ -85,7 +85,7 @@ class Crowd(ShellCrowd):
         self._force_work = self._work if double else np.zeros((self.threads, kernels.work_size(np.float64)))
 
     def _modal_forces(self, felt: Array) -> Array:
-        force = np.asarray(felt @ self._weights)
+        force = np.asarray(felt @ self.modal_weights)
         warped = np.flatnonzero(self.levels == kernels.WARPED)
         force[warped] = 0.0
         given = (warped, self._force_modal, self._mass, self.coordinates, self._force_powers, felt)

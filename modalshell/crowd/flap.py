@@ -33,6 +33,11 @@ class Flap:
     largest_load_factor : float
         n above which the beats grow no more.
 
+    Attributes
+    ----------
+    force : ndarray, shape (m,)
+        Modal force at the height of a beat at n = 1.
+
     Raises
     ------
     OptionError
@@ -50,7 +55,7 @@ class Flap:
         reach = float(np.linalg.norm(static, axis=1).max())
         if not reach > 0.0:
             raise OptionError("no mode of the basis answers to a force along z")
-        self._force = amplitude / reach * force
+        self.force = amplitude / reach * force
 
     def forcing(self, time: float, phases: ArrayLike, felt: ArrayLike, gravity: float = 9.81) -> Array:
         """Modal forces (B, m) at ``time`` [s].
@@ -71,4 +76,4 @@ class Flap:
         gravity = checked_number("gravity", gravity, above=0.0, unit="m/s^2")
         factor = np.minimum(np.linalg.norm(loads, axis=1) / gravity, self.largest_load_factor)
         beat = np.sin(2.0 * np.pi * self.frequency * time + shift)
-        return (factor * beat)[:, None] * self._force
+        return (factor * beat)[:, None] * self.force

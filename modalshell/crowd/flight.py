@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_count, checked_kind, checked_vectors
+from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
 from modalshell.crowd.shell_crowd import ShellCrowd
 from modalshell.errors import OptionError
+from modalshell.page import Page, flock_page
 from modalshell.typing import Array
 
 _FLOCK = ("positions", "directions", "velocities", "accelerations")
+_SAMPLE = 1.0 / 30.0
+"""Time [s] between the samples of a moving target on a page."""
 _CROWD = ("coordinates", "rates", "levels")
 
 
@@ -80,6 +84,78 @@ class Flight:
         strength = float(np.linalg.norm(self.gravity))
         forcing = self.flap.forcing(self.flock.time, self.phases, felt, strength)
         self.crowd.step(dt, felt=felt, forcing=forcing)
+
+    def page(
+        self,
+        *,
+        camera: tuple[ArrayLike, ArrayLike],
+        dt: float = 1.0 / 60.0,
+        duration: float = 10.0,
+        title: str = "flock",
+    ) -> Page:
+        """A self-contained web page that goes on with the flight from here, on the browser's GPU.
+
+        Parameters
+        ----------
+        camera : (array_like, array_like)
+            Its position and what it looks at, (3,) each [m].
+        dt : float
+            Time step [s].
+        duration : float
+            Time [s] after which a moving target starts anew.
+        title : str
+            Headline of the page.
+
+        Raises
+        ------
+        OptionError
+            For more birds or modes than a browser takes, or a camera in its target.
+        """
+        flock, crowd, flap = self.flock, self.crowd, self.flap
+        dt, duration = checked_number("dt", dt, above=0.0), checked_number("duration", duration, above=0.0)
+        eye, aim = (checked_vectors("camera", part, (3,), OptionError) for part in camera)
+        if not (eye - aim).any():
+            raise OptionError("the camera must be away from what it looks at")
+        path = None if flock.target is None else flock.target[None]
+        if self.target is not None:
+            path = np.array([self.target(t) for t in np.arange(0.0, duration + 0.5 * _SAMPLE, _SAMPLE)])
+        basis = crowd.basis
+        numbers = {
+            "dt": dt,
+            "reach": flock.neighbour_distance,
+            "cosine": math.cos(0.5 * flock.field_of_view),
+            "turning": flock.rotation_speed,
+            "speed": flock.speed,
+            "variation": flock.speed_variation,
+            "frequency": flock.noise_frequency,
+            "weights": flock.weights.tolist(),
+            "targetWeight": flock.target_weight,
+            "home": flock.flock_position.tolist(),
+            "target": None if path is None else path.tolist(),
+            "sample": _SAMPLE,
+            "repeat": None if self.target is None else duration,
+            "bounds": None if flock.bounds is None else flock.bounds.tolist(),
+            "knots": flock.knots.tolist(),
+            "gravity": self.gravity.tolist(),
+            "modalWeights": crowd.modal_weights.T.tolist(),
+            "eigenvalues": basis.eigenvalues.tolist(),
+            "damping": crowd.damping.tolist(),
+            "flapForce": flap.force.tolist(),
+            "beats": flap.frequency,
+            "largest": flap.largest_load_factor,
+        }
+        return flock_page(
+            rest_positions=basis.shell.rest_positions,
+            faces=basis.shell.mesh.faces,
+            modes=basis.modes,
+            rotations=basis.rotations,
+            positions=flock.positions,
+            directions=flock.directions,
+            own=np.column_stack([flock.noise_offsets, self.phases]),
+            numbers=numbers,
+            camera=(eye, aim),
+            title=title,
+        )
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
         """All that :meth:`restore` needs to go on from here to the last bit."""

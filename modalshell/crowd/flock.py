@@ -100,6 +100,8 @@ class Flock:
         Present state [m, 1, m/s, m/s^2]; the acceleration is the velocity's change over the last step.
     time : float
         Time since the start [s].
+    knots, noise_offsets : ndarray, shape (256,) and (N,)
+        Periodic noise of the speed, and every boid's place in it.
 
     Raises
     ------
@@ -155,8 +157,8 @@ class Flock:
         self.search = search
         self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
         random = np.random.default_rng(checked_count("seed", seed, at_least=0))
-        self._knots = random.uniform(-1.0, 1.0, _NOISE_PERIOD)
-        self._offsets = random.uniform(0.0, _NOISE_PERIOD, count)
+        self.knots = random.uniform(-1.0, 1.0, _NOISE_PERIOD)
+        self.noise_offsets = random.uniform(0.0, _NOISE_PERIOD, count)
         self.time = 0.0
         self.velocities = self.directions * self.speeds()[:, None]
         self.accelerations = np.zeros_like(self.velocities)
@@ -179,12 +181,12 @@ class Flock:
 
     def speeds(self) -> Array:
         """Speeds (N,) [m/s] at the present time: smooth noise between random knots, every boid at its own place."""
-        place = self.noise_frequency * self.time + self._offsets
+        place = self.noise_frequency * self.time + self.noise_offsets
         knot = np.floor(place)
         part = place - knot
         fade = part**3 * (part * (6.0 * part - 15.0) + 10.0)  # [perlin2002]
         first = knot.astype(np.int64) % _NOISE_PERIOD
-        begin, end = self._knots[first], self._knots[(first + 1) % _NOISE_PERIOD]
+        begin, end = self.knots[first], self.knots[(first + 1) % _NOISE_PERIOD]
         return self.speed * (1.0 + self.speed_variation * (begin + fade * (end - begin)))
 
     def neighbourhood(self) -> Neighbourhood:

@@ -49,12 +49,12 @@ class ShellCrowd(ABC):
         factors = checked_vectors("damping", damping, (2,), OptionError)
         if factors.min() < 0.0:
             raise OptionError(f"damping must be two factors at least 0 (got {shown(damping)})")
-        self._damping = Damping(*factors.tolist()).of_modes(basis.eigenvalues)
+        self.damping = Damping(*factors.tolist()).of_modes(basis.eigenvalues)
         self.dtype = checked_precision(dtype)
         self.vertices = len(basis.shell.rest_positions)
         # Modal force of LMA for a unit acceleration along each axis, and the largest motion and turn of each mode.
         modes, turns = (a.reshape(-1, 3, basis.count) for a in (basis.modes, basis.rotations))
-        self._weights = np.einsum("n,nik->ik", basis.shell.mass, modes)
+        self.modal_weights = np.einsum("n,nik->ik", basis.shell.mass, modes)
         self._reach, self._turn = (np.linalg.norm(a, axis=1).max(axis=0) for a in (modes, turns))
         self.coordinates = np.zeros((self.count, basis.count))
         self.rates = np.zeros_like(self.coordinates)
@@ -80,7 +80,7 @@ class ShellCrowd(ABC):
         if forcing is not None:
             force += checked_vectors("forcing", forcing, force.shape, OptionError)
         self.coordinates, self.rates = _RULE.step(
-            self.coordinates, self.rates, lambda _: force, self.basis.eigenvalues, self._damping, dt
+            self.coordinates, self.rates, lambda _: force, self.basis.eigenvalues, self.damping, dt
         )
 
     def positions(

@@ -5,16 +5,18 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
+from modalshell.loads.applied import AppliedLoad
 from modalshell.mesh import TriangleMesh
 from modalshell.typing import Array
 
 
 class Load(ABC):
-    """A dead load: its forces are those on the shape at rest, however the shell moves.
+    """A load on a shell; a dead one, whose forces stay those at rest, unless a subclass says how they change.
 
     A subclass with a key is known to scenes: with ``class Gust(Load, key="gust")`` each table ``[[loads.gust]]`` is a
     load, its keys the parameters of the constructor, whose annotations are numbers, texts, tuples, or
-    :data:`~modalshell.selection.Selection`.
+    :data:`~modalshell.selection.Selection`. A dead load defines :meth:`force` alone; one that follows the shell's
+    positions, velocities or the time defines :meth:`applied` too.
     """
 
     key: ClassVar[str]
@@ -26,7 +28,25 @@ class Load(ABC):
 
     @abstractmethod
     def force(self, mesh: TriangleMesh) -> Array:
-        """Force on every vertex (n, 3) [N]."""
+        """Force on every vertex (n, 3) [N] of the shape at rest, at time 0."""
+
+    def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad | None:  # noqa: ARG002 (dead loads need none)
+        """What the load does on one shell of vertex masses (n,) [kg]; None where it is dead."""
+        return None
+
+
+class LiveLoad(Load):
+    """A load whose forces follow the shell's positions, its velocities or the time."""
+
+    @abstractmethod
+    def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad | None:
+        """What the load does on one shell of vertex masses (n,) [kg]."""
+
+    def force(self, mesh: TriangleMesh) -> Array:
+        """Force on every vertex (n, 3) [N] of the shape at rest, at time 0."""
+        applied = self.applied(mesh, mesh.shared_among_corners(mesh.face_areas))
+        assert applied is not None
+        return applied.force(mesh.vertices)
 
 
 LOADS: dict[str, type[Load]] = {}

@@ -41,7 +41,7 @@ class PointForce(_SelectedForce, key="point"):
 
     def force(self, mesh: TriangleMesh) -> Array:
         """Force on every vertex (n, 3) [N]; OptionError where ``sel`` selects no vertex of ``mesh``."""
-        return np.where(selected("sel", self.sel, mesh.vertices)[:, None], self.vector, 0.0)
+        return np.where(selected("sel", self.sel, mesh)[:, None], self.vector, 0.0)
 
 
 @final
@@ -63,7 +63,7 @@ class LineForce(_SelectedForce, key="line"):
 
     def force(self, mesh: TriangleMesh) -> Array:
         """Force on every vertex (n, 3) [N]; OptionError where ``sel`` selects no edge of ``mesh``."""
-        chosen = selected("sel", self.sel, mesh.vertices)
+        chosen = selected("sel", self.sel, mesh)
         edges = np.flatnonzero(chosen[mesh.edges].all(axis=1))
         if edges.size == 0:
             raise OptionError(f"sel selects {chosen.sum()} vertices, but no edge between two of them: select more")

@@ -4,82 +4,30 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import finite_answer
 from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.loads import Load
+from modalshell.loads import Load, Loading
+from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.settle import settled
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.path import Followable
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
 
+NO_POTENTIAL = "the load has no potential"
+"""Said of every answer under such a load."""
 RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
-
-
-@final
-@dataclass(frozen=True)
-class Equilibrium:
-    """A static answer, with what the solver has to say about it.
-
-    Attributes
-    ----------
-    positions : ndarray, shape (n, 3)
-        Vertex positions [m]; the best iterate where the solver did not converge.
-    outcome : Outcome
-        How the search ended; ``Outcome.CONVERGED`` where ``residual`` met the model's tolerance at a state that the
-        model can hold and that is not known to be unstable, ``Outcome.DISTORTED`` where it did at a state that no
-        modal model describes.
-    message : str
-        What else is to be said of the answer, a sentence; empty if nothing is.
-    iterations : int
-        Solver iterations over the whole load path.
-    residual : float
-        Out-of-balance force relative to the load (model-specific norm, see each model).
-    stable : bool or None
-        Whether a small disturbance dies away; None where that was not found out.
-    seconds : float
-        Wall time.
-    coordinates : ndarray or None
-        Of reduced models: modal coordinates (m,), or positions (k, 3) [m] of the vertices of a coarse mesh.
-    costs : dict
-        Seconds of each part of the solver (assembly, factorisation, solution) of full models.
-    constraint_residuals : ndarray, shape (k,)
-        How far each constraint is from its target: [m] for positions, [rad] for orientations.
-    """
-
-    positions: Array
-    outcome: Outcome
-    message: str
-    iterations: int
-    residual: float
-    stable: bool | None
-    seconds: float = 0.0
-    coordinates: Array | None = None
-    costs: dict[str, float] = field(default_factory=dict)
-    constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
-
-    def __post_init__(self) -> None:
-        finite_answer("the equilibrium's positions", self.positions)
-
-    @property
-    def converged(self) -> bool:
-        """Whether the model's own equations are solved: ``Outcome.CONVERGED``, or ``DISTORTED`` beyond its reach."""
-        return self.outcome.solved
-
-    @property
-    def status(self) -> str:
-        """The outcome as text."""
-        return str(self.outcome)
 
 
 @final
@@ -110,6 +58,8 @@ class Model(ABC):
     shell: Shell
     in_shell_frame = False
     """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
+    takes_live_loads = False
+    """Whether :meth:`step_live` takes loads that change within a step; else they join the dead one before."""
     moves_patches = False
     """Whether patches under constraints are moved as boundaries, exactly, instead of being led by forces."""
     takes_constraints = False
@@ -124,7 +74,7 @@ class Model(ABC):
         start: ArrayLike | None = None,
         constraints: Sequence[Constraint] | None = None,
     ) -> Equilibrium:
-        """Static answer to a dead load; the class says how it is found and what ``residual`` measures.
+        """Static answer to a load; the class says how it is found and what ``residual`` measures.
 
         Parameters
         ----------
@@ -133,7 +83,8 @@ class Model(ABC):
         force : array_like, shape (n, 3), optional
             Further force on every vertex [N].
         loads : sequence of Load, optional
-            Further loads, such as :class:`~modalshell.PointForce`.
+            Further loads, such as :class:`~modalshell.PointForce`. Those that follow the shell, such as
+            :class:`~modalshell.Pressure`, act as they are at the answer; loads of time as they are at time 0.
         start : array_like, shape (n, 3), optional
             Positions [m] from which to look for the answer.
         constraints : sequence of Constraint, optional
@@ -154,13 +105,16 @@ class Model(ABC):
             If extreme input drives the positions out of the finite numbers.
         """
         watch = Stopwatch()
-        load = self.shell.total_load(gravity, force, loads)
+        loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
         wanted = checked_constraints(constraints, self.shell)
         if wanted and not self.takes_constraints:
             raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
-        found = self._solve(load, begin, wanted)
-        if not wanted and (rigid := self.rigid_load(load)) > RIGID_LOAD:
+        found = self._solve_live(loading, begin, wanted) if loading.live else self._solve(loading.dead, begin, wanted)
+        if not loading.conservative:
+            message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
+            found = replace(found, conservative=False, message=message)
+        if not wanted and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
             message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         return replace(found, seconds=watch())
@@ -168,6 +122,10 @@ class Model(ABC):
     @abstractmethod
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
+
+    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Static answer under loads that change; by answers to dead ones, unless a model knows better."""
+        return settled(lambda load, begin: self._solve(load, begin, constraints), loading, start)
 
     def followable(self, load: Array) -> Followable:
         """The model as :func:`modalshell.equilibrium_path` follows it under a growing ``load`` (n, 3) [N].
@@ -209,6 +167,28 @@ class Model(ABC):
 
         ``held`` (h, 3) [m] is where the held vertices are at the step's end, for models in the world's frame.
         """
+
+    def step_live(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None, live: LiveLoads
+    ) -> tuple[MotionState, bool]:
+        """A :meth:`step` under ``load`` and loads that change within it, of models that take these."""
+        raise NotImplementedError
+
+    def dragged(
+        self,
+        state: MotionState,
+        before: MotionState,
+        dt: float,
+        damping: Damping,
+        vertices: Index,
+        drag: Array,
+    ) -> MotionState:
+        """``state`` after a step from ``before`` under the loads there, corrected for how these fall with velocity.
+
+        ``drag`` (k, 3, 3) [N s/m] is minus the derivative of the forces on ``vertices`` (k,) by their velocities.
+        Without it light shells in a wind overshoot. Models that do not know better go without.
+        """
+        return state
 
     @abstractmethod
     def positions(self, state: MotionState) -> Array:

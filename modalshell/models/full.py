@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -15,12 +16,15 @@ from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model, Placement
+from modalshell.loads import Loading
+from modalshell.models.base import Model, Placement
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.boundary import lead
 from modalshell.statics.continuation import equilibrium
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
@@ -56,6 +60,7 @@ class FullModel(Model):
     """
 
     takes_constraints = True
+    takes_live_loads = True
     moves_patches = True
 
     def __init__(
@@ -76,22 +81,28 @@ class FullModel(Model):
         self.step_tolerance = checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2)
         self.factoriser = Factoriser(backend)
         self.costs = Timings()
+        self.live: LiveLoads | None = None
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        return self._solve_live(Loading(self.shell.rest_positions, load), start, constraints)
+
+    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        load = loading.dead
         before = dict(self.costs)
         patches = held_patches(constraints, self.shell) if constraints else []
         first = None if start is None else hold(self.shell, start)
         model, origin = self.centred()
         if origin.any() and first is not None:
             first = first - origin
+        live = LiveLoads(loading, origin=origin) if loading.live else None
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             if patches:
                 # The load comes with the first step: a loose shell may have no rest of its own under it.
                 result = lead(
-                    model.shell, load, first, patches, origin, Factoriser(self.factoriser.backend), self.costs
+                    model.shell, load, first, patches, origin, Factoriser(self.factoriser.backend), self.costs, live
                 )
             else:
-                problem = model._statics(load)
+                problem = model._statics(load, live)
                 result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
         note = _LEFT if result.left_saddle else ""
         if not result.converged and not patches:
@@ -130,8 +141,8 @@ class FullModel(Model):
     def holding(self, vertices: Index) -> FullModel:
         """The same model, with further vertices held."""
 
-    def _statics(self, load: Array) -> Potential:
-        return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs)
+    def _statics(self, load: Array, live: LiveLoads | None = None) -> Potential:
+        return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs, live)
 
     def followable(self, load: Array) -> Followable:
         """The shell about the origin, every vertex an unknown."""
@@ -202,3 +213,15 @@ class FullModel(Model):
     ) -> tuple[MotionState, bool]:
         """One step of the integrator; for implicit ones, whether the solve converged."""
         return self.integrator.step(self, state, dt, load, damping, held)
+
+    def step_live(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None, live: LiveLoads
+    ) -> tuple[MotionState, bool]:
+        """One step under loads that change, as at its end if the integrator takes them so, else as at its beginning."""
+        x = state.coordinates
+        if not self.integrator.takes_live:
+            force = live.loading.live_force(x + live.origin, state.rates, live.time)
+            return self.step(state, dt, load + force, damping, held)
+        body = copy.copy(self)
+        body.live = replace(live, before=x, rate=1.0 / dt)
+        return self.integrator.step(body, state, dt, load, damping, held)

@@ -41,6 +41,10 @@ class LinearModal(ModalModel):
         rows = self._patch_rows(self.basis.modes, vertices).mean(axis=0)
         return self.shell.rest_positions[vertices].mean(axis=0) + rows @ q, rows
 
+    def turned_rows(self, q: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the modes at some vertices."""
+        return self._patch_rows(self.basis.modes, vertices)
+
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         rigid = self.basis.rigid_modes
         q = np.zeros(self.basis.count)

@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from modalshell.checks import checked_kind, checked_vectors
 from modalshell.constraints.constraints import Constraint, nearest_branch
@@ -16,12 +17,15 @@ from modalshell.constraints.manipulation import Evaluate, meet
 from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model, ResolvedTarget, rigid_share
+from modalshell.loads import Loading
+from modalshell.models.base import Model, ResolvedTarget, rigid_share
 from modalshell.models.distortion import distortion, judged
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.statics.dense import WorkPotential
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
+from modalshell.statics.modal_balance import balance
 from modalshell.statics.path import Followable
 from modalshell.typing import Array, Index
 
@@ -93,17 +97,45 @@ class ModalModel(Model):
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static answer, with or without constraints, from the model's own :meth:`_free_statics`."""
         begin = None if start is None else self.coordinates_of(start)
-        left = np.empty(0)
+        self._refuse_slack()
+        if constraints:
+            return self._answer(*self._constrained_statics(load, begin, constraints))
+        return self._answer(self._free_statics(load, begin))
+
+    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Static answer under loads that change, by Newton on the modal balance."""
+        if constraints:
+            return super()._solve_live(loading, start, constraints)
+        begin = None if start is None else self.coordinates_of(start)
+        self._refuse_slack()
+
+        def force(q: Array) -> Array:
+            positions = self.shell.rest_positions + self.raw_displacement(q)
+            return self.modal_force(q, loading.force(positions))
+
+        basis = self.basis
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as no fixed point
+            found = balance(
+                force,
+                basis.eigenvalues,
+                basis.rigid_modes,
+                self.largest_turn,
+                np.abs(basis.rotations).max(axis=0),
+                begin,
+            )
+        return self._answer(found)
+
+    def _refuse_slack(self) -> None:
+        """SolverError where an elastic mode has no stiffness."""
         slack = np.flatnonzero(self.basis.eigenvalues[self.basis.rigid_modes :] <= 0.0)
         if slack.size:
             raise SolverError(
                 f"elastic mode {slack[0]} has no stiffness (got eigenvalue 0), so that statics has no answer: give the "
                 "material a stretch, shear and flexure above 0, or let simulate move the shell"
             )
-        if constraints:
-            found, left = self._constrained_statics(load, begin, constraints)
-        else:
-            found = self._free_statics(load, begin)
+
+    def _answer(self, found: Statics, left: Array | None = None) -> Equilibrium:
+        """The equilibrium at coordinates that statics has found, with residuals of constraints."""
         positions = self.shell.rest_positions + self.raw_displacement(found.q)
         return Equilibrium(
             positions,
@@ -112,7 +144,7 @@ class ModalModel(Model):
             found.residual,
             found.stable,
             coordinates=found.q,
-            constraint_residuals=left,
+            constraint_residuals=np.empty(0) if left is None else left,
         )
 
     def largest_turn(self, q: Array) -> float:
@@ -201,6 +233,25 @@ class ModalModel(Model):
         damp = damping.of_modes(eigenvalues)
         after = self.integrator.step(q, v, lambda q: self.modal_force(q, load), eigenvalues, damp, dt)
         return MotionState(*after), True
+
+    def dragged(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
+    ) -> MotionState:
+        """The modal forces' fall ``-D (v - v_n)``, D the drag in the turned modes, taken at the step's end."""
+        rows = self.turned_rows(before.coordinates, vertices)
+        matrix = np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
+        eigenvalues = self.basis.eigenvalues
+        rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)
+        moved, sped = self.integrator.step(rest, rest, np.ones_like, eigenvalues, damp, dt)
+        gain = np.linalg.solve(np.eye(rest.size) + sped[:, None] * matrix, state.rates - before.rates)
+        force = -matrix @ gain
+        return MotionState(state.coordinates + moved * force, state.rates + sped * force)
+
+    def turned_rows(self, q: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the modes at some vertices, turned with these."""
+        rows = self._patch_rows(self.basis.modes, vertices)
+        turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
+        return np.asarray(turns @ rows)
 
     def decay_rate(self, dt: float, damping: Damping) -> float:
         """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model
+from modalshell.models.base import Model
 from modalshell.models.distortion import distortion, judged
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import solve_modes
 from modalshell.outcome import Outcome
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
@@ -25,7 +26,7 @@ from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.path import Followable
 from modalshell.statics.verdict import verdict
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _STEP_GOAL = 1e-6
@@ -160,6 +161,19 @@ class ModalDerivatives(Model):
         if not answer.converged:
             answer = problem.descend(z, scale)
         return MotionState(answer.point, (answer.point - z) / dt), answer.converged
+
+    def dragged(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
+    ) -> MotionState:
+        """The reduced forces' fall ``-D (v - v_n)`` taken at the step's end."""
+        z = before.coordinates
+        rows = self._vectors.reshape(-1, 3, z.size)[vertices]
+        stiffness = self.energy.hessian(z, GAUSS_NEWTON)[2]
+        inertia = np.eye(z.size) * (1.0 + dt * damping.mass_factor)
+        inertia += dt * (dt + damping.stiffness_factor) * stiffness
+        whole = inertia + dt * np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
+        rates = before.rates + np.linalg.solve(whole, inertia @ (state.rates - before.rates))
+        return MotionState(state.coordinates + dt * (rates - state.rates), rates)
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""

@@ -253,7 +253,13 @@ def _followed(
         Model,  # type: ignore[type-abstract]
     )
     shell = chosen.shell
-    load = shell.total_load(gravity, force, loads)
+    loading = shell.loading(gravity, force, loads)
+    if loading.live:
+        raise OptionError(
+            "a path is followed under dead loads that grow in proportion (got one that follows the shell or the time): "
+            "take equilibrium at several sizes of the load, each from the one before, or Pressure(follower=False)"
+        )
+    load = loading.dead
     if chosen.rigid_load(load) > RIGID_LOAD or rigid_motions(shell).shape[1]:
         raise OptionError("a path needs a shell that its supports hold: clamp some vertices")
     begin = None if start is None else shell.checked_positions(start)
@@ -273,5 +279,5 @@ def _watched(shell: Shell, load: Array, watch: tuple[Selection, Vector] | ArrayL
     along = checked_vectors("direction", direction, (3,), OptionError)
     if not along.any():
         raise OptionError("direction must not be zero (got that of watch)")
-    mask = selected("watch", chosen, shell.mesh.vertices)
+    mask = selected("watch", chosen, shell.mesh)
     return np.where(mask[:, None], along / np.linalg.norm(along), 0.0) / mask.sum()

@@ -12,12 +12,13 @@ from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Equilibrium, Model, rigid_share
+from modalshell.models.base import Model, rigid_share
+from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
-from modalshell.typing import Array
+from modalshell.typing import Array, Index
 
 _TOLERANCE = 1e-13
 """Error of the angular momentum after a step, as a share of its size."""
@@ -106,6 +107,26 @@ class RigidShell(Model):
         spin = new @ np.linalg.solve(self._inertia(), new.T @ momentum)
         coordinates = np.concatenate([z[:3] + dt * velocity, after.as_rotvec()])
         return MotionState(coordinates, np.concatenate([velocity, spin])), converged
+
+    def dragged(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
+    ) -> MotionState:
+        """The fall of force and torque with the velocity and the spin, taken at the step's end."""
+        if not self._free:
+            return state
+        z = state.coordinates
+        turn = Rotation.from_rotvec(z[3:])
+        arms = turn.apply(self._arms[vertices])
+        rows = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)
+        attitude = turn.as_matrix()
+        inertia = np.zeros((6, 6))
+        inertia[:3, :3], inertia[3:, 3:] = self._mass * np.eye(3), attitude @ self._inertia() @ attitude.T
+        inertia *= 1.0 + dt * damping.mass_factor
+        whole = inertia + dt * np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
+        rates = before.rates + np.linalg.solve(whole, inertia @ (state.rates - before.rates))
+        fall = rates - state.rates
+        turned = Rotation.from_rotvec(dt * fall[3:]) * turn
+        return MotionState(np.concatenate([z[:3] + dt * fall[:3], turned.as_rotvec()]), rates)
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""

@@ -154,6 +154,25 @@ class _SuperLU(Factor):
         return np.array_equal(self._factor.perm_r, self._factor.perm_c)
 
 
+class _GeneralLU(Factor):
+    """SciPy's SuperLU with pivots off the diagonal, of a matrix that need not be symmetric."""
+
+    backend = "superlu"
+
+    def __init__(self, matrix: sps.csc_array) -> None:
+        try:
+            self._factor = spla.splu(sps.csc_matrix(matrix))
+        except RuntimeError as error:
+            raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
+
+    def _solve(self, right_side: Array) -> Array:
+        return self._factor.solve(np.ascontiguousarray(right_side))
+
+    def is_definite(self) -> bool:
+        """False: nothing is known of it."""
+        return False
+
+
 class _Cholesky(Factor):
     """Multifrontal Cholesky factorisation of 3 x 3 blocks: see :mod:`modalshell.linalg`."""
 
@@ -216,6 +235,12 @@ class Factoriser:
             return self.definite(matrix)
         except NotPositiveDefiniteError:
             return self._superlu(matrix)
+
+    def general(self, matrix: sps.csc_array) -> Factor:
+        """Factor of a matrix that need not be symmetric; SolverError if it is singular."""
+        _check_finite(matrix)
+        count_factorisation(matrix.shape[0])
+        return _GeneralLU(matrix)
 
     def _takes_superlu(self, matrix: sps.csc_array) -> bool:
         return self.backend == "superlu" or (self.backend is None and matrix.shape[0] < _SMALL)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
+from modalshell.models.base import NO_POTENTIAL
 from modalshell.models.modal import CONSTRAINT_MET
 from modalshell.motion.stepping import Motion
 from modalshell.motion.trajectory import Trajectory
@@ -170,13 +171,17 @@ class Recorder:
         if motion.unconverged:
             words = f"{motion.unconverged} of {motion.count} steps did not converge"
             found[Outcome.STEPS_NOT_CONVERGED] = words
-        if self._rests() and motion.model.is_saddle(motion.state):
+        if self._rests() and not motion.loading.live and motion.model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
-        return gravest(Outcome.COMPLETED, *found), "; ".join(found.values())
+        flagged = [] if motion.loading.conservative else [NO_POTENTIAL]
+        return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *flagged])
 
     @property
     def _steady(self) -> bool:
-        """Whether the load alone does work."""
+        """Whether loads with a potential that stays alone do work."""
+        loading = self.motion.loading
+        if not (loading.steady and loading.conservative):
+            return False
         return self.motion.supports is None and not self.motion.constraints
 
     def _rests(self) -> bool:

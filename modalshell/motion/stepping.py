@@ -18,7 +18,8 @@ from modalshell.loads import Load
 from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget
 from modalshell.motion.supports import Pose, SupportPath
-from modalshell.typing import Array
+from modalshell.statics.live_loads import LiveLoads
+from modalshell.typing import Array, Index
 
 STEPS = (1e-15, 1e15)
 """Shortest and longest step [s] that is taken: squares of steps enter sums with one."""
@@ -33,7 +34,7 @@ def checked_step(dt: float) -> float:
 
 @final
 class Motion:
-    """A model in motion under a dead load, moving supports and constraints; see :func:`simulate` for the parameters.
+    """A model in motion under loads, moving supports and constraints; see :func:`simulate` for the parameters.
 
     Attributes
     ----------
@@ -41,6 +42,10 @@ class Motion:
         The shell in the world.
     model : Model
         The model that moves: of a shell far from the origin, one about the origin.
+    loading : Loading
+        The loads.
+    load : ndarray, shape (n, 3)
+        The sum of the dead ones [N], which may be replaced between steps.
     count : int
         Steps done.
     state : MotionState
@@ -69,7 +74,8 @@ class Motion:
         self.dt = checked_step(dt)
         factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
         self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
-        self.load = model.shell.total_load(gravity, force, loads)
+        self.loading = model.shell.loading(gravity, force, loads)
+        self.load = self.loading.dead
         model.check_step(self.dt, self.damping)
         shell = model.shell
         if supports is not None:
@@ -120,7 +126,10 @@ class Motion:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
         moved = self._own(self.state) - self.model.shell.rest_positions
         model, state = self.model, self.state
-        return np.array([model.kinetic_energy(state), model.elastic_energy(state), -float(np.vdot(self.load, moved))])
+        potential = -float(np.vdot(self.load, moved))
+        if self.loading.live:
+            potential += self.loading.live_energy(self.positions(), self.time)
+        return np.array([model.kinetic_energy(state), model.elastic_energy(state), potential])
 
     def _own(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the model's frame; those of the last two states are kept, as each serves twice."""
@@ -134,7 +143,10 @@ class Motion:
     def advance(self) -> None:
         """Take one step."""
         model, dt, time = self.model, self.dt, (self.count + 1) * self.dt
-        load, held, pose = self.load, None, None
+        load, held, pose, changing = self.load, None, None, self.loading.live
+        lagging = bool(changing) and not model.takes_live_loads
+        if lagging:
+            load = load + self.loading.live_force(self.positions(), self._velocities(), time)
         if self.supports is not None:
             pose = self._pose(self.supports, time)
             if model.in_shell_frame:
@@ -144,7 +156,13 @@ class Motion:
         if self._patches or (pose is not None and not model.in_shell_frame):
             held = self._held_positions(time, pose)
         with np.errstate(over="ignore", invalid="ignore"):
-            state, converged = model.step(self.state, dt, load, self.damping, held)
+            if changing and model.takes_live_loads:
+                live = LiveLoads(self.loading, time, self._origin)
+                state, converged = model.step_live(self.state, dt, load, self.damping, held, live)
+            else:
+                state, converged = model.step(self.state, dt, load, self.damping, held)
+            if lagging and self.loading.by_velocity:
+                state = model.dragged(state, self.state, dt, self.damping, *self._drag(time, pose))
             if self.constraints and not model.moves_patches:
                 targets = [_resolved(constraint, time, pose) for constraint in self.constraints]
                 state, self.constraint_residuals = model.meet_constraints(state, self.state, dt, self.damping, targets)
@@ -154,6 +172,21 @@ class Motion:
         self.unconverged += not converged
         self._before, self.state = self.state, state
         self.count += 1
+
+    def _velocities(self) -> Array:
+        """Velocities (n, 3) [m/s] in the world over the last step."""
+        if self.count == 0:
+            return np.zeros_like(self.load)
+        now, before = self._own(self.state), self._own(self._before)
+        if self.supports is not None and self.model.in_shell_frame:
+            now = self.supports.at(self.time).to_world(now)
+            before = self.supports.at(self.time - self.dt).to_world(before)
+        return (now - before) / self.dt
+
+    def _drag(self, time: float, pose: Pose | None) -> tuple[Index, Array]:
+        """Drag of the loads at some vertices, in the model's frame; see :meth:`Loading.drag`."""
+        vertices, blocks = self.loading.drag(self.positions(), self._velocities(), time)
+        return vertices, blocks if pose is None else pose.rotation.T @ blocks @ pose.rotation
 
     def snapshot(self) -> dict[str, Array]:
         """Everything that the next step depends on, as arrays; :meth:`restore` takes up from there, to the last bit."""
@@ -165,7 +198,7 @@ class Motion:
 
     def _states(self) -> dict[str, MotionState]:
         """The states that the next step depends on."""
-        if self.supports is not None and self.model.in_shell_frame:
+        if (self.supports is not None or self.loading.by_velocity) and self.model.in_shell_frame:
             return {"now": self.state, "before": self._before}
         return {"now": self.state}
 

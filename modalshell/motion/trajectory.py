@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from modalshell.loads import Loading
 from modalshell.models import Equilibrium
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
@@ -43,6 +44,8 @@ class Trajectory:
         Triangles of the mesh.
     rest_positions : ndarray, shape (n, 3)
         Vertex positions at rest [m].
+    fields : dict of ndarray
+        Fields of the triangles by name, as of :class:`modalshell.ShellFields`: tensors (F, T, 3), scalars (F, T).
     """
 
     times: Array
@@ -55,6 +58,7 @@ class Trajectory:
     constraint_residuals: Array = field(default_factory=lambda: np.empty((0, 0)))
     faces: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
     rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
+    fields: dict[str, Array] = field(default_factory=dict)
 
     @property
     def status(self) -> str:
@@ -66,10 +70,9 @@ class Trajectory:
         return replace(self, message=f"{self.message}; {remark}" if self.message else remark)
 
     @classmethod
-    def still(cls, answer: Equilibrium, shell: Shell, load: Array, dtype: DTypeLike = np.float64) -> Trajectory:
-        """One frame at time 0: a static answer under ``load`` (n, 3) [N], its outcome the solver's."""
-        moved = answer.positions - shell.rest_positions
-        energies = [0.0, shell.raw_energy(answer.positions), -float(np.vdot(load, moved))]
+    def still(cls, answer: Equilibrium, shell: Shell, loading: Loading, dtype: DTypeLike = np.float64) -> Trajectory:
+        """One frame at time 0: a static answer under the loads, its outcome the solver's."""
+        energies = [0.0, shell.raw_energy(answer.positions), loading.energy(answer.positions)]
         return cls(
             times=np.zeros(1),
             positions=answer.positions[None].astype(dtype),

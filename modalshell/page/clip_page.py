@@ -63,4 +63,4 @@ def clip_page(
         "size": float((high - low).max()),
         "centre": (0.5 * (low + high)).tolist(),
     }
-    return filled_page(title, data, rest, faces)
+    return filled_page("shell", title, data, rest, faces)

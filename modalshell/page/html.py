@@ -49,14 +49,19 @@ class Page:
         )
 
 
-def filled_page(title: str, data: Mapping[str, Any], vertices: Array, faces: NDArray[Any]) -> Page:
-    """The page of ``data``, with a picture of the surface for browsers without scripts or WebGL2."""
+def filled_page(kind: str, title: str, data: Mapping[str, Any], vertices: Array, faces: NDArray[Any]) -> Page:
+    """A page with the controls and the script of its ``kind``, and a picture for browsers without WebGL2."""
     with tempfile.TemporaryDirectory() as folder:
         surface = ShadedSurface(vertices, np.asarray(faces))
         drawn = draw_views([View([surface])], Path(folder, "rest.png"), size=(640, 400)).read_bytes()
     picture = base64.b64encode(drawn).decode("ascii")
-    template = Template(files("modalshell.page").joinpath("shell.html").read_text(encoding="utf-8"))
-    return Page(template.safe_substitute(title=html.escape(title), data=json.dumps(data), picture=picture))
+    room = files("modalshell.page")
+    controls, *scripts = (
+        room.joinpath(name).read_text(encoding="utf-8") for name in (f"{kind}.html", "common.js", f"{kind}.js")
+    )
+    parts = {"controls": controls, "script": "\n".join(scripts), "picture": picture}
+    template = Template(room.joinpath("page.html").read_text(encoding="utf-8"))
+    return Page(template.substitute(parts, title=html.escape(title), data=json.dumps(data)))
 
 
 def encoded(array: NDArray[Any]) -> str:

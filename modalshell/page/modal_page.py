@@ -105,4 +105,4 @@ def modal_page(
         "centre": centre.tolist(),
         "pull": _PULL * 9.81 * float(mass.sum()) / float(mesh.size),
     }
-    return filled_page(title, data, mesh.vertices, mesh.faces)
+    return filled_page("shell", title, data, mesh.vertices, mesh.faces)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,9 +51,11 @@ class RasteriserPainter:
         self._tables = [EdgeTable.of(np.asarray(surface.vertices), np.asarray(surface.faces)) for surface in surfaces]
         self._camera, self._scalar_colors = camera, scalar_colors
 
-    def move(self, index: int, vertices: NDArray[np.float64]) -> None:
-        """Move the vertices (n, 3) of one surface, keeping its triangles."""
+    def move(self, index: int, vertices: NDArray[np.float64], scalars: NDArray[np.float64] | None = None) -> None:
+        """Move the vertices (n, 3) of one surface, keeping its triangles; and give it other scalars (n,), if any."""
         self._vertices[index] = vertices
+        if scalars is not None:
+            self._surfaces[index] = replace(self._surfaces[index], scalars=scalars)
 
     def image(self) -> NDArray[np.uint8]:
         """Draw, and return pixels of shape (height, width, 3)."""

@@ -12,11 +12,12 @@ from modalshell.plugins import load_plugins
 from modalshell.scene import tables
 from modalshell.scene.flock import FlockTable
 from modalshell.scene.flock_scene import FlockScene
+from modalshell.scene.index_files import with_index_files
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
 from modalshell.scene.read import checked_table, chosen, read_toml, refuse_unknown_keys
 from modalshell.scene.scene import Scene, ShellScene
-from modalshell.scene.signatures import energies_table, loads_table
+from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
 _NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
@@ -47,6 +48,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     SceneError as :func:`load_scene`.
     """
     load_plugins()
+    raw = with_index_files(file, raw)
     refuse_unknown_keys(file, "", raw, _TABLES)
     for name in _REQUIRED:
         if name not in raw:
@@ -61,7 +63,6 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     optional: dict[str, Any] = {
         key: checked_table(file, key, raw[key], kind)
         for key, kind in (
-            ("supports", tables.Supports),
             ("energies", energies_table()),
             ("loads", loads_table()),
             ("motion", tables.MotionTable),
@@ -71,6 +72,8 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         )
         if key in raw
     }
+    if "supports" in raw:
+        optional["supports"] = _supports_table(file, raw["supports"])
     motion = optional.get("motion")
     if motion is not None and motion.duration < motion.dt:
         raise SceneError(
@@ -104,6 +107,19 @@ def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:
     if isinstance(raw, dict) and "file" in raw:
         return checked_table(file, "mesh", raw, tables.MeshFile)
     return checked_table(file, "mesh", raw, chosen(file, "mesh", raw, "shape", SHAPES))
+
+
+def _supports_table(file: Path, raw: Any) -> tables.Supports | tables.SupportList:
+    if not isinstance(raw, list):
+        return checked_table(file, "supports", raw, tables.Supports)
+    kinds, entries = support_tables(), []
+    for index, entry in enumerate(raw):
+        path = f"supports[{index}]"
+        entries.append(checked_table(file, path, entry, chosen(file, path, entry, "kind", kinds)))
+    paths = [index for index, entry in enumerate(entries) if isinstance(entry, tables.Path)]
+    if len(paths) > 1:
+        raise SceneError(f"{file}: supports[{paths[1]}]: supports move along one path (got another at {paths[0]})")
+    return tables.SupportList(entries=entries)
 
 
 def _material_table(file: Path, raw: Any) -> tables.Stiffnesses | tables.PhysicalSheet:

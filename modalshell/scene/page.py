@@ -5,29 +5,42 @@ from __future__ import annotations
 import warnings
 
 from modalshell.errors import ModalShellWarning
+from modalshell.models import LinearModal, ModalWarping
 from modalshell.models.factory import MODE_COUNT
 from modalshell.modes import solve_modes
 from modalshell.page import Page
+from modalshell.scene.flock_scene import FlockScene
 from modalshell.scene.scene import Scene
 
 
 def scene_page(scene: Scene) -> Page:
-    """The page of a scene's shell by LMA and MWTS, with the scene's gravity, forces, damping and number of modes.
+    """The page of a scene: its flock, or its shell by LMA and MWTS with its loads, damping and number of modes.
 
     A ModalShellWarning names what the page leaves out: supports that move, constraints, another model.
 
     Raises
     ------
     SceneError
-        If the scene is about a flock, or a table is refused.
+        If a table is refused.
+    OptionError
+        If there are more birds or modes than a browser takes.
     """
+    if isinstance(scene, FlockScene):
+        flight, eye = scene.build_flight(scene.build_shell()), scene.flock.camera
+        span = scene.motion
+        return flight.page(camera=(eye.position, eye.target), dt=span.dt, duration=span.duration, title=scene.name)
     declared = scene.require_shell()
     shell = declared.build_shell()
-    path, force, constraints = declared.build_loading(shell)
+    path, force, loads, constraints = declared.build_loading(shell)
     model, motion = declared.model, declared.motion
     left = ["the supports rest"] if path is not None else []
+    left += ["there are no loads that change with the shell or in time"] if loads else []
     left += ["there are no constraints"] if constraints else []
-    left += [f"the model is LMA or MWTS, not {model.spec.name}"] if model.spec.key not in ("lma", "mwts") else []
+    left += (
+        [f"the model is LMA or MWTS, not {model.spec.name}"]
+        if model.spec.builder not in (LinearModal, ModalWarping)
+        else []
+    )
     if left:
         warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)

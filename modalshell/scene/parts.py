@@ -22,7 +22,16 @@ from modalshell.motion import SupportPath
 from modalshell.provenance import repository_file
 from modalshell.reading import read_regular
 from modalshell.scene.signatures import Built, signature_table
-from modalshell.scene.tables import Constrained, Force, MeshFile, PhysicalSheet, Stiffnesses, Supports, Vector
+from modalshell.scene.tables import (
+    Constrained,
+    Force,
+    MeshFile,
+    PhysicalSheet,
+    Stiffnesses,
+    SupportList,
+    Supports,
+    Vector,
+)
 from modalshell.selection import selected
 from modalshell.shell import Isotropic, Material
 from modalshell.typing import Array
@@ -98,8 +107,11 @@ def _numbers(name: str, file: Path) -> Array:
         ) from error
 
 
-def build_path(table: Supports) -> SupportPath | None:
+def build_path(declared: Supports | SupportList) -> SupportPath | None:
     """The path of the supports; None if they rest."""
+    table = declared.path if isinstance(declared, SupportList) else declared
+    if table is None:
+        return None
     if table.times is None:
         for key in ("translations", "rotations", "pivot"):
             if getattr(table, key) is not None:
@@ -114,7 +126,7 @@ def build_path(table: Supports) -> SupportPath | None:
 
 def spread_force(table: Force, mesh: TriangleMesh) -> Array:
     """The force (n, 3) [N] on every vertex, by its share of the selected area."""
-    chosen = selected("where", table.where, mesh.vertices)
+    chosen = selected("where", table.where, mesh)
     share = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
     return share[:, None] / share.sum() * np.array(table.total)
 
@@ -125,7 +137,7 @@ def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Co
         raise OptionError("a constraint needs either vertices or nearest, and not both")
     if table.vertices is not None:
         vertices = [table.vertices] if isinstance(table.vertices, int) else table.vertices
-        patch = np.flatnonzero(selected("vertices", vertices, mesh.vertices))
+        patch = np.flatnonzero(selected("vertices", vertices, mesh))
     else:
         patch = np.array([np.argmin(np.linalg.norm(mesh.vertices - np.array(table.nearest), axis=1))])
     if table.relative and table.kind == "orientation":

@@ -9,14 +9,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, final
+from typing import Any, cast, final
 
 import numpy as np
 
 from modalshell.checks import checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
-from modalshell.errors import SceneError
+from modalshell.errors import OptionError, SceneError
+from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import refuse_loose_parts
 from modalshell.models import Equilibrium, Model
@@ -39,6 +40,7 @@ from modalshell.scene.read import located
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.selection import selected
 from modalshell.shell import Shell
+from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
 
@@ -62,7 +64,7 @@ class Scene(ABC):
     mesh: tables.MeshFile | Shape
     material: tables.Stiffnesses | tables.PhysicalSheet
     model: ModelTable
-    supports: tables.Supports | None = None
+    supports: tables.Supports | tables.SupportList | None = None
     energies: tables.Table | None = None
     loads: tables.Loads | None = None
     motion: tables.MotionTable | None = None
@@ -103,19 +105,33 @@ class Scene(ABC):
         mesh = mesh or self.build_mesh()
         with located(self.file, "material", self.material):
             material = build_material(self.material, mesh, self.file.parent)
-        held = None
-        if self.supports is not None:
-            with located(self.file, "supports", self.supports):
-                held = held_vertices(selected("clamped", self.supports.clamped, mesh.vertices), len(mesh.vertices))
+        supports, unknowns = self._build_supports(mesh)
         if isinstance(self.mesh, tables.MeshFile) and self.mesh.component != "all":
             with located(self.file, "supports", self.mesh):
-                refuse_loose_parts(mesh, np.zeros(len(mesh.vertices), bool) if held is None else held)
+                refuse_loose_parts(mesh, unknowns.supported)
         energies = []
         for path, entry in energy_entries(self.energies):
             with located(self.file, path, entry):
                 energies.append(entry.build())
         with located(self.file, "material", self.material):
-            return Shell(mesh, material, held, energies=energies)
+            return Shell(mesh, material, supports=supports, energies=energies)
+
+    def _build_supports(self, mesh: TriangleMesh) -> tuple[list[Support], Unknowns]:
+        """The supports on ``mesh``, and what they leave free; SceneError where one is refused."""
+        supports: list[Support] = []
+        if isinstance(self.supports, tables.Supports):
+            with located(self.file, "supports", self.supports):
+                held = held_vertices(selected("clamped", self.supports.clamped, mesh), len(mesh.vertices))
+                supports.append(Clamp(held))
+        elif self.supports is not None:
+            for index, entry in enumerate(self.supports.entries):
+                if isinstance(entry, tables.Path):
+                    continue
+                with located(self.file, f"supports[{index}]", entry):
+                    supports.append(entry.build())
+                    supports[-1].vertices(mesh)
+        with located(self.file, "supports", self.output):
+            return supports, supported_unknowns(supports, mesh)
 
 
 @final
@@ -155,12 +171,12 @@ class ShellScene(Scene):
             Where the modes cannot be found.
         """
         shell = shell or self.build_shell()
-        path, force, constraints = self.build_loading(shell)
+        path, force, loads, constraints = self.build_loading(shell)
         if constraints and not self.model.spec.constraints:
             raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
             model = self.model.build(self.model_factory(shell))
-        return BuiltScene(self, shell, model, force, path, constraints)
+        return BuiltScene(self, shell, model, force, loads, path, constraints)
 
     def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = solve_modes) -> ModelFactory:
         """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
@@ -169,26 +185,36 @@ class ShellScene(Scene):
 
     def largest_load(self, shell: Shell) -> tuple[Array, str]:
         """All loads (n, 3) [N], with the largest inertial load of moving supports, and a note that says so."""
-        load = shell.total_load(self.loads.gravity if self.loads else None, self.build_force(shell.mesh))
+        force, loads = self.build_forces(shell)
+        loading = shell.loading(self.loads.gravity if self.loads else None, force, loads)
+        load, note = loading.dead, ""
+        if loading.live:
+            load, note = (
+                load + loading.largest_force(),
+                "loads that change are taken as they are at rest, at their largest",
+            )
         path = build_path(self.supports) if self.supports else None
         if path is None:
-            return load, ""
+            return load, note
         still = np.zeros_like(load)
         times = np.linspace(path.times[0], path.times[-1], 1 + int(np.ceil((path.times[-1] - path.times[0]) * 120.0)))
         effective = [path.at(float(t)).shell_load(load, shell.mass, shell.rest_positions, still) for t in times]
         worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
-        return effective[worst], (
-            f"the load is that of the moving supports when it is largest, at {times[worst]:.3g} s"
-        )
+        moved = f"the load is that of the moving supports when it is largest, at {times[worst]:.3g} s"
+        return effective[worst], "; ".join(part for part in (moved, note) if part)
 
-    def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Constraint]]:
-        """What acts on ``shell`` beside gravity: path of the supports, forces (n, 3) [N] and constraints.
+    def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Load], list[Constraint]]:
+        """What acts on ``shell`` beside gravity: path of the supports, forces (n, 3) [N], loads and constraints.
 
         SceneError where a table is refused, naming its key.
         """
-        path, force, constraints = None, self.build_force(shell.mesh), list[Constraint]()
+        path, constraints = None, list[Constraint]()
+        force, loads = self.build_forces(shell)
         if self.supports is not None:
-            with located(self.file, "supports", self.supports):
+            place, declared = "supports", cast(tables.Table, self.supports)
+            if isinstance(self.supports, tables.SupportList) and (moved := self.supports.path) is not None:
+                place, declared = f"supports[{self.supports.entries.index(moved)}]", moved
+            with located(self.file, place, declared):
                 path = build_path(self.supports)
         if path is not None and self.motion is None:
             raise SceneError(f"{self.file}: supports.times: supports that move need a [motion] table")
@@ -196,18 +222,27 @@ class ShellScene(Scene):
             with located(self.file, f"constraints[{index}]", table):
                 constraint = build_constraint(table, shell.mesh, self.motion is not None)
                 constraints += checked_constraints([constraint], shell)
-        return path, force, constraints
+        return path, force, loads, constraints
 
-    def build_force(self, mesh: TriangleMesh) -> Array | None:
-        """The forces (n, 3) [N] that act besides gravity, if any; SceneError where a table is refused."""
-        forces = []
+    def build_forces(self, shell: Shell) -> tuple[Array | None, list[Load]]:
+        """The dead forces (n, 3) [N] that act besides gravity, if any, and the other loads.
+
+        SceneError where a table is refused.
+        """
+        mesh, forces, loads = shell.mesh, [], list[Load]()
         for index, table in enumerate(self.loads.forces if self.loads else ()):
             with located(self.file, f"loads.forces[{index}]", table):
                 forces.append(spread_force(table, mesh))
         for path, entry in load_entries(self.loads):
             with located(self.file, path, entry):
-                forces.append(checked_vectors("force", entry.build().force(mesh), mesh.vertices.shape))
-        return sum(forces[1:], forces[0]) if forces else None
+                load = entry.load()
+                if isinstance(load, Scaled) and self.motion is None:
+                    raise OptionError("times and factors need a [motion] table: statics knows no time")
+                if load.applied(mesh, shell.mass) is None:
+                    forces.append(checked_vectors("force", load.force(mesh), mesh.vertices.shape))
+                else:
+                    loads.append(load)
+        return sum(forces[1:], forces[0]) if forces else None, loads
 
 
 @final
@@ -224,7 +259,9 @@ class BuiltScene:
     model : Model
         The model on it.
     force : ndarray, shape (n, 3), or None
-        Forces on the vertices beside gravity [N].
+        Dead forces on the vertices beside gravity [N].
+    loads : sequence of Load
+        Loads beside these.
     path : SupportPath or None
         How the supports move.
     constraints : sequence of Constraint
@@ -235,6 +272,7 @@ class BuiltScene:
     shell: Shell
     model: Model
     force: Array | None
+    loads: Sequence[Load]
     path: SupportPath | None
     constraints: Sequence[Constraint]
 
@@ -254,17 +292,18 @@ class BuiltScene:
                 dt=table.dt,
                 gravity=self.gravity,
                 force=self.force,
+                loads=self.loads,
                 damping=table.damping,
                 supports=self.path,
                 constraints=self.constraints,
             )
 
-    def load(self) -> Array:
-        """All loads (n, 3) [N]."""
-        return self.shell.total_load(self.gravity, self.force)
+    def loading(self) -> Loading:
+        """All loads together."""
+        return self.shell.loading(self.gravity, self.force, self.loads)
 
     def equilibrium(self) -> Equilibrium:
         """The static answer."""
         options: dict[str, Any] = {"constraints": self.constraints} if self.constraints else {}
         with located(self.scene.file, "model", self.scene.model):
-            return self.model.equilibrium(gravity=self.gravity, force=self.force, **options)
+            return self.model.equilibrium(gravity=self.gravity, force=self.force, loads=self.loads, **options)

@@ -5,15 +5,18 @@ from __future__ import annotations
 import inspect
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
-from typing import Any, cast, get_type_hints
+from types import UnionType
+from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from modalshell.loads import LOADS
+from modalshell.errors import OptionError
+from modalshell.loads import LOADS, Load, Scaled
 from modalshell.scene import tables
 from modalshell.scene.tables import Table
 from modalshell.selection import Selection
 from modalshell.shell.elements import ENERGIES
+from modalshell.supports import SUPPORTS
 
 
 class Built(Table, frozen=True):
@@ -32,11 +35,13 @@ def signature_table(
     fields: list[Any] = []
     for name, parameter in inspect.signature(function).parameters.items():
         hint = tuple[int, int] if name == "cells" else hints[name]
-        hint = tables.Selection if hint == Selection else hint
+        hint = _of_scenes(hint)
         fields.append((name, hint) if parameter.default is parameter.empty else (name, hint, parameter.default))
 
+    names = [name for name, *_ in fields]
+
     def build(table: Built) -> Any:
-        return function(**{name: getattr(table, name) for name in table.__struct_fields__})
+        return function(**{name: getattr(table, name) for name in names})
 
     return msgspec.defstruct(
         function.__name__, fields, bases=(base,), namespace={"build": build}, frozen=True, kw_only=True,
@@ -44,10 +49,37 @@ def signature_table(
     )  # fmt: skip
 
 
+def _of_scenes(hint: Any) -> Any:
+    """The type that a key of a scene has: selections by text or index, and nothing that can be called."""
+    if hint in (Selection, Selection | None):
+        return tables.Selection if hint == Selection else tables.Selection | None
+    if get_origin(hint) in (Union, UnionType):
+        kept = [part for part in get_args(hint) if get_origin(part) is not Callable]
+        return Union[tuple(kept)]  # noqa: UP007 (of types that are only known here)
+    return hint
+
+
+class LoadTable(Built, frozen=True):
+    """A table of ``[[loads.KEY]]``: a load's own keys, and its factor in time if it has one.
+
+    ``factors`` at ``times`` [s], joined by straight lines, constant before and after.
+    """
+
+    times: tables.Times | None = None
+    factors: Annotated[list[float], msgspec.Meta(min_length=2)] | None = None
+
+    def load(self) -> Load:
+        """The load, times its factor."""
+        if (self.times is None) != (self.factors is None):
+            raise OptionError("times and factors go together: give both or neither")
+        load: Load = self.build()
+        return load if self.times is None or self.factors is None else Scaled(load, (self.times, self.factors))
+
+
 def loads_table() -> type[tables.Loads]:
     """``[loads]`` with a list of tables for every load that is registered."""
     lists: list[Any] = [
-        (key, list[signature_table(kind)], msgspec.field(default_factory=list))  # type: ignore[misc]
+        (key, list[signature_table(kind, LoadTable)], msgspec.field(default_factory=list))  # type: ignore[misc]
         for key, kind in LOADS.items()
     ]
     made = msgspec.defstruct(
@@ -63,7 +95,13 @@ def energies_table() -> type[Table]:
     return cast(type[Table], made)
 
 
-def load_entries(loads: tables.Loads | None) -> Iterator[tuple[str, Built]]:
+def support_tables() -> dict[str, type[Any]]:
+    """The tables of ``[[supports]]`` by their kinds."""
+    kinds = {key: signature_table(kind, tag_field="kind", tag=key) for key, kind in SUPPORTS.items()}
+    return kinds | {"path": tables.Path}
+
+
+def load_entries(loads: tables.Loads | None) -> Iterator[tuple[str, LoadTable]]:
     """Each table of a registered load in ``[loads]``, with its path."""
     for key in LOADS:
         for index, entry in enumerate(getattr(loads, key, ())):

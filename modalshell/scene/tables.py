@@ -17,6 +17,9 @@ Times = Annotated[list[float], Meta(min_length=2)]
 Selection = str | list[Vertex]
 """Vertices by an expression such as ``x < 0.026``, or by index."""
 
+FieldName = Literal[
+    "membrane_strain", "membrane_force", "curvature", "moment", "von_mises", "von_mises_faces", "energy_density"
+]
 Format = Literal["npz", "vtkhdf", "pvd", "clip", "usdc", "usda", "glb", "pc2", "mdd", "mp4", "png"]
 
 
@@ -81,6 +84,31 @@ class Supports(Table, frozen=True):
     translations: Keyframes | None = None
     rotations: Keyframes | None = None
     pivot: Vector | None = None
+
+
+class Path(Table, frozen=True, tag_field="kind", tag="path"):
+    """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move."""
+
+    times: Times
+    translations: Keyframes | None = None
+    rotations: Keyframes | None = None
+    pivot: Vector | None = None
+
+
+class SupportList(Table, frozen=True):
+    """``[[supports]]``: a table for each support, by the kinds of :mod:`modalshell.supports`; one may be their path."""
+
+    entries: list[Any]
+
+    @property
+    def path(self) -> Path | None:
+        """The table of the path."""
+        return next((entry for entry in self.entries if isinstance(entry, Path)), None)
+
+    @property
+    def times(self) -> Times | None:
+        """Its times [s]."""
+        return None if self.path is None else self.path.times
 
 
 class Force(Table, frozen=True):
@@ -148,9 +176,12 @@ class PathTable(Table, frozen=True):
 class Output(Table, frozen=True):
     """``[output]``: ``folder`` (relative to the working folder), precision of the positions, and formats.
 
-    The ``.npz`` file is always written.
+    The ``.npz`` file is always written. ``fields`` of the triangles are stored with every frame, and films and pictures
+    coloured by the one named ``color``.
     """
 
     folder: Annotated[str, Meta(min_length=1)] = "results"
     positions: Literal["float64", "float32"] = "float64"
     formats: list[Format] = []
+    fields: list[FieldName] = []
+    color: FieldName | None = None

@@ -10,41 +10,28 @@ import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_vectors, shown
-from modalshell.errors import LoadError, OptionError, SupportError
-from modalshell.loads import Load
+from modalshell.errors import OptionError, SupportError
+from modalshell.loads import Load, Loading
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
+from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.extended import Extended
-from modalshell.shell.fields import (
-    ShellFields,
-    curvature_of_moment,
-    membrane_strain,
-    moment_of_folds,
-    resultants,
-    von_mises,
-)
+from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
+from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 from modalshell.typing import Array, Index
 
 _VERTEX_BYTES = 8_000
 """Memory that the pattern of the stiffness takes while it is made."""
-
-
-def _checked_supports(supports: Sequence[Support]) -> tuple[Support, ...]:
-    try:
-        given = tuple(supports)
-    except TypeError as error:
-        raise SupportError(f"supports must be a list of supports (got {shown(supports)})") from error
-    return tuple(checked_kind("each of supports", support, Support) for support in given)  # type: ignore[type-abstract]
 
 
 class Shell(ReadOnlyArrays):
@@ -109,8 +96,8 @@ class Shell(ReadOnlyArrays):
         count = len(mesh.vertices)
         demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
         clamp = held_vertices(clamped, count)
-        self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *_checked_supports(supports))
-        unknowns = supported_unknowns(self.supports, self.rest_positions)
+        self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
+        unknowns = supported_unknowns(self.supports, mesh)
         self._slopes = held_slopes(self.supports, mesh)
         self.energies = tuple(
             checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
@@ -133,6 +120,7 @@ class Shell(ReadOnlyArrays):
         self.clamped = unknowns.held
         self.free = read_only(np.flatnonzero(~self.clamped))
         self.pattern, self._slots = self._energy.pattern(unknowns)
+        self._folds: SplitFoldEnergy | None = None  # of discrete shells: what fields take the curvature from
 
     @property
     def free_unknowns(self) -> Index:
@@ -164,7 +152,7 @@ class Shell(ReadOnlyArrays):
         """The same shell, with the same energy of what can move, that holds ``vertices`` too (bool (n,) or indices)."""
         further = copy.copy(self)
         further.supports = (*self.supports, Pin(read_only(held_vertices(vertices, len(self.clamped)))))
-        unknowns = supported_unknowns(further.supports, self.mesh.vertices)
+        unknowns = supported_unknowns(further.supports, self.mesh)
         further._energy = self._energy.holding(unknowns.held)
         further._support(unknowns)
         return further
@@ -207,7 +195,7 @@ class Shell(ReadOnlyArrays):
         """Elastic energy [J] at ``positions`` (n, 3) [m]; LoadError where it is not finite."""
         x = self.checked_positions(positions)
         energy = self.raw_energy(x)
-        self._refuse_collapse("energy", energy, x)
+        refuse_collapse(self.mesh, "energy", energy, x)
         return energy
 
     def force(self, positions: ArrayLike) -> Array:
@@ -217,7 +205,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         gradient = self.energy_gradient(x)[1]
-        self._refuse_collapse("force", gradient, x)
+        refuse_collapse(self.mesh, "force", gradient, x)
         return -gradient
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
@@ -229,7 +217,7 @@ class Shell(ReadOnlyArrays):
         """
         x = self.rest_positions if positions is None else self.checked_positions(positions)
         data = self.energy_gradient_hessian(x, EXACT)[2]
-        self._refuse_collapse("stiffness", data, x)
+        refuse_collapse(self.mesh, "stiffness", data, x)
         return self.pattern.condensed(data)
 
     def fields(self, positions: ArrayLike) -> ShellFields:
@@ -249,23 +237,14 @@ class Shell(ReadOnlyArrays):
             For positions of the wrong shape or not finite, or where a triangle has collapsed to a line.
         """
         x = self.checked_positions(positions)
-        mesh = self.mesh
-        sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
-        flat = (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
-        self._refuse_collapse("curvature", np.where(flat, np.nan, 0.0), x)
-        material = self.material if isinstance(self.material, Isotropic) else Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
-        energy = self._energy
+        mesh, energy = self.mesh, self._energy
+        refuse_collapse(mesh, "curvature", np.where(flat_triangles(mesh, x), np.nan, 0.0), x)
         if not isinstance(energy, SplitFoldEnergy):
-            energy = SplitFoldEnergy(mesh, material, self._slopes, [], self.clamped)
-        moment = moment_of_folds(mesh, energy.bending(x)[0])
-        membrane, rigidity, poisson = material.elasticity(mesh)
-        curvature = curvature_of_moment(rigidity, poisson, moment)
-        strain = membrane_strain(mesh, x)
+            if self._folds is None:
+                self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped)
+            energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
-        if not isinstance(self.material, Isotropic):
-            return ShellFields(strain, curvature, density)
-        force = resultants(membrane, poisson, strain)
-        return ShellFields(strain, curvature, density, force, moment, von_mises(mesh, material, force, moment))
+        return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -274,16 +253,22 @@ class Shell(ReadOnlyArrays):
     def total_load(
         self, gravity: ArrayLike | None = None, force: ArrayLike | None = None, loads: Sequence[Load] | None = None
     ) -> Array:
-        """Load (n, 3) [N] on every vertex, or LoadError if a part is of the wrong shape or not finite."""
-        total = np.zeros_like(self.rest_positions)
+        """Load (n, 3) [N] of the shape at rest, at time 0, or LoadError for a part of the wrong shape or not finite."""
+        return self.loading(gravity, force, loads).force(self.rest_positions)
+
+    def loading(
+        self, gravity: ArrayLike | None = None, force: ArrayLike | None = None, loads: Sequence[Load] | None = None
+    ) -> Loading:
+        """All loads together, those that change with the shell apart from the sum of the dead ones.
+
+        LoadError if a part is of the wrong shape or not finite.
+        """
+        dead = np.zeros_like(self.rest_positions)
         if gravity is not None:
-            total += self.gravity_force(gravity)
+            dead += self.gravity_force(gravity)
         if force is not None:
-            total += checked_vectors("force", force, total.shape)
-        for load in loads or ():
-            checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
-            total += checked_vectors(f"the force of {type(load).__name__}", load.force(self.mesh), total.shape)
-        return total
+            dead += checked_vectors("force", force, dead.shape)
+        return Loading.of(self.mesh, self.mass, self.rest_positions, self.clamped, dead, loads or ())
 
     def reactions(
         self,
@@ -312,8 +297,8 @@ class Shell(ReadOnlyArrays):
         """
         x = self.checked_positions(positions)
         gradient = self._energy.support_gradient(x)
-        self._refuse_collapse("force", gradient, x)
-        out_of_balance = gradient - self.total_load(gravity, force, loads)
+        refuse_collapse(self.mesh, "force", gradient, x)
+        out_of_balance = gradient - self.loading(gravity, force, loads).force(x)
         reactions = np.zeros_like(out_of_balance)
         reactions[self.unknowns.supported] = self.unknowns.resisted(out_of_balance[:, :, None])[:, :, 0]
         return reactions
@@ -341,26 +326,12 @@ class Shell(ReadOnlyArrays):
             As for :meth:`reactions`.
         """
         return shared_reactions(
-            self.supports, self.mesh.vertices, self.reactions(positions, gravity=gravity, force=force, loads=loads)
+            self.supports, self.mesh, self.reactions(positions, gravity=gravity, force=force, loads=loads)
         )
 
     def checked_positions(self, positions: ArrayLike) -> Array:
         """Positions as a float64 array (n, 3), or LoadError if they are of another shape or not finite."""
         return checked_vectors("positions", positions, self.rest_positions.shape)
-
-    def _refuse_collapse(self, name: str, values: ArrayLike, x: Array) -> None:
-        if np.isfinite(values).all():
-            return
-        corners = x[self.mesh.faces]
-        sides = corners - np.roll(corners, 1, axis=1)
-        longest = np.max(np.sum(sides**2, axis=2), axis=1)
-        flatness = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.where(longest > 0.0, longest, 1.0)
-        worst = int(np.argmin(flatness))
-        raise LoadError(
-            f"the {name} is not finite at these positions; the flattest triangle is {worst}, vertices "
-            f"{self.mesh.faces[worst].tolist()} (counted from 0), twice its area {flatness[worst]:.1e} of its longest "
-            "side squared: move its corners apart"
-        )
 
     # Below: for solvers, on arrays that they own; no checks.
 

@@ -49,11 +49,11 @@ def held_slopes(supports: Sequence[Support], mesh: TriangleMesh) -> HeldSlopes:
     plane = np.zeros((len(mesh.edges), 3))
     for support in supports:
         if support.clamps:
-            clamped |= support.vertices(mesh.vertices)
+            clamped |= support.vertices(mesh)
         normal = support.mirror()
         if normal is None:
             continue
-        inside = support.vertices(mesh.vertices)
+        inside = support.vertices(mesh)
         # A triangle in the plane itself is its own mirror image, and folds about none of its edges.
         faces = mesh.edge_faces[:, 0]
         rim = (mesh.edge_faces[:, 1] < 0) & inside[mesh.edges].all(axis=1) & ~inside[mesh.faces[faces]].all(axis=1)

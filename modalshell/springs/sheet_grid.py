@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from typing import final
 
@@ -9,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.checks import checked_count, checked_number, checked_vectors, shown, vector_count
-from modalshell.errors import LoadError, MaterialError, MeshError, SupportError
+from modalshell.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
+from modalshell.page import Page, sheet_page
 from modalshell.springs.springs import Springs
 
 FAMILIES = {"structural": ((0, 1), (1, 0)), "shear": ((1, 1), (1, -1)), "flexion": ((0, 2), (2, 0))}
@@ -101,6 +103,45 @@ class SheetGrid:
         if squared == 0.0:
             return float("inf") if rate == 0.0 else 2.0 / rate
         return float((np.sqrt(rate**2 + 4.0 * squared) - rate) / squared)
+
+    def page(
+        self, path: str | os.PathLike[str] | None = None, *, dt: float | None = None, title: str = "modalshell"
+    ) -> Page:
+        """A self-contained web page that steps the sheet on the browser's GPU by Verlet's method.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            HTML file to write.
+        dt : float, optional
+            Time step [s]; half of the stable one without it.
+        title : str
+            Headline of the page.
+
+        Raises
+        ------
+        OptionError
+            For a step above the stable one, or a sheet with dashpots.
+        """
+        if self.spring_damping > 0.0:
+            raise OptionError(
+                f"a page steps no dashpots (got spring_damping={self.spring_damping:g} N s/m): set it to 0"
+            )
+        stable = self.stable_step()
+        page = sheet_page(
+            shape=self.shape,
+            spacing=self.spacing,
+            accelerations=[k / self.particle_mass for k in (self.structural, self.shear, self.flexion)],
+            drag=self.drag,
+            pinned=self.pinned,
+            gravity=self.gravity,
+            dt=0.5 * stable if dt is None else dt,
+            stable_step=stable,
+            title=title,
+        )
+        if path is not None:
+            page.save(path)
+        return page
 
     def _largest_rate(self, stiffness: float | None) -> float:
         """Largest eigenvalue of ``M^-1 K`` over all plane waves, with each family's stiffness or one for all."""

@@ -10,6 +10,7 @@ from modalshell.constraints.constraints import HeldPatch
 from modalshell.errors import SolverError
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, Shell
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
 from modalshell.statics.potential import Potential, warped_step
 from modalshell.statics.refine import refine
@@ -30,6 +31,7 @@ def lead(
     origin: Array,
     factoriser: Factoriser,
     costs: Timings,
+    live: LiveLoads | None = None,
 ) -> NewtonResult:
     """Equilibrium with the patches at their targets, moved there from ``start`` (n, 3), or rest, in steps that adapt.
 
@@ -39,7 +41,7 @@ def lead(
     is shortened, and at last the potential is minimised.
     """
     held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
-    problem = Potential(load, shell.rest_positions, held, factoriser, costs)
+    problem = Potential(load, shell.rest_positions, held, factoriser, costs, live)
     x = shell.rest_positions if start is None else start
     origins = [x[patch.vertices] for patch in patches]
     goals = [patch.at(0.0) - origin for patch in patches]

@@ -55,7 +55,8 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
         if trust >= _SMALLEST_TRUST and steps <= _LOAD_STEPS:
             try:
                 if tangent is None:  # at rest; later the factor that showed a minimum gives it
-                    tangent = whole.step(whole.factor(whole.linearise(x, EXACT)[1]), -whole.push)
+                    present = whole if whole.is_dead else whole.loaded(factor)
+                    tangent = whole.step(whole.factor(present.linearise(x, EXACT)[1]), -whole.push_at(x))
                     iterations += 1
                 guess, stresses, share = whole.moved(x, (1.0 - factor) * tangent, trust * whole.load_step)
                 target = factor + share * (1.0 - factor) if share < 0.999 else 1.0
@@ -85,4 +86,4 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
         if target == 1.0:
             return replace(result, iterations=iterations, left_saddle=left, path=path)
         # A dead load leaves the Hessian alone: the minimum's serves the next step.
-        tangent = None if result.factor is None else whole.step(result.factor, -whole.push)
+        tangent = None if result.factor is None or not whole.is_dead else whole.step(result.factor, -whole.push)

@@ -107,6 +107,11 @@ class Problem(ABC, Generic[Matrix]):
         return self.load
 
     @property
+    def is_dead(self) -> bool:
+        """Whether the load leaves the Hessian alone."""
+        return True
+
+    @property
     def weights(self) -> Array:
         """Weight (N,) of each free unknown in the squared length of a step."""
         return np.ones(self.push.size)

@@ -7,7 +7,7 @@ bends the sheet instead of stretching it.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, final
+from typing import ClassVar, Self, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -16,6 +16,7 @@ from modalshell.errors import SolverError
 from modalshell.kernels import rotations
 from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode, nearest_tangent_mode
 from modalshell.shell import EXACT, Shell
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import GOAL, Factored, NewtonResult, Problem, is_minimum, mixed_newton
 from modalshell.timings import Timings
 from modalshell.typing import Array
@@ -31,6 +32,8 @@ _DESCENT = 150
 _NEAR = 0.3
 """Out-of-balance force, as a share of the load, from which a descent tries to end by Newton's method."""
 _SADDLES = 4
+_SETTLING = 20
+"""Descents under dead loads at most in place of one under loads without a potential."""
 _EPSILON = float(np.finfo(np.float64).eps)
 _STILL = 1e-8
 """Newton step, as a share of the shell's size, up to which a residual can be due to rounding."""
@@ -55,11 +58,16 @@ class Potential(Problem[sps.csc_array]):
         Where the seconds of assembly, factorisation and solution are added up.
     quadratic : ndarray, optional
         Entries of Q on the shell's pattern.
+    live : LiveLoads, optional
+        Loads besides b that change with x. Their stiffness enters the Hessian. Without a potential it is unsymmetric:
+        Newton's steps then take the whole of it, by an unsymmetric factorisation, and what asks for a definite Hessian
+        takes its symmetric half.
     """
 
     shell: Shell
     factoriser: Factoriser
     costs: Timings
+    live: LiveLoads | None = None
 
     load_step: ClassVar = 0.8
     path_goal: ClassVar = 1e-3
@@ -68,7 +76,28 @@ class Potential(Problem[sps.csc_array]):
     @property
     def push(self) -> Array:
         """Load (N,) [N] on the free unknowns."""
-        return np.asarray(self.shell.unknowns.restrict(self.load.ravel()))
+        return self.push_at(self.origin)
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether the load leaves the Hessian alone."""
+        return self.live is None
+
+    def push_at(self, x: Array) -> Array:
+        """Load (N,) [N] on the free unknowns at x."""
+        return np.asarray(self.shell.unknowns.restrict(self.force(x).ravel()))
+
+    def force(self, x: Array) -> Array:
+        """Load (n, 3) [N] at x."""
+        return self.load if self.live is None else self.load + self.live.force(x)
+
+    def loaded(self, share: float) -> Self:
+        """The same problem under a share of the load."""
+        return replace(self, load=share * self.load, live=None if self.live is None else self.live.scaled(share))
+
+    def frozen(self, x: Array) -> Potential:
+        """The same potential under dead loads: those that change as they are at x."""
+        return replace(self, load=self.force(x), live=None)
 
     @property
     def weights(self) -> Array:
@@ -85,12 +114,15 @@ class Potential(Problem[sps.csc_array]):
 
     def value(self, x: Array) -> float:
         """Potential [J]."""
-        return self.shell.raw_energy(x) + self._outer(x)[0]
+        changing = 0.0 if self.live is None else self.live.energy(x)
+        return self.shell.raw_energy(x) + self._outer(x)[0] + changing
 
     def residual(self, x: Array) -> Array:
         """Gradient on the free unknowns (N,) [N]."""
-        total = self.shell.energy_gradient(x)[1] + self._outer(x)[1]
-        return np.asarray(self.shell.unknowns.restrict(total.ravel()))
+        gradient = self.shell.energy_gradient(x)[1] + self._outer(x)[1]
+        if self.live is not None:
+            gradient -= self.live.force(x)
+        return np.asarray(self.shell.unknowns.restrict(gradient.ravel()))
 
     def linearise(
         self, x: Array, geometric: int, stresses: list[Array] | None = None, led: Array | None = None
@@ -104,9 +136,19 @@ class Potential(Problem[sps.csc_array]):
             if self.quadratic is not None:
                 data += self.quadratic
             total = gradient + self._outer(x)[1]
+            if self.live is not None:
+                total -= self.live.force(x)
+                self.live.add_stiffness(self.shell.pattern, x, data)
             if led is not None and led.any():
                 total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
-            return self.shell.unknowns.restrict(total.ravel()), self.shell.pattern.free_matrix(data)
+            matrix = self.shell.pattern.free_matrix(data)
+            if self._unsymmetric:
+                matrix = sps.csc_array(matrix.T)  # its arrays are those of CSR
+            return self.shell.unknowns.restrict(total.ravel()), matrix
+
+    @property
+    def _unsymmetric(self) -> bool:
+        return self.live is not None and not self.live.conservative
 
     def dragged(self, x: Array, drag: float) -> Potential:
         """The same potential with ``drag |y - x|^2 / 2`` added, in the norm of the mass."""
@@ -117,13 +159,15 @@ class Potential(Problem[sps.csc_array]):
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
+            if self._unsymmetric:
+                return self._condensed(self.factoriser.general(hessian))
             return self._condensed(self.factoriser.symmetric(hessian))
 
     def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
         """Factor of a positive definite Hessian, None for any other."""
         with self.costs.part("factorisation"):
             try:
-                factor = self.factoriser.definite(hessian)
+                factor = self.factoriser.definite(_symmetric_half(hessian) if self._unsymmetric else hessian)
             except SolverError:
                 return None
             return self._condensed(factor) if factor.is_definite() else None
@@ -160,6 +204,8 @@ class Potential(Problem[sps.csc_array]):
         does not feel the membrane; the drag falls with success, down to plain Newton steps, and grows where a step
         fails.
         """
+        if self._unsymmetric:
+            return self._settle(start, scale)
         shell = self.shell
         x, value = start, self.value(start)
         result = NewtonResult(x, np.inf, 0, False)
@@ -199,8 +245,28 @@ class Potential(Problem[sps.csc_array]):
         result.iterations, result.left_saddle = iterations, left > 0
         return result
 
+    def _settle(self, start: Array, scale: float) -> NewtonResult:
+        """Descend under dead loads, those of the last answer each time, until Newton's method ends at a minimum."""
+        result, iterations = NewtonResult(start, np.inf, 0, False), 0
+        for _ in range(_SETTLING):
+            calm = self.frozen(result.point).descend(result.point, scale)
+            result = mixed_newton(self, calm.point, scale, stresses=_present(self.shell, calm.point))
+            iterations += calm.iterations + result.iterations
+            if is_minimum(self, result):
+                break
+            result = replace(result, point=calm.point, converged=False)
+        return replace(result, iterations=iterations)
+
     def _product(self, quadratic: Array, u: Array) -> Array:
         return self.shell.pattern.product(quadratic, u.ravel()).reshape(-1, 3)
+
+
+def _symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
+    """Half the sum of a matrix and its transpose, on its own pattern, which is symmetric."""
+    matrix.sort_indices()
+    other = sps.csc_array(matrix.T)
+    other.sort_indices()
+    return sps.csc_array((0.5 * (matrix.data + other.data), matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:

@@ -28,7 +28,8 @@ def refine(problem: Potential, result: NewtonResult, scale: float) -> NewtonResu
     moved = result.point.astype(np.longdouble) - shell.rest_positions
     best, residual = moved, np.inf
     for iteration in range(_LIMIT + 1):
-        gradient = unknowns.restrict((shell.extended_gradient(moved) - problem.load).ravel())
+        force = problem.force((shell.rest_positions + moved).astype(np.float64))
+        gradient = unknowns.restrict((shell.extended_gradient(moved) - force).ravel())
         # Both in double precision and scaled: squares of the smallest loads would underflow.
         out = (gradient / scale).astype(np.float64)
         size = float(np.linalg.norm(out))

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_vectors
+from modalshell.checks import checked_kind, checked_vectors, shown
 from modalshell.errors import SupportError
+from modalshell.mesh import TriangleMesh
 from modalshell.selection import Selection, checked_selection, selected
 from modalshell.sharing import read_only
 from modalshell.typing import Array, Vector
@@ -56,9 +58,9 @@ class Support(ABC):
         """Normal (3,) of the plane in which the shell is its own mirror image, if there is one."""
         return None
 
-    def vertices(self, rest: Array) -> NDArray[np.bool_]:
-        """Mask (n,) of its vertices on a shape at ``rest`` (n, 3) [m]; OptionError where it selects none."""
-        return selected("sel", self.sel, rest)
+    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
+        """Mask (n,) of its vertices of a mesh; OptionError where it selects none."""
+        return selected("sel", self.sel, mesh)
 
 
 SUPPORTS: dict[str, type[Support]] = {}
@@ -81,3 +83,12 @@ def complement(unit: Array) -> Array:
     first = first - unit * (first @ unit)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(unit, first)])
+
+
+def checked_supports(supports: Sequence[Support]) -> tuple[Support, ...]:
+    """The supports as a tuple; SupportError where one is none."""
+    try:
+        given = tuple(supports)
+    except TypeError as error:
+        raise SupportError(f"supports must be a list of supports (got {shown(supports)})") from error
+    return tuple(checked_kind("each of supports", support, Support) for support in given)  # type: ignore[type-abstract]

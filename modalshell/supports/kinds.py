@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from modalshell.checks import shown
 from modalshell.errors import SupportError
+from modalshell.mesh import TriangleMesh
 from modalshell.selection import Selection
 from modalshell.supports.base import Support, complement, unit_vector
 from modalshell.typing import Array, Vector
@@ -119,11 +120,11 @@ class Symmetry(Support, key="symmetry"):
         """The normal."""
         return self.normal
 
-    def vertices(self, rest: Array) -> NDArray[np.bool_]:
+    def vertices(self, mesh: TriangleMesh) -> NDArray[np.bool_]:
         """Mask (n,) of its vertices; SupportError unless they lie in one plane of the normal."""
-        chosen = super().vertices(rest)
-        heights = rest[chosen] @ self.normal
-        if np.ptp(heights) > _PLANE * np.ptp(rest, axis=0).max():
+        chosen = super().vertices(mesh)
+        heights = mesh.vertices[chosen] @ self.normal
+        if np.ptp(heights) > _PLANE * mesh.size:
             raise SupportError(
                 f"sel of a symmetry plane must select vertices in one plane of normal {self.normal.tolist()}: they "
                 f"reach from {heights.min():g} to {heights.max():g} m along it"

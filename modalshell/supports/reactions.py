@@ -6,19 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from modalshell.mesh import TriangleMesh
 from modalshell.supports.base import Support
 from modalshell.typing import Array
 
 
-def shared_reactions(supports: Sequence[Support], rest: Array, reactions: Array) -> list[Array]:
-    """The share (n, 3) of each support in ``reactions`` (n, 3) [N] on a shape at ``rest`` (n, 3) [m].
+def shared_reactions(supports: Sequence[Support], mesh: TriangleMesh, reactions: Array) -> list[Array]:
+    """The share (n, 3) of each support in ``reactions`` (n, 3) [N] on a mesh.
 
     Each takes the force along its own directions; supports that hold a vertex along the same one share it evenly.
     """
     shares = [np.zeros_like(reactions) for _ in supports]
     if not supports:
         return shares
-    chosen = np.stack([support.vertices(rest) for support in supports], axis=1)
+    chosen = np.stack([support.vertices(mesh) for support in supports], axis=1)
     for held in np.unique(chosen, axis=0):
         vertices, active = np.flatnonzero((chosen == held).all(axis=1)), np.flatnonzero(held)
         directions = [supports[int(k)].directions() for k in active]

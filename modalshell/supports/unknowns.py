@@ -11,6 +11,7 @@ import scipy.sparse as sps
 from numpy.typing import NDArray
 
 from modalshell.errors import SupportError
+from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.supports.base import Support
 from modalshell.typing import Array, Index
@@ -183,8 +184,8 @@ class MappedUnknowns(Unknowns):
         return np.asarray((flat - self.prolong(self.values(flat))).reshape(displacements.shape)[self.supported])
 
 
-def supported_unknowns(supports: Sequence[Support], rest: Array) -> Unknowns:
-    """Unknowns that supports leave of a shape at ``rest`` (n, 3) [m].
+def supported_unknowns(supports: Sequence[Support], mesh: TriangleMesh) -> Unknowns:
+    """Unknowns that supports leave of a mesh.
 
     Raises
     ------
@@ -193,14 +194,14 @@ def supported_unknowns(supports: Sequence[Support], rest: Array) -> Unknowns:
     SupportError
         For vertices that do not fit their support, ties that contradict others, or where nothing can move.
     """
-    count = len(rest)
+    count = len(mesh.vertices)
     squares = np.zeros((count, 3, 3))
     """Sum of the projections on the directions along which each vertex is held."""
     tied = np.zeros((count, 3, 3))
     """Projection on the directions along which each moves with others."""
     groups: list[tuple[Index, Array]] = []
     for support in supports:
-        chosen, directions = support.vertices(rest), support.directions()
+        chosen, directions = support.vertices(mesh), support.directions()
         projection = directions.T @ directions
         if not support.ties:
             squares[chosen] += projection

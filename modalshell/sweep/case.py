@@ -171,7 +171,7 @@ def _solved(built: BuiltScene) -> tuple[Outcome, str, Measures, Array]:
     if built.scene.motion is None:
         answer = built.equilibrium()
         last = answer.positions
-        still = Trajectory.still(answer, built.shell, built.load())
+        still = Trajectory.still(answer, built.shell, built.loading())
         measures = _measures(
             built,
             last,

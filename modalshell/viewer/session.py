@@ -156,7 +156,7 @@ class ViewSession:
     def set_gravity(self, gravity: ArrayLike) -> None:
         """Change the acceleration (3,) [m/s^2] on every vertex; the motion goes on from where it is."""
         vector = checked_vectors("gravity", gravity, (3,), LoadError)
-        self._motion.load = self.shell.total_load(vector, self._built.force)
+        self._motion.load = self.shell.loading(vector, self._built.force, self._built.loads).dead
         self.gravity = vector
 
     def set_model(self, name: str, modes: int | None = None) -> None:
@@ -302,6 +302,7 @@ class ViewSession:
             dt=self._table.dt,
             gravity=self.gravity,
             force=self._built.force,
+            loads=self._built.loads,
             damping=self._table.damping,
             start=start,
             supports=path,

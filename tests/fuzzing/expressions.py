@@ -24,6 +24,23 @@ _ATOMS = (
 )
 _BETWEEN = (" + ", " - ", " * ", " / ", " ** ", " < ", " >= ", " and ", " or ", " == ")
 _LINES = """
+boundary
+boundary(0)
+boundary(7)
+boundary(1e400)
+boundary(-1)
+boundary(x)
+boundary < 1
+component(0) and nearest(0, 0, 0)
+component(0.5)
+nearest(1, 2)
+nearest(9e999, -1, True)
+box(0, 0, 0, 1, 1, 1)
+box(*x)
+angle(0, 0, 1) < 20
+angle(0, 0, 0) < 20
+angle(1e300, 1e300, 1e300) < 20
+angle(0, 0, 1)
 x <
 x
 x == 1

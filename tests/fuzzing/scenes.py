@@ -54,6 +54,18 @@ BASES: tuple[dict[str, Any], ...] = (
     },
     BASE
     | {
+        "loads": {
+            "pressure": [{"p": 0.5, "follower": True, "sel": "x > 0.2"}],
+            "wind": [{"velocity": [0.0, 0.0, 1.0], "density": 1.2, "normal": 1.0, "tangential": 0.01}],
+            "moment": [{"sel": "x > 0.9", "m": 0.01, "times": [0.0, 0.1], "factors": [0.0, 1.0]}],
+            "follower": [{"sel": [0, 8], "force": [0.0, 0.0, 0.01]}],
+            "weight": [{"gravity": [0.0, 0.0, -1.0]}],
+            "frame": [{"acceleration": [0.0, 1.0, 0.0], "angular_velocity": [0.0, 0.0, 1.0]}],
+            "line": [{"sel": "x > 0.9", "force": [0.0, 0.0, 0.01]}],
+        },
+    },
+    BASE
+    | {
         "mesh": {"file": "panel.obj"},
         "supports": {"clamped": "x < 0.3 or not (abs(y) * 2 - z / 3 >= -9)"},
         "loads": {"gravity": [0.0, 0.0, -1.0], "forces": [{"where": "x > 0.9", "total": [0.0, 0.1, 0.0]}]},
@@ -63,6 +75,20 @@ BASES: tuple[dict[str, Any], ...] = (
             {"kind": "orientation", "vertices": [7, 8], "times": [0.0, 0.1], "path": "linear",
              "targets": [[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]]}
         ],
+    },
+    BASE
+    | {
+        "supports": [
+            {"kind": "clamp", "sel": "x < 0.1 or nearest(0, 0, 0) and not box(1, 1, 1, 2, 2, 2)"},
+            {"kind": "pin", "sel": [0, 1]},
+            {"kind": "fix", "sel": "boundary(0) and x > 0.9", "axes": "y"},
+            {"kind": "roller", "sel": [8], "direction": [0.0, 1.0, 0.5]},
+            {"kind": "symmetry", "sel": "y > 0.05 and angle(0, 0, 1) < 60", "normal": [0.0, 1.0, 0.0]},
+            {"kind": "diaphragm", "sel": "component(0) and x > 0.9", "axis": [1.0, 0.0, 0.0]},
+            {"kind": "tie", "sel": [4, 5], "axes": "z"},
+            {"kind": "path", "times": [0.0, 0.1], "translations": [[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]]},
+        ],
+        "model": {"name": "ds"},
     },
     BASE | {"model": {"name": "md-rom", "modes": 2, "cubature": False}, "output": {"formats": ["vtkhdf", "pvd"]}},
     BASE | {"mesh": {"shape": "leaf", "cells": [4, 2]}, "supports": {"clamped": "x < 0.5"}, "model": {"name": "lma"}},

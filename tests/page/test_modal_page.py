@@ -77,22 +77,6 @@ def test_too_many_modes_are_refused():
         ms.solve_modes(cantilever((24, 6)), 101).page()
 
 
-@pytest.fixture
-def open_file(browser, tmp_path):
-    """Opens a page from the file system, with the network off; returns it with a list of its errors."""
-
-    def opened(page):
-        context = browser.new_context(offline=True, viewport={"width": 1000, "height": 640})
-        shown, errors = context.new_page(), []
-        shown.on("pageerror", lambda error: errors.append(str(error)))
-        shown.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-        shown.goto(page.save(tmp_path / "page.html").as_uri())
-        shown.wait_for_selector("canvas")
-        return shown, errors
-
-    return opened
-
-
 def picture(page):
     return imread(BytesIO(page.locator("canvas").screenshot()))[..., :3]
 
@@ -123,7 +107,7 @@ def test_the_page_moves_as_the_models_do(v_basis, open_file):
 
 
 @pytest.mark.slow
-def test_the_page_obeys_its_controls(v_basis, open_file):
+def test_the_page_obeys_its_controls(v_basis, open_file, wait_until):
     page, errors = open_file(v_basis.page(gravity=GRAVITY))
     page.click("#settle")
     assert page.inner_text("#shape") == "Settled."
@@ -135,7 +119,7 @@ def test_the_page_obeys_its_controls(v_basis, open_file):
     assert not (still[-1] < 0.9).any()
 
     page.select_option("#model", "lma")
-    page.wait_for_timeout(200)
+    page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
     assert np.abs(picture(page) - still).max() > 0.1
     assert page.evaluate("[...shell.state.q]") == settled
     page.select_option("#model", "mwts")
@@ -164,7 +148,7 @@ def test_the_page_obeys_its_controls(v_basis, open_file):
     page.mouse.move(*tip)
     page.mouse.down()
     page.mouse.move(tip[0], tip[1] + 80.0, steps=4)
-    page.wait_for_function("Math.abs(shell.state.q[0]) > 1e-3")
+    wait_until(page, "Math.abs(shell.state.q[0]) > 1e-3")
     page.mouse.up()
     assert page.evaluate("shell.state.pull") is None
     before = page.evaluate("shell.camera.azimuth")
@@ -175,7 +159,7 @@ def test_the_page_obeys_its_controls(v_basis, open_file):
     assert page.evaluate("shell.camera.azimuth") != before
     distance = page.evaluate("shell.camera.distance")
     page.mouse.wheel(0, 200)
-    page.wait_for_function(f"shell.camera.distance > {distance}")
+    wait_until(page, f"shell.camera.distance > {distance}")
     assert errors == []
 
 
@@ -190,7 +174,7 @@ def test_a_browser_without_webgl_shows_a_picture(v_basis, browser, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_page_of_a_clip_plays_it(v_basis, open_file):
+def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
     run = ms.simulate(ms.ModalWarping(v_basis), duration=1.0, dt=1 / 30, gravity=GRAVITY)
     motion = compress(run)
     page, errors = open_file(
@@ -203,8 +187,7 @@ def test_the_page_of_a_clip_plays_it(v_basis, open_file):
         seen = page.evaluate(f"() => {{ shell.playAt(data.times[{frame}]); return [...shell.positions()]; }}")
         assert np.abs(np.reshape(seen, (-1, 3)) - run.positions[frame]).max() < 1e-3
     page.locator("#moment").fill("0.5")
-    page.wait_for_timeout(300)
-    assert page.inner_text("#time") == "0.50 s"
+    wait_until(page, "document.getElementById('time').textContent === '0.50 s'")
     assert not page.is_visible("#model")
     assert not page.is_visible("#settle")
     assert (picture(page).min(axis=2) < 0.9).mean() > 0.01

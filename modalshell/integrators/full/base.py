@@ -11,6 +11,7 @@ from modalshell.integrators.base import Integrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.potential import Potential
 from modalshell.timings import Timings
 from modalshell.typing import Array
@@ -29,12 +30,15 @@ class Body(Protocol):
         Factors the equations of implicit steps.
     costs : Timings
         Where their seconds are added.
+    live : LiveLoads or None
+        Loads that change within a step, for rules that take them at its end.
     """
 
     shell: Shell
     step_tolerance: float
     factoriser: Factoriser
     costs: Timings
+    live: LiveLoads | None
 
 
 class FullIntegrator(Integrator):
@@ -44,10 +48,13 @@ class FullIntegrator(Integrator):
     ----------
     explicit : bool
         Whether it has a longest stable step; :meth:`stable_step` then says which.
+    takes_live : bool
+        Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds them as at its beginning.
     """
 
     known: ClassVar[dict[str, type[FullIntegrator]]] = {}
     explicit: ClassVar[bool] = False
+    takes_live: ClassVar[bool] = False
 
     def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002 (for rules that keep something)
         """State at rest at ``positions`` (n, 3) [m]."""
@@ -107,5 +114,5 @@ def step_potential(body: Body, state: MotionState, dt: float, load: Array, dampi
         quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
     push = load + shell.mass[:, None] * state.rates / dt
-    problem = Potential(push, x, shell, body.factoriser, body.costs, quadratic=quadratic)
+    problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic)
     return problem, problem.scale_at(x)

@@ -19,6 +19,7 @@ class ImplicitEuler(FullIntegrator, key="implicit"):
     """
 
     name = "implicit Euler"
+    takes_live = True
 
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None

@@ -20,6 +20,7 @@ class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
     """
 
     name = "linearised implicit Euler"
+    takes_live = True
 
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None

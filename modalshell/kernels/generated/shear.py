@@ -225,7 +225,7 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
     ``geometric`` chooses the second term of 2 w grad g grad g^T + s Hess g: 0 leaves it out (Gauss-Newton), 1 takes
     s = 2 w (g - g0) (exact), 2 takes s from ``stress`` (mixed Newton), 3 takes the exact s and the positive semi-definite
     part of each term of the split Hessian. ``slots`` (elements, vertices, vertices) holds where each 3 x 3 block
-    begins in ``data`` and ``strides`` (n,) the length of a matrix row of each vertex.
+    begins in ``data``, -1 where it has no place, and ``strides`` (n,) the length of a matrix row of each vertex.
     """
     total = 0.0
     local = np.empty(UNKNOWNS)
@@ -307,6 +307,8 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
             stride = strides[stencils[element, first]]
             for second in range(VERTICES):
                 slot = slots[element, first, second]
+                if slot < 0:
+                    continue
                 for row in range(3):
                     for axis in range(3):
                         data[slot + row * stride + axis] += block[3 * first + row, 3 * second + axis]

@@ -1,0 +1,124 @@
+"""A load on one shell: the forces of its elements, and their stiffness by complex steps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.typing import Array, Index
+
+_STEP = 1e-30
+"""Imaginary step: as derivatives are the imaginary part over it, nothing is subtracted and nothing lost."""
+
+Corners = NDArray[Any]
+"""Corners (E, k, 3) of elements, real, or complex where a derivative is taken."""
+Forces = Callable[[Corners, Corners, float, Index], Corners]
+"""Forces (E, k, 3) [N] at corners [m], velocities [m/s] and a time [s] of the elements of some numbers (E,)."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class AppliedLoad:
+    """Forces on the corners of elements, which follow the corners' positions and velocities, and the time.
+
+    Attributes
+    ----------
+    stencils : ndarray of int64, shape (E, k)
+        Vertices of each element.
+    forces : callable
+        Forces (E, k, 3) [N] of corners (E, k, 3) [m], velocities (E, k, 3) [m/s], the time [s] and the elements'
+        numbers (E,); it must take complex corners and velocities, from which its derivatives come.
+    energy : callable, optional
+        Potential [J] of positions (n, 3) [m]; None for a load without a potential.
+    held : ndarray of int64
+        Vertices that must be held for the potential to be one.
+    by_position, by_velocity : bool
+        What the forces depend on.
+    factor : callable, optional
+        Factor on the forces at a time [s].
+    times : tuple of float
+        Times [s] at one of which the factor is at its largest, as far as that is known.
+    """
+
+    stencils: Index
+    forces: Forces
+    energy: Callable[[Array], float] | None = None
+    held: Index | None = None
+    by_position: bool = True
+    by_velocity: bool = False
+    factor: Callable[[float], float] | None = None
+    times: tuple[float, ...] = (0.0,)
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether the forces never change."""
+        return not (self.by_position or self.by_velocity or self.factor)
+
+    def scaled(self, factor: Callable[[float], float], times: tuple[float, ...]) -> AppliedLoad:
+        """The same load times a factor of time, which is at its largest at one of ``times``."""
+        first = self.factor
+        both = factor if first is None else lambda time: first(time) * factor(time)
+        return replace(self, factor=both, times=(*self.times, *times))
+
+    def factor_at(self, time: float) -> float:
+        """Factor on the forces at a time [s]."""
+        return 1.0 if self.factor is None else self.factor(time)
+
+    def element_forces(self, x: Array, velocity: Array | None, time: float, chosen: Index) -> Array:
+        """Forces (E, k, 3) [N] of the elements ``chosen`` (E,) at positions and velocities (n, 3)."""
+        stencils = self.stencils[chosen]
+        corners = x[stencils]
+        rates = np.zeros_like(corners) if velocity is None else velocity[stencils]
+        return np.asarray(self.factor_at(time) * self.forces(corners, rates, time, chosen))
+
+    def force(self, x: Array, velocity: Array | None = None, time: float = 0.0) -> Array:
+        """Forces (n, 3) [N] at positions (n, 3) [m] and velocities (n, 3) [m/s]."""
+        forces = self.element_forces(x, velocity, time, np.arange(len(self.stencils)))
+        total = np.empty_like(x)
+        for axis in range(3):
+            total[:, axis] = np.bincount(self.stencils.ravel(), forces[:, :, axis].ravel(), len(x))
+        return total
+
+    def value(self, x: Array, time: float) -> float:
+        """Potential [J]; 0 where there is none."""
+        return 0.0 if self.energy is None else self.factor_at(time) * self.energy(x)
+
+    def stiffness(self, x: Array, velocity: Array | None, time: float, rate: float) -> Array:
+        """Minus the derivatives (E, k, 3, k, 3) [N/m] of the forces by the corners, velocities following at ``rate``.
+
+        ``rate`` [1/s] is the change of a velocity by its corner, one over the step in an implicit step.
+        """
+        corners = x[self.stencils].astype(np.complex128)
+        rates = np.zeros_like(corners) if velocity is None else velocity[self.stencils].astype(np.complex128)
+        count, size, _ = corners.shape
+        slopes = np.zeros((count, size, 3, size, 3))
+        if not (self.by_position or (self.by_velocity and rate)):
+            return slopes
+        everything, factor = np.arange(count), self.factor_at(time)
+        for corner in range(size):
+            for axis in range(3):
+                moved, sped = corners.copy(), rates.copy()
+                moved[:, corner, axis] += 1j * _STEP
+                sped[:, corner, axis] += 1j * _STEP * rate
+                slopes[..., corner, axis] = self.forces(moved, sped, time, everything).imag * (-factor / _STEP)
+        return slopes
+
+    def drag(self, x: Array, velocity: Array, time: float, chosen: Index) -> Array:
+        """Minus the derivatives (E, 3, 3) [N s/m] of an element's whole force by a common velocity of its corners."""
+        corners, rates = x[self.stencils[chosen]].astype(np.complex128), velocity[self.stencils[chosen]]
+        slopes = np.empty((len(chosen), 3, 3))
+        for axis in range(3):
+            sped = rates.astype(np.complex128)
+            sped[:, :, axis] += 1j * _STEP
+            forces = self.forces(corners, sped, time, chosen)
+            slopes[:, :, axis] = forces.sum(axis=1).imag * (-self.factor_at(time) / _STEP)
+        return slopes
+
+
+def length(vectors: Corners) -> Corners:
+    """Lengths (...,) of vectors (..., 3), complex ones continued analytically."""
+    return np.sqrt(np.sum(vectors * vectors, axis=-1))

@@ -1,0 +1,127 @@
+"""All loads on one shell together: a dead part, and loads that follow positions, velocities or the time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.checks import checked_kind, checked_vectors
+from modalshell.loads.applied import AppliedLoad
+from modalshell.loads.base import Load
+from modalshell.mesh import TriangleMesh
+from modalshell.typing import Array, Index
+
+_SAMPLED = 200
+"""Elements from which the drag of a load is found, at least."""
+
+
+@final
+class Loading:
+    """The sum of all loads on one shell.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (n, 3)
+        Positions at rest [m].
+    dead : ndarray, shape (n, 3)
+        Sum of the dead loads [N].
+    live : sequence of AppliedLoad
+        The loads that change.
+    held : ndarray of bool, shape (n,)
+        Held vertices.
+
+    Attributes
+    ----------
+    conservative : bool
+        Whether every load has a potential on this shell.
+    """
+
+    def __init__(
+        self, rest: Array, dead: Array, live: Sequence[AppliedLoad] = (), held: NDArray[np.bool_] | None = None
+    ) -> None:
+        self.rest, self.dead, self.live = rest, dead, tuple(live)
+        self.conservative = all(
+            one.energy is not None and (one.held is None or (held is not None and bool(held[one.held].all())))
+            for one in self.live
+        )
+
+    @classmethod
+    def of(
+        cls,
+        mesh: TriangleMesh,
+        mass: Array,
+        rest: Array,
+        held: NDArray[np.bool_],
+        dead: Array,
+        loads: Sequence[Load],
+    ) -> Loading:
+        """The loads on a shell of vertex masses (n,) [kg] at ``rest`` (n, 3) [m], besides a dead one (n, 3) [N].
+
+        LoadError where the forces of a load are of the wrong shape or not finite.
+        """
+        live, rest_of_mesh = [], np.asarray(mesh.vertices)
+        for load in loads:
+            checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
+            applied = load.applied(mesh, mass)
+            part = load.force(mesh) if applied is None else applied.force(rest_of_mesh)
+            part = checked_vectors(f"the force of {type(load).__name__}", part, dead.shape)
+            if applied is None or applied.is_dead:
+                dead = dead + part
+            else:
+                live.append(applied)
+        return cls(rest, dead, live, held)
+
+    @property
+    def steady(self) -> bool:
+        """Whether the forces at given positions and velocities are the same at all times."""
+        return all(one.factor is None for one in self.live)
+
+    @property
+    def by_velocity(self) -> bool:
+        """Whether forces depend on velocities."""
+        return any(one.by_velocity for one in self.live)
+
+    def live_force(self, x: Array, velocity: Array | None = None, time: float = 0.0) -> Array:
+        """Forces (n, 3) [N] of the loads that change, at positions (n, 3) [m] and velocities (n, 3) [m/s]."""
+        total = np.zeros_like(self.dead)
+        for one in self.live:
+            total += one.force(x, velocity, time)
+        return total
+
+    def force(self, x: Array, velocity: Array | None = None, time: float = 0.0) -> Array:
+        """Forces (n, 3) [N] of all loads at positions (n, 3) [m] and velocities (n, 3) [m/s]."""
+        return self.dead + self.live_force(x, velocity, time) if self.live else self.dead
+
+    def largest_force(self) -> Array:
+        """Forces (n, 3) [N] on the shape at rest of the loads that change, each with its largest factor."""
+        total = np.zeros_like(self.dead)
+        for one in self.live:
+            largest = max(one.times, key=lambda moment, one=one: abs(one.factor_at(moment)))  # type: ignore[misc]
+            total += one.force(self.rest, None, largest)
+        return total
+
+    def drag(self, x: Array, velocity: Array, time: float) -> tuple[Index, Array]:
+        """Minus the forces' derivatives (k, 3, 3) [N s/m] by the velocity of their own vertex, at some vertices (k,).
+
+        Of many elements some hundred stand for all: what it serves, the stability of a step, needs no more.
+        """
+        vertices, blocks = [np.empty(0, dtype=np.int64)], [np.empty((0, 3, 3))]
+        for one in self.live:
+            if one.by_velocity:
+                count, size = one.stencils.shape
+                chosen = np.arange(0, count, max(1, count // _SAMPLED))
+                slopes = one.drag(x, velocity, time, chosen) * (count / len(chosen) / size)
+                vertices.append(one.stencils[chosen].ravel())
+                blocks.append(np.repeat(slopes, size, axis=0))
+        return np.concatenate(vertices), np.concatenate(blocks)
+
+    def live_energy(self, x: Array, time: float = 0.0) -> float:
+        """Potential [J] of the loads that change and have one, zero at rest."""
+        return sum(one.value(x, time) - one.value(self.rest, time) for one in self.live)
+
+    def energy(self, x: Array, time: float = 0.0) -> float:
+        """Potential [J] of all loads that have one, zero at rest."""
+        return self.live_energy(x, time) - float(np.vdot(self.dead, x - self.rest))

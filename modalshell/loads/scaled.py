@@ -1,0 +1,69 @@
+"""Loads that change in time by a factor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.checks import checked_kind, checked_number, checked_times, checked_vectors
+from modalshell.errors import LoadError
+from modalshell.loads.applied import AppliedLoad
+from modalshell.loads.base import Load
+from modalshell.loads.body import constant_load
+from modalshell.mesh import TriangleMesh
+from modalshell.typing import Array
+
+
+@final
+class Scaled(Load):
+    """Any load times a factor of time. In statics the time is 0.
+
+    Parameters
+    ----------
+    load : Load
+        The load.
+    factor : callable, or (times, factors)
+        ``factor(time)`` of the time [s]; or a table of increasing times [s] and the factors there, joined by straight
+        lines and constant before and after.
+
+    Raises
+    ------
+    OptionError
+        If ``load`` is no load, or the times do not increase.
+    LoadError
+        For factors that are not finite or not as many as the times.
+    """
+
+    def __init__(self, load: Load, factor: Callable[[float], float] | tuple[ArrayLike, ArrayLike]) -> None:
+        self.load = checked_kind("load", load, Load)  # type: ignore[type-abstract]
+        self._function: Callable[[float], float] | None = None
+        if callable(factor):
+            self._function = factor
+        elif isinstance(factor, tuple) and len(factor) == 2:
+            self._times = checked_times(factor[0]).copy()
+            self._factors = checked_vectors("factors", factor[1], (self._times.size,)).copy()
+        else:
+            raise LoadError(f"factor must be a function of time or a pair (times, factors) (got {factor!r})")
+
+    def factor(self, time: float) -> float:
+        """Factor at a time [s]; LoadError where a function gives no finite number."""
+        if self._function is not None:
+            return checked_number(f"the factor at {time:g} s", self._function(time), error=LoadError)
+        return float(np.interp(time, self._times, self._factors))
+
+    def force(self, mesh: TriangleMesh) -> Array:
+        """Force on every vertex (n, 3) [N] of the shape at rest, at time 0."""
+        return self.factor(0.0) * self.load.force(mesh)
+
+    def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:
+        """The load with its factor."""
+        applied = self.load.applied(mesh, mass)
+        if applied is None:
+            shape = mesh.vertices.shape
+            applied = constant_load(
+                mesh, checked_vectors(f"the force of {type(self.load).__name__}", self.load.force(mesh), shape)
+            )
+        return applied.scaled(self.factor, (0.0,) if self._function is not None else tuple(self._times.tolist()))

@@ -1,0 +1,165 @@
+"""Loads on the triangles of a shell: pressure and wind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.checks import as_array, checked_number, checked_vectors
+from modalshell.errors import LoadError, OptionError
+from modalshell.loads.applied import AppliedLoad, Corners, length
+from modalshell.loads.base import LiveLoad
+from modalshell.mesh import TriangleMesh
+from modalshell.selection import Selection, selected
+from modalshell.sharing import read_only_copy
+from modalshell.typing import Array, Index, Vector
+
+
+def area_vectors(corners: Corners) -> Corners:
+    """Area times unit normal (E, 3) [m^2] of triangles (E, 3, 3), by their winding."""
+    return 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def selected_faces(mesh: TriangleMesh, sel: Selection | None) -> Index:
+    """Triangles (E, 3) whose three corners are selected; all of them without a selection."""
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    if sel is None:
+        return faces
+    chosen = faces[selected("sel", sel, mesh)[faces].all(axis=1)]
+    if not len(chosen):
+        raise OptionError("sel selects vertices, but no triangle between three of them: select more")
+    return chosen
+
+
+@final
+class Pressure(LiveLoad, key="pressure"):
+    """A pressure on the surface, along the triangles' normals: a third of each triangle's force at each corner.
+
+    Follower pressure acts on the deformed triangles. On a closed surface, or one whose boundary is held, it is the
+    gradient of ``-p V``, V the enclosed volume; with a free boundary it has no potential.
+
+    Parameters
+    ----------
+    p : float
+        Pressure [Pa]; a positive one pushes along the normals, which follow from the winding of the triangles.
+    follower : bool
+        Whether it follows the surface; otherwise the forces stay those on the shape at rest.
+    sel : selection, optional
+        Vertices; pressed are the triangles between them. All without it.
+
+    Raises
+    ------
+    LoadError
+        If ``p`` is not finite.
+    """
+
+    def __init__(self, p: float, follower: bool = True, sel: Selection | None = None) -> None:
+        self.p, self.follower, self.sel = checked_number("p", p, unit="Pa", error=LoadError), bool(follower), sel
+
+    def force(self, mesh: TriangleMesh) -> Array:
+        """Force on every vertex (n, 3) [N] at rest; OptionError where ``sel`` selects no triangle of ``mesh``."""
+        return self._applied(mesh).force(mesh.vertices)
+
+    def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad | None:  # noqa: ARG002
+        """Pressure on the triangles where they are; None if it is dead."""
+        return self._applied(mesh) if self.follower else None
+
+    def _applied(self, mesh: TriangleMesh) -> AppliedLoad:
+        faces, p = selected_faces(mesh, self.sel), self.p
+
+        def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
+            return np.repeat(p / 3.0 * area_vectors(corners)[:, None], 3, axis=1)
+
+        def energy(x: Array) -> float:
+            one, two, three = np.moveaxis(x[faces], 1, 0)
+            return -p / 6.0 * float(np.vdot(one, np.cross(two, three)))
+
+        return AppliedLoad(faces, forces, energy, held=_boundary(faces))
+
+
+def _boundary(faces: Index) -> Index:
+    """Vertices on edges of one triangle only."""
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    return np.unique(unique[counts == 1])
+
+
+@final
+class Wind(LiveLoad, key="wind"):
+    r"""Wind on the surface, by its velocity relative to every triangle.
+
+    With the relative velocity :math:`u = u_n n + u_t` at the triangle's centre, split along its unit normal n and its
+    plane, a triangle of area A feels
+
+    .. math:: f = \tfrac12 \rho A \left( c_n |u_n| u_n n + c_t |u_t| u_t \right),
+
+    the cross-flow rule: pressure by the normal component, friction by the tangential one. A flat plate at incidence
+    :math:`\alpha` so has the normal force :math:`\tfrac12 \rho A c_n U^2 \sin^2 \alpha`, its drag and lift being the
+    components of that. A third of the force acts at each corner. Wind has no potential.
+
+    Parameters
+    ----------
+    velocity : (float, float, float) or callable
+        Of the air [m/s]; or ``velocity(points, time) -> (k, 3)`` of points (k, 3) [m] in the world and the time [s],
+        whose change from place to place is left out of the stiffness.
+    density : float
+        Of the air [kg/m^3].
+    normal, tangential : float
+        Coefficients c_n and c_t.
+    sel : selection, optional
+        Vertices; the wind acts on the triangles between them. On all without it.
+
+    Raises
+    ------
+    LoadError
+        For a velocity that is not three finite numbers, or a negative density or coefficient.
+    """
+
+    def __init__(
+        self,
+        velocity: Vector | Callable[[Array, float], ArrayLike],
+        density: float = 1.2,
+        normal: float = 1.0,
+        tangential: float = 0.01,
+        sel: Selection | None = None,
+    ) -> None:
+        self.velocity: Array | Callable[[Array, float], ArrayLike]
+        if callable(velocity):
+            self.velocity = velocity
+        else:
+            self.velocity = read_only_copy(checked_vectors("velocity", velocity, (3,)))
+        self.density = checked_number("density", density, at_least=0.0, unit="kg/m^3", error=LoadError)
+        self.normal = checked_number("normal", normal, at_least=0.0, error=LoadError)
+        self.tangential = checked_number("tangential", tangential, at_least=0.0, error=LoadError)
+        self.sel = sel
+
+    def velocity_at(self, points: Array, time: float) -> Array:
+        """Velocity (k, 3) [m/s] of the air at points (k, 3) [m]; LoadError where a function gives another shape."""
+        if not callable(self.velocity):
+            return self.velocity
+        found = as_array("the wind's velocity", self.velocity(points, time), f"{points.shape}", LoadError)
+        return checked_vectors("the wind's velocity", np.broadcast_to(found, points.shape), points.shape)
+
+    def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
+        """Wind on the triangles where they are."""
+        by_normal, by_tangent = 0.5 * self.density * self.normal, 0.5 * self.density * self.tangential
+
+        def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
+            air = self.velocity_at(corners.real.mean(axis=1), time)
+            relative = air - velocities.mean(axis=1)
+            areas = area_vectors(corners)
+            area = length(areas)[:, None]
+            unit = areas / np.where(area.real > 0.0, area, 1.0)  # a collapsed triangle has no normal, and no force
+            across = np.sum(relative * unit, axis=1)[:, None]
+            tangent = relative - across * unit
+            slip = np.sum(tangent * tangent, axis=1)[:, None]
+            # Its root has no derivative where nothing slips; the force's there is zero.
+            slip = np.where(slip.real > 0.0, slip, 1.0) ** 0.5 * (slip.real > 0.0)
+            size = np.where(across.real < 0.0, -across, across)
+            force = by_normal * size * across * areas + by_tangent * area * slip * tangent
+            return np.repeat(force[:, None] / 3.0, 3, axis=1)
+
+        return AppliedLoad(selected_faces(mesh, self.sel), forces, by_velocity=True)

@@ -1,0 +1,123 @@
+"""Loads that turn with the surface: moments along edges, and forces in the frame of the surface."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from modalshell.checks import checked_number, checked_vectors
+from modalshell.errors import LoadError, OptionError
+from modalshell.loads.applied import AppliedLoad, Corners, length
+from modalshell.loads.base import LiveLoad
+from modalshell.loads.surface import area_vectors
+from modalshell.mesh import TriangleMesh
+from modalshell.selection import Selection, selected
+from modalshell.sharing import read_only_copy
+from modalshell.typing import Array, Index, Vector
+
+
+@final
+class EdgeMoment(LiveLoad, key="moment"):
+    """A bending moment along the edges whose two ends are selected: it turns the triangle at each edge about it.
+
+    The moment acts on the triangle as a force along its normal at the corner off the edge, and the opposite force on
+    the edge. It turns with the triangle. A moment about an edge that itself turns in space has no potential.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices: a text such as ``"x > 0.99"`` about the shape at rest, a mask, or indices.
+    m : float
+        Moment for each length of the edges at rest [N]. On a boundary edge a positive one bends the surface towards
+        its normals: the corner off the edge is pushed against the normal, so that the free edge rises along it. An
+        edge between two triangles gets half of it from either one, in opposite senses about the edge.
+
+    Raises
+    ------
+    LoadError
+        If ``m`` is not finite.
+    """
+
+    def __init__(self, sel: Selection, m: float) -> None:
+        self.sel, self.m = sel, checked_number("m", m, unit="N", error=LoadError)
+
+    def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
+        """The couples; OptionError where ``sel`` selects no edge of ``mesh``."""
+        chosen = selected("sel", self.sel, mesh)
+        stencils = []
+        for apex in range(3):
+            turned = np.roll(np.asarray(mesh.faces, dtype=np.int64), -1 - apex, axis=1)  # first two: the edge
+            stencils.append(turned[chosen[turned[:, :2]].all(axis=1)])
+        edges = np.concatenate(stencils)
+        if not len(edges):
+            raise OptionError(f"sel selects {chosen.sum()} vertices, but no edge between two of them: select more")
+        ends = np.sort(edges[:, :2], axis=1)
+        _, which, counts = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+        rest = np.linalg.norm(mesh.vertices[edges[:, 1]] - mesh.vertices[edges[:, 0]], axis=1)
+        moments = self.m * rest / counts[which.ravel()]
+
+        def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
+            one, two, apex = np.moveaxis(corners, 1, 0)
+            along, areas = two - one, area_vectors(corners)
+            squared = np.sum(along * along, axis=1)
+            foot = (np.sum((apex - one) * along, axis=1) / squared)[:, None]
+            # Unit normal over the height above the edge.
+            lever = areas * (0.5 * squared**0.5 / np.sum(areas * areas, axis=1))[:, None]
+            push = -moments[chosen][:, None] * lever
+            return np.stack([-(1.0 - foot) * push, -foot * push, push], axis=1)
+
+        return AppliedLoad(edges, forces)
+
+
+@final
+class FollowerForce(LiveLoad, key="follower"):
+    """A force at each selected vertex that turns with the triangles around it. It has no potential.
+
+    Every triangle at the vertex carries a share by its area at rest, which keeps its components along the triangle's
+    first edge, across it in its plane, and along its normal.
+
+    Parameters
+    ----------
+    sel : str, array_like of bool, shape (n,), or of int
+        The vertices: a text such as ``"x > 0.99"`` about the shape at rest, a mask, or indices.
+    force : (float, float, float)
+        Force at each of them on the shape at rest [N].
+
+    Raises
+    ------
+    LoadError
+        If ``force`` is not three finite numbers.
+    """
+
+    def __init__(self, sel: Selection, force: Vector) -> None:
+        self.sel, self.vector = sel, read_only_copy(checked_vectors("force", force, (3,)))
+
+    def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002
+        """The force in the frames of the triangles; OptionError where ``sel`` selects no vertex of ``mesh``."""
+        chosen = selected("sel", self.sel, mesh)
+        areas = np.asarray(mesh.face_areas)
+        around = np.bincount(np.asarray(mesh.faces).ravel(), np.repeat(areas, 3), len(chosen))
+        stencils, shares = [], []
+        for first in range(3):
+            turned = np.roll(np.asarray(mesh.faces, dtype=np.int64), -first, axis=1)  # the vertex comes first
+            at = chosen[turned[:, 0]]
+            stencils.append(turned[at])
+            shares.append(areas[at] / around[turned[at, 0]])
+        triangles, share = np.concatenate(stencils), np.concatenate(shares)
+        local = np.einsum("eij,i->ej", _frames(mesh.vertices[triangles]), self.vector) * share[:, None]
+
+        def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
+            out = np.zeros_like(corners)
+            out[:, 0] = np.einsum("eij,ej->ei", _frames(corners), local[chosen])
+            return out
+
+        return AppliedLoad(triangles, forces)
+
+
+def _frames(corners: Corners) -> Corners:
+    """Unit vectors along the first edge, across it and along the normal of triangles, as columns (E, 3, 3)."""
+    along, normal = corners[:, 1] - corners[:, 0], area_vectors(corners)
+    along = along / length(along)[:, None]
+    normal = normal / length(normal)[:, None]
+    return np.stack([along, np.cross(normal, along), normal], axis=2)

@@ -1,0 +1,71 @@
+"""A static answer and what its solver has to say about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+
+from modalshell.checks import finite_answer
+from modalshell.outcome import Outcome
+from modalshell.typing import Array
+
+
+@final
+@dataclass(frozen=True)
+class Equilibrium:
+    """A static answer, with what the solver has to say about it.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (n, 3)
+        Vertex positions [m]; the best iterate where the solver did not converge.
+    outcome : Outcome
+        How the search ended; ``Outcome.CONVERGED`` where ``residual`` met the model's tolerance at a state that the
+        model can hold and that is not known to be unstable, ``Outcome.DISTORTED`` where it did at a state that no
+        modal model describes.
+    message : str
+        What else is to be said of the answer, a sentence; empty if nothing is.
+    iterations : int
+        Solver iterations over the whole load path.
+    residual : float
+        Out-of-balance force relative to the load (model-specific norm, see each model).
+    stable : bool or None
+        Whether a small disturbance dies away; None where that was not found out.
+    seconds : float
+        Wall time.
+    coordinates : ndarray or None
+        Of reduced models: modal coordinates (m,), or positions (k, 3) [m] of the vertices of a coarse mesh.
+    costs : dict
+        Seconds of each part of the solver (assembly, factorisation, solution) of full models.
+    constraint_residuals : ndarray, shape (k,)
+        How far each constraint is from its target: [m] for positions, [rad] for orientations.
+    conservative : bool
+        Whether the load has a potential; ``message`` says so where it has none.
+    """
+
+    positions: Array
+    outcome: Outcome
+    message: str
+    iterations: int
+    residual: float
+    stable: bool | None
+    seconds: float = 0.0
+    coordinates: Array | None = None
+    costs: dict[str, float] = field(default_factory=dict)
+    constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
+    conservative: bool = True
+
+    def __post_init__(self) -> None:
+        finite_answer("the equilibrium's positions", self.positions)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the model's own equations are solved: ``Outcome.CONVERGED``, or ``DISTORTED`` beyond its reach."""
+        return self.outcome.solved
+
+    @property
+    def status(self) -> str:
+        """The outcome as text."""
+        return str(self.outcome)

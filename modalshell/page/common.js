@@ -1,0 +1,168 @@
+// ---- what all pages share: numbers, camera, programs of the GPU ----
+function bytes(text) {
+  const raw = atob(text), out = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
+  return out.buffer;
+}
+const element = name => document.getElementById(name);
+const show = (name, text) => { element(name).textContent = text; };
+const view = element("view"), canvas = document.createElement("canvas");
+const gl = canvas.getContext("webgl2", {antialias: true, preserveDrawingBuffer: true});
+const camera = {azimuth: -1.0, elevation: 0.45, distance: 1.8 * data.size, centre: [0, 0, 0]};
+const FOCUS = 1.8, WIDTH = 2048;
+
+function axes() {  // right, up, and the direction towards the eye
+  const a = camera.azimuth, e = camera.elevation;
+  const back = [Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e)];
+  return [[-Math.sin(a), Math.cos(a), 0], [-Math.sin(e) * Math.cos(a), -Math.sin(e) * Math.sin(a), Math.cos(e)], back];
+}
+function cameraMatrix() {  // by columns
+  const [right, up, back] = axes(), d = camera.distance, c = camera.centre;
+  const near = 0.02 * d, far = d + 6 * data.size, aspect = canvas.width / canvas.height;
+  const dot = v => v[0] * c[0] + v[1] * c[1] + v[2] * c[2];
+  const a = (far + near) / (near - far), b = 2 * far * near / (near - far), out = [];
+  for (let i = 0; i < 3; i++) out.push(FOCUS / aspect * right[i], FOCUS * up[i], a * back[i], -back[i]);
+  out.push(-FOCUS / aspect * dot(right), -FOCUS * dot(up), -a * (dot(back) + d) + b, dot(back) + d);
+  return out;
+}
+function projected(x) {  // place in the picture [pixels], pixels a metre there, depth
+  const [right, up, back] = axes(), c = camera.centre, r = [x[0] - c[0], x[1] - c[1], x[2] - c[2]];
+  const dot = v => v[0] * r[0] + v[1] * r[1] + v[2] * r[2], depth = camera.distance - dot(back);
+  const half = view.clientHeight / 2, unit = FOCUS * half / depth;
+  return [view.clientWidth / 2 + unit * dot(right), half - unit * dot(up), unit, depth];
+}
+function nearestPoint(x, stride, px, py) {  // the point that is seen nearest to a pixel, none beyond 30 pixels
+  let best = -1, nearest = 30 ** 2;
+  for (let i = 0; stride * i < x.length; i++) {
+    const at = projected(x.subarray(stride * i, stride * i + 3)), d = (at[0] - px) ** 2 + (at[1] - py) ** 2;
+    if (d < nearest) { nearest = d; best = i; }
+  }
+  return best;
+}
+
+function program(vertex, fragment) {  // a linked program and the places of its uniforms, by name
+  const made = gl.createProgram();
+  for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
+    const shader = gl.createShader(kind);
+    gl.shaderSource(shader, "#version 300 es\nprecision highp float; precision highp int; precision highp sampler2D;\n" + text);
+    gl.compileShader(shader);
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+    gl.attachShader(made, shader);
+  }
+  gl.linkProgram(made);
+  if (!gl.getProgramParameter(made, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(made));
+  const places = {};
+  for (let i = 0; i < gl.getProgramParameter(made, gl.ACTIVE_UNIFORMS); i++) {
+    const name = gl.getActiveUniform(made, i).name;
+    places[name.replace("[0]", "")] = gl.getUniformLocation(made, name);
+  }
+  return {made, places};
+}
+function texture(internal, width, height, format, kind, values) {
+  const made = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_2D, made);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 2);
+  gl.texImage2D(gl.TEXTURE_2D, 0, internal, width, height, 0, format, kind, values);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+  gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+  return made;
+}
+const floats = (width, height, values) => texture(gl.RGBA32F, width, height, gl.RGBA, gl.FLOAT, values);
+function bind(uniforms, textures) {  // textures by the names of their samplers
+  Object.entries(textures).forEach(([name, made], unit) => {
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(gl.TEXTURE_2D, made);
+    gl.uniform1i(uniforms[name], unit);
+  });
+}
+const EVERYWHERE = `void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
+function into(targets, width, height) {  // run the program in use for every texel of the targets
+  gl.bindFramebuffer(gl.FRAMEBUFFER, into.buffer = into.buffer || gl.createFramebuffer());
+  targets.forEach((made, i) => gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + i, gl.TEXTURE_2D, made, 0));
+  for (let i = targets.length; i < 4; i++) gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0 + i, gl.TEXTURE_2D, null, 0);
+  gl.drawBuffers(targets.map((_, i) => gl.COLOR_ATTACHMENT0 + i));
+  gl.viewport(0, 0, width, height);
+  gl.disable(gl.DEPTH_TEST);
+  gl.drawArrays(gl.TRIANGLES, 0, 3);
+  gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+}
+function values(made, width, height) {  // RGBA numbers of a texture
+  const out = new Float32Array(4 * width * height), buffer = gl.createFramebuffer();
+  gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
+  gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, made, 0);
+  gl.readPixels(0, 0, width, height, gl.RGBA, gl.FLOAT, out);
+  gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  gl.deleteFramebuffer(buffer);
+  return out;
+}
+const WARP = `  // [choi2007, eq. 16]
+vec3 warped(vec3 u, vec3 w) {
+  float s = dot(w, w), t = sqrt(s);
+  float b = s < 1e-2 ? 0.5 - s / 24.0 + s * s / 720.0 : (1.0 - cos(t)) / s;
+  float c = s < 1e-2 ? 1.0 / 6.0 - s / 120.0 + s * s / 5040.0 : (t - sin(t)) / (s * t);
+  vec3 x = cross(w, u);
+  return u + b * x + c * cross(w, x);
+}
+`;
+const SHADED = `
+uniform vec3 towards; in vec3 place; out vec4 colour;
+void main() {
+  vec3 normal = normalize(cross(dFdx(place), dFdy(place)));
+  float light = 0.35 + 0.65 * abs(dot(normal, towards));
+  colour = vec4(light * (gl_FrontFacing ? vec3(0.36, 0.55, 0.78) : vec3(0.85, 0.62, 0.36)), 1.0);
+}`;
+function clear() {  // the canvas at its size in the page, white
+  const scale = window.devicePixelRatio || 1, width = Math.round(scale * view.clientWidth);
+  const height = Math.round(scale * view.clientHeight);
+  if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+  gl.viewport(0, 0, width, height);
+  gl.enable(gl.DEPTH_TEST);
+  gl.clearColor(1, 1, 1, 1);
+  gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+}
+function modalTexture(tables, n, m) {  // half floats (n, 3, m) of each table, entry (table * m + mode) * n + vertex
+  const texels = new Uint16Array(3 * WIDTH * Math.ceil(tables.length * m * n / WIDTH));
+  tables.forEach((half, which) => {
+    for (let i = 0; i < n; i++) for (let a = 0; a < 3; a++) for (let k = 0; k < m; k++)
+      texels[3 * ((which * m + k) * n + i) + a] = half[(3 * i + a) * m + k];
+  });
+  return texture(gl.RGB16F, WIDTH, texels.length / (3 * WIDTH), gl.RGB, gl.HALF_FLOAT, texels);
+}
+function surface(made, rest, faces) {  // attribute and index buffers of a mesh
+  gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+  gl.bufferData(gl.ARRAY_BUFFER, rest, gl.STATIC_DRAW);
+  const at = gl.getAttribLocation(made, "rest"), array = gl.createVertexArray();
+  gl.bindVertexArray(array);
+  gl.enableVertexAttribArray(at);
+  gl.vertexAttribPointer(at, 3, gl.FLOAT, false, 0, 0);
+  gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, gl.createBuffer());
+  gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.STATIC_DRAW);
+  gl.bindVertexArray(null);
+  return array;
+}
+
+function pointer({press = () => false, drag = () => {}, drop = () => {}}) {  // turn and zoom, unless press takes the point
+  let grip = null, held = false;
+  canvas.onpointerdown = event => {
+    canvas.setPointerCapture(event.pointerId);
+    grip = [event.offsetX, event.offsetY];
+    held = press(...grip);
+  };
+  canvas.onpointermove = event => {
+    if (!grip) return;
+    if (held) { drag(event.offsetX, event.offsetY); return; }
+    camera.azimuth -= 0.008 * (event.offsetX - grip[0]);
+    camera.elevation = Math.max(-1.55, Math.min(1.55, camera.elevation + 0.008 * (event.offsetY - grip[1])));
+    grip = [event.offsetX, event.offsetY];
+  };
+  canvas.onpointerup = canvas.onpointercancel = () => { if (held) drop(); grip = null; held = false; };
+  canvas.addEventListener("wheel", event => {
+    event.preventDefault();
+    camera.distance = Math.max(0.3 * data.size, Math.min(20 * data.size, camera.distance * Math.exp(0.001 * event.deltaY)));
+  }, {passive: false});
+}
+function start(tick) {  // the canvas in place of the picture, and the first frame
+  element("picture").remove(); element("missing").remove(); element("controls").hidden = false;
+  view.appendChild(canvas);
+  requestAnimationFrame(tick);
+}

@@ -1,0 +1,272 @@
+// ---- a shell: LMA and MWTS, or the shapes of a stored motion ----
+function fromHalf(halves, scales, m) {  // (n, 3, m) half floats times a scale for each mode
+  const out = new Float32Array(halves.length);
+  for (let i = 0; i < halves.length; i++) {
+    const h = halves[i], exponent = (h >> 10) & 31, fraction = h & 1023;
+    const size = exponent ? (1 + fraction / 1024) * 2 ** (exponent - 15) : fraction * 2 ** -24;
+    out[i] = (h & 0x8000 ? -size : size) * scales[i % m];
+  }
+  return out;
+}
+const n = data.vertices, m = data.modes;
+const rest = new Float32Array(bytes(data.rest)), faces = new Uint32Array(bytes(data.faces));
+const play = data.play ? new Float32Array(bytes(data.play)) : null;  // amplitudes of a stored motion, instead of a model
+const tables = (play ? ["phi"] : ["phi", "psi"]).map(name => new Uint16Array(bytes(data[name])));
+const phi = fromHalf(tables[0], data.phiScales, m), psi = play ? null : fromHalf(tables[1], data.psiScales, m);
+const mass = play ? null : new Float32Array(bytes(data.mass));
+const force = data.force ? new Float32Array(bytes(data.force)) : null;
+const lambda = data.eigenvalues;
+const state = {
+  q: new Float64Array(m), v: new Float64Array(m), time: play ? data.times[0] : 0, count: m, warp: !play,
+  xi: play ? 0 : data.damping[0], zeta: play ? 0 : data.damping[1],
+  gravity: data.gravity.slice(), pull: null, shown: -1, paused: false,
+};
+
+// ---- the model: warp, modal force, implicit Euler of modes ----
+function rowsTimes(matrix, i, q, out) {
+  let x = 0, y = 0, z = 0, at = 3 * i * m;
+  for (let k = 0; k < m; k++) x += matrix[at++] * q[k];
+  for (let k = 0; k < m; k++) y += matrix[at++] * q[k];
+  for (let k = 0; k < m; k++) z += matrix[at++] * q[k];
+  out[0] = x; out[1] = y; out[2] = z;
+}
+function combination(w, u, a, b, c, out) {  // a u + b w x u + c w x (w x u)
+  const x = w[1] * u[2] - w[2] * u[1], y = w[2] * u[0] - w[0] * u[2], z = w[0] * u[1] - w[1] * u[0];
+  out[0] = a * u[0] + b * x + c * (w[1] * z - w[2] * y);
+  out[1] = a * u[1] + b * y + c * (w[2] * x - w[0] * z);
+  out[2] = a * u[2] + b * z + c * (w[0] * y - w[1] * x);
+}
+const W = new Float64Array(3), U = new Float64Array(3), F = new Float64Array(3), T = new Float64Array(3);
+function position(i, q, out) {
+  rowsTimes(phi, i, q, U);
+  if (state.warp) {
+    rowsTimes(psi, i, q, W);
+    const s = W[0] * W[0] + W[1] * W[1] + W[2] * W[2], t = Math.sqrt(s), small = s < 1e-4;
+    combination(W, U, 1, small ? 0.5 - s / 24 : (1 - Math.cos(t)) / s,
+                small ? 1 / 6 - s / 120 : (t - Math.sin(t)) / (s * t), T);
+    U.set(T);
+  }
+  out[0] = rest[3 * i] + U[0]; out[1] = rest[3 * i + 1] + U[1]; out[2] = rest[3 * i + 2] + U[2];
+}
+function modalForce(q, p) {
+  p.fill(0);
+  const g = state.gravity;
+  for (let i = 0; i < n; i++) {
+    for (let a = 0; a < 3; a++) F[a] = mass[i] * g[a] + (force ? force[3 * i + a] : 0);
+    if (state.pull && state.pull.vertex === i) for (let a = 0; a < 3; a++) F[a] += state.pull.force[a];
+    if (F[0] === 0 && F[1] === 0 && F[2] === 0) continue;
+    if (state.warp) {
+      rowsTimes(psi, i, q, W);
+      const s = W[0] * W[0] + W[1] * W[1] + W[2] * W[2], t = Math.sqrt(s), small = s < 1e-4;
+      combination(W, F, 1, -(small ? 1 - s / 6 : Math.sin(t) / t), small ? 0.5 - s / 24 : (1 - Math.cos(t)) / s, T);
+      F.set(T);
+    }
+    let at = 3 * i * m;
+    for (let a = 0; a < 3; a++) for (let k = 0; k < m; k++) p[k] += phi[at++] * F[a];
+  }
+}
+const load = new Float64Array(m);
+function step(h, xi) {
+  modalForce(state.q, load);
+  for (let k = 0; k < m; k++) {
+    if (k >= state.count) { state.q[k] = state.v[k] = 0; continue; }
+    const c = xi + state.zeta * lambda[k];
+    state.v[k] = (state.v[k] + h * (load[k] - lambda[k] * state.q[k])) / (1 + h * c + h * h * lambda[k]);
+    state.q[k] += h * state.v[k];
+  }
+  state.time += h;
+}
+function steps(count) { for (let i = 0; i < count; i++) step(data.dt, state.xi); }
+function settle() {  // heavily damped steps to a standstill; whether they came to one
+  const soft = Math.max(...lambda.slice(0, state.count).filter(x => x > 0).slice(0, 1), 1e-12), root = Math.sqrt(soft);
+  state.v.fill(0);
+  for (let i = 0; i < 4000; i++) {
+    const before = state.q.slice();
+    step(1 / root, 2 * root);
+    let change = 0, size = 1e-300;
+    for (let k = 0; k < m; k++) {
+      change += lambda[k] * (state.q[k] - before[k]) ** 2; size += lambda[k] * state.q[k] ** 2;
+    }
+    if (change < 1e-16 * size) { state.v.fill(0); return true; }
+  }
+  return false;
+}
+function playAt(time) {  // amplitudes between the two nearest frames
+  const times = data.times, last = times.length - 1;
+  let f = 0;
+  while (f < last && times[f + 1] < time) f++;
+  const share = f < last ? (time - times[f]) / (times[f + 1] - times[f]) : 0;
+  for (let k = 0; k < m; k++) {
+    const here = play[f * m + k];
+    state.q[k] = f < last ? here + share * (play[(f + 1) * m + k] - here) : here;
+  }
+}
+function release() { state.q.fill(0); state.v.fill(0); state.time = 0; }
+function positions(q = state.q) {
+  const out = new Float64Array(3 * n), x = new Float64Array(3);
+  for (let i = 0; i < n; i++) { position(i, q, x); out.set(x, 3 * i); }
+  return out;
+}
+function area(x) {
+  let sum = 0;
+  for (let t = 0; t < faces.length; t += 3) {
+    const a = 3 * faces[t], b = 3 * faces[t + 1], c = 3 * faces[t + 2];
+    const ux = x[b] - x[a], uy = x[b + 1] - x[a + 1], uz = x[b + 2] - x[a + 2];
+    const vx = x[c] - x[a], vy = x[c + 1] - x[a + 1], vz = x[c + 2] - x[a + 2];
+    sum += 0.5 * Math.hypot(uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx);
+  }
+  return sum;
+}
+const restArea = area(rest);
+
+// ---- drawing: the warp runs in the vertex shader ----
+const VERTEX = WARP + `
+uniform sampler2D table; uniform float q[${2 * m}]; uniform mat4 camera; uniform bool warp;
+in vec3 rest; out vec3 place;
+vec3 entry(int at) { return texelFetch(table, ivec2(at % ${WIDTH}, at / ${WIDTH}), 0).xyz; }
+void main() {
+  vec3 u = vec3(0.0), w = vec3(0.0);
+  for (int k = 0; k < ${m}; k++) {
+    u += q[k] * entry(k * ${n} + gl_VertexID);
+    if (warp) w += q[${m} + k] * entry((${m} + k) * ${n} + gl_VertexID);
+  }
+  place = rest + warped(u, w);
+  gl_Position = camera * vec4(place, 1.0);
+}`;
+let drawn = null, mesh = null, table = null;
+function prepare() {
+  drawn = program(VERTEX, SHADED);
+  table = modalTexture(tables, n, m);
+  mesh = surface(drawn.made, rest, faces);
+}
+function shownCoordinates() {
+  if (state.shown < 0) return state.q;
+  const q = new Float64Array(m), swing = Math.sin(2 * performance.now() / 1000);
+  q[state.shown] = data.amplitudes[state.shown] * element("amplitude").value * swing;
+  return q;
+}
+function draw(q) {
+  clear();
+  const scaled = new Float32Array(2 * m);
+  for (let k = 0; k < m; k++) { scaled[k] = q[k] * data.phiScales[k]; scaled[m + k] = play ? 0 : q[k] * data.psiScales[k]; }
+  gl.useProgram(drawn.made);
+  gl.bindVertexArray(mesh);
+  bind(drawn.places, {table});
+  gl.uniform1fv(drawn.places.q, scaled);
+  gl.uniform1i(drawn.places.warp, state.warp);
+  gl.uniformMatrix4fv(drawn.places.camera, false, cameraMatrix());
+  gl.uniform3fv(drawn.places.towards, axes()[2]);
+  gl.drawElements(gl.TRIANGLES, faces.length, gl.UNSIGNED_INT, 0);
+}
+
+// ---- controls ----
+function numbers(q) {
+  const x = positions(q);
+  let largest = 0;
+  for (let i = 0; i < n; i++)
+    largest = Math.max(largest, Math.hypot(x[3 * i] - rest[3 * i], x[3 * i + 1] - rest[3 * i + 1], x[3 * i + 2] - rest[3 * i + 2]));
+  const g = state.gravity, weight = Math.hypot(...g) || 1, down = weight === 1 && !g.some(Boolean) ? [0, 0, -1] : g.map(a => a / weight);
+  let drop = 0;
+  for (let a = 0; a < 3; a++) drop += down[a] * (x[3 * data.tip + a] - rest[3 * data.tip + a]);
+  const change = area(x) / restArea - 1;
+  show("time", state.time.toFixed(2) + " s"); show("drop", length(drop)); show("largest", length(largest));
+  show("area", (100 * change).toFixed(2) + " %");
+  const reach = Math.max(...data.amplitudes.map((a, k) => Math.abs(q[k]) / a), 1);
+  [...element("bars").children].forEach((bar, k) => {
+    const share = q[k] / data.amplitudes[k] / reach, span = bar.firstChild;
+    span.style.top = (share > 0 ? 50 - 50 * share : 50) + "%";
+    span.style.height = Math.abs(50 * share) + "%";
+    bar.className = (k >= state.count ? "off" : "") + (k === state.shown ? " chosen" : "");
+  });
+  return {drop, largest, area: change};
+}
+function aim() {
+  const g = +element("gravity").value, a = element("azimuth").value * Math.PI / 180, e = element("elevation").value * Math.PI / 180;
+  state.gravity = [g * Math.cos(e) * Math.cos(a), g * Math.cos(e) * Math.sin(a), g * Math.sin(e)];
+  labels();
+}
+function labels() {
+  show("count_value", state.count); show("gravity_value", (+element("gravity").value).toFixed(2));
+  show("azimuth_value", element("azimuth").value + "°"); show("elevation_value", element("elevation").value + "°");
+  show("damping_value", state.xi.toFixed(2)); show("pause", state.paused ? "Play" : "Pause");
+  element("amplitude_label").hidden = state.shown < 0;
+  show("shape", state.shown < 0 ? "Press a bar to see a mode by itself; press it again to go on."
+       : play ? `Shape ${state.shown + 1}` : `Mode ${state.shown + 1}: ${data.frequencies[state.shown].toPrecision(4)} Hz`);
+}
+function length(value) { return Math.abs(value) >= 0.1 ? value.toFixed(3) + " m" : (1000 * value).toFixed(2) + " mm"; }
+function connect() {
+  const g = Math.hypot(...data.gravity), peak = Math.max(20, 2 * g);
+  element("count").max = m; element("count").value = m;
+  element("gravity").max = peak; element("gravity").step = peak / 400; element("gravity").value = g;
+  element("azimuth").value = Math.round(Math.atan2(data.gravity[1], data.gravity[0]) * 180 / Math.PI);
+  element("elevation").value = g ? Math.round(Math.asin(data.gravity[2] / g) * 180 / Math.PI) : -90;
+  element("damping").value = state.xi;
+  element("pause").onclick = () => { state.paused = !state.paused; labels(); };
+  element("release").onclick = () => { release(); state.shown = -1; state.paused = false; labels(); };
+  element("settle").onclick = () => { show("shape", settle() ? "Settled." : "It does not settle: no static shape near here."); };
+  element("model").onchange = event => { state.warp = event.target.value === "mwts"; };
+  element("count").oninput = event => { state.count = +event.target.value; labels(); };
+  for (const name of ["gravity", "azimuth", "elevation"]) element(name).oninput = aim;
+  element("damping").oninput = event => { state.xi = +event.target.value; labels(); };
+  for (let k = 0; k < m; k++) {
+    const bar = document.createElement("div");
+    bar.appendChild(document.createElement("span"));
+    bar.title = play ? `shape ${k + 1}` : `mode ${k + 1}, ${data.frequencies[k].toPrecision(4)} Hz`;
+    bar.onclick = () => { state.shown = state.shown === k ? -1 : k; labels(); };
+    element("bars").appendChild(bar);
+  }
+  for (const part of document.querySelectorAll(play ? ".model" : ".clip")) part.hidden = true;
+  if (play) {
+    element("moment").min = data.times[0]; element("moment").max = data.times[data.times.length - 1];
+    element("moment").oninput = event => { state.time = +event.target.value; playAt(state.time); };
+  }
+  pointer({
+    press: (x, y) => {
+      const vertex = !play && state.shown < 0 ? nearestPoint(positions(), 3, x, y) : -1;
+      if (vertex < 0 || data.held.includes(vertex)) return false;
+      state.pull = {vertex, force: [0, 0, 0], at: [x, y]};
+      return true;
+    },
+    drag: (x, y) => { state.pull.at = [x, y]; },
+    drop: () => { state.pull = null; },
+  });
+  labels();
+}
+function pullAlong() {  // a spring from the vertex to the pointer, in the plane of the picture
+  const x = new Float64Array(3), [right, up] = axes();
+  position(state.pull.vertex, state.q, x);
+  const at = projected(x), dx = (state.pull.at[0] - at[0]) / at[2], dy = (at[1] - state.pull.at[1]) / at[2];
+  for (let a = 0; a < 3; a++) state.pull.force[a] = data.pull * (dx * right[a] + dy * up[a]);
+}
+let last = 0, owed = 0, cost = 0, frame = 0;
+function tick(now) {
+  if (play && last && !state.paused && state.shown < 0) {
+    const first = data.times[0], span = data.times[data.times.length - 1] - first;
+    state.time = first + (span ? (state.time - first + (now - last) / 1000) % span : 0);
+    playAt(state.time);
+    element("moment").value = state.time;
+  }
+  owed = Math.min(owed + (last ? (now - last) / 1000 : 0), 4 * data.dt); last = now;
+  if (!play && !state.paused && state.shown < 0) {
+    while (owed >= data.dt) {
+      const begin = performance.now();
+      if (state.pull) pullAlong();
+      steps(1);
+      cost = 0.9 * cost + 0.1 * (performance.now() - begin);
+      owed -= data.dt;
+    }
+  }
+  const q = shownCoordinates();
+  draw(q);
+  if (frame++ % 6 === 0) { numbers(q); show("cost", cost.toFixed(3) + " ms"); }
+  requestAnimationFrame(tick);
+}
+window.shell = {  // for scripts and tests
+  state, camera, steps, playAt, settle, release, numbers, screen: i => projected(positions().subarray(3 * i, 3 * i + 3)).slice(0, 2),
+  positions: () => positions().map((x, i) => x + data.centre[i % 3]),
+};
+if (gl) {
+  prepare();
+  connect();
+  start(tick);
+}

@@ -1,0 +1,96 @@
+"""Loads that change, at one time of a static or implicit problem: their forces, energy, and entries of the Hessian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+
+from modalshell.errors import OptionError
+from modalshell.loads import AppliedLoad, Loading
+from modalshell.shell.pattern import SparsePattern
+from modalshell.typing import Array, Index
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class LiveLoads:
+    """The loads of a :class:`Loading` that change, for a problem whose positions are x.
+
+    Attributes
+    ----------
+    loading : Loading
+        The loads.
+    time : float
+        Time [s].
+    origin : ndarray, shape (3,)
+        Where the problem's origin lies in the world [m].
+    before : ndarray, shape (n, 3), or None
+        Positions [m] a step earlier; velocities are the difference times ``rate``. None in statics.
+    rate : float
+        One over the step [1/s]; 0 in statics.
+    share : float
+        Factor on all of them.
+    """
+
+    loading: Loading
+    time: float = 0.0
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+    before: Array | None = None
+    rate: float = 0.0
+    share: float = 1.0
+
+    @property
+    def conservative(self) -> bool:
+        """Whether they have a potential, and do not depend on velocities."""
+        return self.loading.conservative and not (self.rate and self.loading.by_velocity)
+
+    def scaled(self, share: float) -> LiveLoads:
+        """The same loads times a factor."""
+        return replace(self, share=share * self.share)
+
+    def force(self, x: Array) -> Array:
+        """Forces (n, 3) [N]."""
+        return self.share * self.loading.live_force(x + self.origin, self._velocity(x), self.time)
+
+    def energy(self, x: Array) -> float:
+        """Potential [J]."""
+        return self.share * self.loading.live_energy(x + self.origin, self.time)
+
+    def add_stiffness(self, pattern: SparsePattern, x: Array, data: Array) -> None:
+        """Add minus the forces' derivatives to the entries of a Hessian, both halves of the unsymmetric ones."""
+        world, velocity = x + self.origin, self._velocity(x)
+        for one in self.loading.live:
+            if one.by_position or (one.by_velocity and self.rate):
+                blocks = one.stiffness(world, velocity, self.time, self.rate)
+                places = entry_places(pattern, one)
+                data += np.bincount(places, self.share * blocks.ravel(), data.size)
+
+    def _velocity(self, x: Array) -> Array | None:
+        return None if self.before is None else self.rate * (x - self.before)
+
+
+def entry_places(pattern: SparsePattern, load: AppliedLoad) -> Index:
+    """Where the entries of the blocks (E, k, 3, k, 3), flattened, stand in the values of a pattern."""
+    stencils = load.stencils
+    count = len(pattern.strides)
+    starts = pattern.indptr[:-1:3].astype(np.int64)
+    lengths = pattern.strides // 3
+    first = np.concatenate([[0], np.cumsum(lengths)])
+    rows = np.repeat(np.arange(count), lengths)
+    neighbours = pattern.indices[starts[rows] + 3 * (np.arange(first[-1]) - first[rows])] // 3
+    keys = rows * count + neighbours
+    wanted = stencils[:, :, None] * count + stencils[:, None, :]
+    found = np.minimum(np.searchsorted(keys, wanted), keys.size - 1)
+    if not np.array_equal(keys[found], wanted):
+        missing = stencils[(keys[found] != wanted).any(axis=(1, 2))][0].tolist()
+        raise OptionError(
+            f"the stiffness of a load couples the vertices {missing}, which no element of the model joins: let springs "
+            "join the corners of every triangle, or take a dead load"
+        )
+    at = stencils[:, :, None]
+    corner = starts[at] + 3 * (found - first[at])  # (E, k, k)
+    axis = np.arange(3)
+    places = corner[:, :, None, :, None] + axis[:, None, None] * pattern.strides[at][:, :, None, :, None] + axis
+    return np.asarray(places.ravel())

@@ -1,0 +1,329 @@
+"""Loads that follow the shell: their derivatives, energies, closed forms, and every rung under them."""
+
+import numpy as np
+import pytest
+from scenes import PLAIN, held, leaf, strip
+
+import modalshell as ms
+from modalshell.models.base import NO_POTENTIAL
+from modalshell.statics.live_loads import LiveLoads
+
+LEAF = leaf(clamped=[0, 1])
+LOADS = {
+    "moment": ms.EdgeMoment("y > -9", 0.3),
+    "pressure": ms.Pressure(5.0),
+    "wind": ms.Wind((1.0, 2.0, 3.0), tangential=0.5),
+    "gust": ms.Wind(lambda points, _: np.broadcast_to([1.0, 2.0, 3.0], points.shape), tangential=0.5),
+    "follower force": ms.FollowerForce("x > 0.05", (1.0, 2.0, 3.0)),
+    "turning frame": ms.FrameInertia((1, 2, 3), (4, 5, 6), origin=(0.1, 0.0, 0.0)),
+    "speeding frame": ms.FrameInertia((1, 2, 3), (4, 5, 6), (1, 1, 0)),
+    "weight": ms.SelfWeight((1.0, 2.0, -9.0)),
+    "point force": ms.PointForce("x > 0.05", (1.0, 2.0, 3.0)),
+    "line force": ms.LineForce("x > 0.05", (1.0, 2.0, 3.0)),
+}
+
+
+def scattered(shell, size=0.002, seed=0):
+    """Positions and velocities about rest, and a direction that leaves the boundary alone."""
+    rng = np.random.default_rng(seed)
+    shape = shell.rest_positions.shape
+    direction = 0.002 * rng.standard_normal(shape)
+    direction[shell.mesh.boundary_vertices] = 0.0
+    return shell.rest_positions + size * rng.standard_normal(shape), rng.standard_normal(shape), direction
+
+
+def slopes(errors):
+    return np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
+
+
+@pytest.mark.parametrize("rate", [0.0, 100.0])
+@pytest.mark.parametrize("name", LOADS)
+def test_the_stiffness_is_the_derivative_of_the_forces(name, rate):
+    loading = LEAF.loading(loads=[LOADS[name]])
+    x, velocity, _ = scattered(LEAF)
+    step = 0.001 * np.random.default_rng(1).standard_normal(x.shape)
+    live = LiveLoads(loading, before=x - velocity / rate, rate=rate) if rate else LiveLoads(loading)
+    data = np.zeros(LEAF.pattern.size)
+    live.add_stiffness(LEAF.pattern, x, data)
+    slope = (LEAF.pattern.matrix(data) @ step.ravel()).reshape(-1, 3)
+    errors = [np.linalg.norm(live.force(x + h * step) - live.force(x) + h * slope) for h in (1.0, 0.5, 0.25, 0.125)]
+    if max(errors) > 1e-9 * np.linalg.norm(live.force(x)):  # forces that are linear are met at once
+        np.testing.assert_allclose(slopes(errors)[-1], 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize("name", ["pressure", "turning frame", "weight", "point force", "line force"])
+def test_energies_have_taylor_slopes_two_and_three(name):
+    loading = LEAF.loading(loads=[LOADS[name]])
+    x, _, step = scattered(LEAF)
+    data = np.zeros(LEAF.pattern.size)
+    LiveLoads(loading).add_stiffness(LEAF.pattern, x, data)
+    slope, curve = np.vdot(loading.force(x), step), step.ravel() @ (LEAF.pattern.matrix(data) @ step.ravel())
+    sizes = np.array([1.0, 0.5, 0.25])
+    changes = np.array([loading.energy(x + h * step) - loading.energy(x) for h in sizes])
+    first, second = np.abs(changes + sizes * slope), np.abs(changes + sizes * slope - 0.5 * sizes**2 * curve)
+    rounding = 1e-12 * abs(loading.energy(x))
+    assert first.max() < rounding or np.allclose(slopes(first), 2.0, atol=0.15)
+    assert second.max() < rounding or np.allclose(slopes(second), 3.0, atol=0.15)
+
+
+def test_follower_pressure_on_a_closed_surface_does_the_work_of_the_volume():
+    octahedron = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], float)
+    faces = [(a, b, 4) for a, b in ((0, 2), (2, 1), (1, 3), (3, 0))] + [
+        (b, a, 5) for a, b in ((0, 2), (2, 1), (1, 3), (3, 0))
+    ]
+    shell = held(ms.TriangleMesh(octahedron, faces))
+    loading = shell.loading(loads=[ms.Pressure(7.0)])
+    assert loading.conservative
+
+    def volume(x):
+        one, two, three = x[shell.mesh.faces].transpose(1, 0, 2)
+        return np.sum(one * np.cross(two, three)) / 6.0
+
+    rng = np.random.default_rng(0)
+    x = octahedron
+    assert volume(x) == pytest.approx(4.0 / 3.0)
+    for _ in range(5):  # forces are quadratic in positions: Simpson's rule integrates their work
+        after = x + 0.3 * rng.standard_normal(x.shape)
+        forces = [loading.force(x + s * (after - x)) for s in (0.0, 0.5, 1.0)]
+        work = np.vdot(forces[0] + 4.0 * forces[1] + forces[2], after - x) / 6.0
+        assert work == pytest.approx(7.0 * (volume(after) - volume(x)), rel=1e-10)
+        assert loading.energy(x) - loading.energy(after) == pytest.approx(work, rel=1e-10)
+        np.testing.assert_allclose(forces[2].sum(axis=0), 0.0, atol=1e-12)
+        np.testing.assert_allclose(np.cross(after, forces[2]).sum(axis=0), 0.0, atol=1e-12)
+        x = after
+
+
+@pytest.mark.parametrize("incidence", [0.0, 30.0, 90.0])
+def test_a_flat_plate_in_the_wind_has_its_drag_and_lift(incidence):
+    plate, speed, angle = ms.flat_beam(length=1.0, width=0.2, cells=(4, 2)), 3.0, np.radians(incidence)
+    wind = ms.Wind((speed * np.cos(angle), 0.0, speed * np.sin(angle)), density=1.3, normal=1.2, tangential=0.05)
+    pressure = 0.5 * 1.3 * speed**2 * plate.area
+    across, along = 1.2 * pressure * np.sin(angle) ** 2, 0.05 * pressure * np.cos(angle) ** 2
+    np.testing.assert_allclose(wind.force(plate).sum(axis=0), [along, 0.0, across], atol=1e-12 * pressure)
+    # A plate that moves with the wind feels none; one that moves faster is held back.
+    loading = held(plate).loading(loads=[wind])
+    air = np.broadcast_to(wind.velocity, plate.vertices.shape)
+    assert np.abs(loading.force(plate.vertices, air)).max() < 1e-15
+    np.testing.assert_allclose(loading.force(plate.vertices, 2.0 * air).sum(axis=0), [-along, 0.0, -across], atol=1e-12)
+
+
+def test_dead_pressure_stays_and_follower_pressure_turns():
+    shell = strip()
+    turn = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+    x = shell.rest_positions @ turn.T
+    dead, live = (shell.loading(loads=[ms.Pressure(2.0, follower=follows)]) for follows in (False, True))
+    assert not dead.live
+    np.testing.assert_allclose(dead.force(x).sum(axis=0), [0.0, 0.0, 2.0 * shell.mesh.area], atol=1e-12)
+    np.testing.assert_allclose(live.force(x), dead.force(x) @ turn.T, atol=1e-15)
+    half = shell.loading(loads=[ms.Pressure(2.0, sel="x < 0.51")])
+    np.testing.assert_allclose(half.force(shell.rest_positions).sum(axis=0)[2], shell.mesh.area, rtol=1e-12)
+
+
+# ---- closed forms, on sheets of shell theory
+
+YOUNG, THICKNESS, DENSITY = 1e7, 0.01, 1000.0
+MESH = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+CANTILEVER = ms.Shell(MESH, ms.Isotropic(YOUNG, 0.0, THICKNESS, DENSITY), MESH.vertices[:, 0] < 1e-6)
+END, RIGIDITY = MESH.vertices[:, 0] > 0.999, YOUNG * THICKNESS**3 / 12.0  # of a strip, per width
+
+
+@pytest.mark.parametrize(
+    ("load", "drop"),
+    [
+        (ms.LineForce(END, (0.0, 0.0, -1e-3)), 1e-3 / (3.0 * RIGIDITY)),
+        (ms.EdgeMoment(END, -1e-3), 1e-3 / (2.0 * RIGIDITY)),
+        (ms.SelfWeight((0.0, 0.0, -1e-4)), 1e-4 * DENSITY * THICKNESS / (8.0 * RIGIDITY)),
+        (ms.Pressure(-1e-3), 1e-3 / (8.0 * RIGIDITY)),
+        (ms.FollowerForce("x < 9", (0.0, 0.0, -1e-6)), None),
+    ],
+)
+def test_cantilevers_drop_as_euler_and_bernoulli_say(load, drop):
+    state = ms.DiscreteShell(CANTILEVER).equilibrium(loads=[load])
+    assert state.converged
+    tip = -(state.positions - MESH.vertices)[END, 2].mean()
+    if drop is not None:
+        assert tip == pytest.approx(drop, rel=0.01)
+    reactions = CANTILEVER.reactions(state.positions, loads=[load])
+    force = CANTILEVER.loading(loads=[load]).force(state.positions)
+    scale = np.abs(reactions).sum()
+    assert np.abs(reactions.sum(axis=0) + force.sum(axis=0)).max() <= 1e-8 * scale
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5])
+def test_an_end_moment_rolls_a_strip_into_an_arc(share):
+    load = ms.EdgeMoment(END, 2.0 * np.pi * share * RIGIDITY)
+    state = ms.DiscreteShell(CANTILEVER).equilibrium(loads=[load])
+    angle = 2.0 * np.pi * share
+    assert state.converged
+    assert state.stable
+    assert not state.conservative
+    assert state.message == NO_POTENTIAL
+    tip = state.positions[END].mean(axis=0)
+    np.testing.assert_allclose(tip[[0, 2]], [np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle], atol=0.01)
+
+
+def test_newton_converges_fast_under_follower_loads():
+    """With half of the stiffness, or without it, the residual falls by a factor a step instead of its square."""
+    load = ms.EdgeMoment(END, 0.5 * np.pi * RIGIDITY)
+    model = ms.DiscreteShell(CANTILEVER)
+    near = model.equilibrium(loads=[load]).positions
+    again = model.equilibrium(loads=[ms.EdgeMoment(END, 0.52 * np.pi * RIGIDITY)], start=near)
+    assert again.converged
+    assert again.iterations <= 6
+    assert again.residual < 1e-8
+
+
+def disc(rings):
+    """A disc of radius 1 m, its vertices on rings."""
+    points, faces = [(0.0, 0.0, 0.0)], []
+    for ring in range(1, rings + 1):
+        angles = 2.0 * np.pi * np.arange(6 * ring) / (6 * ring)
+        points += [(ring / rings * np.cos(angle), ring / rings * np.sin(angle), 0.0) for angle in angles]
+        first, inner, count, fewer = (
+            len(points) - 6 * ring,
+            len(points) - 6 * ring - max(6 * (ring - 1), 1),
+            6 * ring,
+            6 * (ring - 1),
+        )
+        for sector in range(6):
+            for k in range(ring):
+                outer = [first + (sector * ring + k + j) % count for j in (0, 1)]
+                under = [inner + ((sector * (ring - 1) + k + j) % fewer if fewer else 0) for j in (0, 1)]
+                faces.append((*outer, under[0]))
+                if k < ring - 1:
+                    faces.append((outer[1], under[1], under[0]))
+    return ms.TriangleMesh(points, faces)
+
+
+def test_a_clamped_disc_bulges_as_hencky_says():
+    mesh = disc(8)
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 1000.0), np.linalg.norm(mesh.vertices, axis=1) > 0.999)
+    load = ms.Pressure(1.0)
+    state = ms.DiscreteShell(shell).equilibrium(loads=[load])
+    assert state.converged
+    assert state.conservative
+    assert state.positions[0, 2] == pytest.approx(0.653 * (1.0 / (1e7 * 1e-3)) ** (1.0 / 3.0), rel=0.02)
+    total = shell.reactions(state.positions, loads=[load]).sum(axis=0)
+    # What a follower pressure pushes along the axis is its pressure on the boundary's disc.
+    area = 0.5 * 48 * np.sin(2.0 * np.pi / 48)
+    np.testing.assert_allclose(total, [0.0, 0.0, -area], atol=1e-8 * area)
+
+
+def test_a_chain_hangs_as_a_catenary():
+    mesh = ms.flat_beam(length=1.0, width=0.05, cells=(40, 2))
+    x = mesh.vertices[:, 0]
+    shell = ms.Shell(mesh, ms.Isotropic(1e8, 0.0, 1e-4, 1000.0), (x < 1e-6) | (x > 1.0 - 1e-6))
+    span = 0.8
+    right = np.flatnonzero(x > 1.0 - 1e-6)
+    targets = [ms.PositionConstraint(vertex, mesh.vertices[vertex] - [1.0 - span, 0.0, 0.0]) for vertex in right]
+    free = ms.Shell(mesh, ms.Isotropic(1e8, 0.0, 1e-4, 1000.0), x < 1e-6)
+    state = ms.DiscreteShell(free).equilibrium(loads=[ms.SelfWeight()], constraints=targets)
+    assert state.converged
+    assert shell.clamped.sum() == 2 * len(right)
+    # Length 1 over span 0.8: 2 c sinh(span / 2 c) = 1.
+    from scipy.optimize import brentq
+
+    c = brentq(lambda c: 2.0 * c * np.sinh(0.5 * span / c) - 1.0, 0.1, 10.0)
+    assert -state.positions[:, 2].min() == pytest.approx(c * (np.cosh(0.5 * span / c) - 1.0), rel=0.01)
+
+
+# ---- every rung
+
+BASIS = ms.solve_modes(CANTILEVER, 8)
+RUNGS = {
+    "LMA": lambda shell: ms.LinearModal(ms.solve_modes(shell, 8)),
+    "MWTS": lambda shell: ms.ModalWarping(ms.solve_modes(shell, 8)),
+    "consistent MWTS": lambda shell: ms.ModalWarping(ms.solve_modes(shell, 8), consistent_force=True),
+    "RSW": lambda shell: ms.RotationStrain(ms.solve_modes(shell, 8)),
+    "MD-ROM": lambda shell: ms.ModalDerivatives(shell, 4),
+}
+COARSE = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+MILD = {
+    "moment": ms.EdgeMoment(END, 0.02),
+    "pressure": ms.Pressure(0.05),
+    "wind": ms.Wind((0.1, 0.0, 0.4)),
+    "follower force": ms.FollowerForce(END, (0.0, 0.0, 2e-3)),
+    "frame": ms.FrameInertia((0.0, 0.0, 0.002), (0.0, 0.1, 0.0)),
+}
+
+
+@pytest.mark.parametrize("load", MILD)
+@pytest.mark.parametrize("rung", RUNGS)
+def test_rungs_answer_mild_loads_as_discrete_shells_do(rung, load):
+    loads = [MILD[load]]
+    truth, found = (model.equilibrium(loads=loads) for model in (ms.DiscreteShell(CANTILEVER), RUNGS[rung](CANTILEVER)))
+    assert truth.converged
+    assert found.converged
+    assert found.conservative == truth.conservative
+    error = ms.measure.displacement_error(found.positions, truth.positions, CANTILEVER)
+    assert error < (0.12 if rung in ("LMA", "MD-ROM") else 0.05)
+
+
+@pytest.mark.parametrize("rung", [*RUNGS, pytest.param("DS", marks=pytest.mark.slow)])
+def test_light_sheets_come_to_rest_in_the_wind(rung):
+    light = ms.Shell(COARSE, ms.Isotropic(YOUNG, 0.0, THICKNESS, 10.0), COARSE.vertices[:, 0] < 1e-6)
+    model = ms.DiscreteShell(light) if rung == "DS" else RUNGS[rung](light)
+    wind = ms.Wind((0.0, 0.0, 0.5), density=20.0)  # dense enough to stop the sheet within a step
+    run = ms.simulate(model, duration=3.0, dt=0.05, loads=[wind], damping=(5.0, 0.01))
+    still = model.equilibrium(loads=[wind])
+    assert run.outcome is ms.Outcome.COMPLETED
+    assert run.message == NO_POTENTIAL
+    moved = ms.measure.displacement_error(run.positions[-1], still.positions, light)
+    assert moved < 0.02
+
+
+def test_free_rigid_plates_drift_with_the_wind():
+    plate = held(ms.flat_beam(length=1.0, width=0.2, cells=(4, 2)), material=PLAIN)
+    run = ms.simulate(ms.RigidShell(plate), duration=8.0, dt=0.1, loads=[ms.Wind((0.0, 0.0, 2.0), density=5.0)])
+    speed = (run.positions[-1] - run.positions[-2]).mean(axis=0) / 0.1
+    np.testing.assert_allclose(speed, [0.0, 0.0, 2.0], atol=0.05)
+
+
+def test_spring_sheets_take_loads_that_follow():
+    sheet = ms.SpringSheet(held(ms.v_beam(cells=(8, 4)), 0.2))
+    state = sheet.equilibrium(loads=[ms.Pressure(0.01)])
+    assert state.converged
+    assert not state.conservative
+
+
+# ---- time
+
+
+def test_loads_scale_with_a_table_or_a_function_of_time():
+    force = ms.PointForce(END, (0.0, 0.0, 1e-5))
+    ramp = ms.Scaled(force, ([1.0, 2.0], [0.0, 3.0]))
+    assert [ramp.factor(time) for time in (0.0, 1.5, 9.0)] == [0.0, 1.5, 3.0]
+    model = ms.LinearModal(BASIS)
+    by_table = ms.simulate(model, duration=0.2, loads=[ms.Scaled(force, ([0.0, 1.0], [0.0, 1.0]))])
+    by_function = ms.simulate(model, duration=0.2, loads=[ms.Scaled(force, lambda time: time)])
+    np.testing.assert_allclose(by_table.positions, by_function.positions, atol=1e-15)
+    constant = ms.simulate(model, duration=0.2, loads=[ms.Scaled(force, lambda _: 1.0)])
+    plain = ms.simulate(model, duration=0.2, loads=[force])
+    np.testing.assert_allclose(constant.positions, plain.positions, atol=1e-12)
+    np.testing.assert_allclose(constant.energies, plain.energies, atol=1e-12 * np.abs(plain.energies).max())
+
+
+@pytest.mark.parametrize(
+    ("make", "error", "message"),
+    [
+        (lambda: ms.Pressure(np.nan), ms.LoadError, "p must be a finite number"),
+        (lambda: ms.EdgeMoment("x > 0", np.inf), ms.LoadError, "m must be a finite number"),
+        (lambda: ms.Wind((1.0, 2.0)), ms.LoadError, r"velocity must have shape \(3,\)"),
+        (lambda: ms.Wind((1, 2, 3), density=-1.0), ms.LoadError, "density must be a finite number at least 0"),
+        (lambda: ms.Wind(lambda *_: [1.0]).force(MESH), None, ""),
+        (lambda: ms.Wind(lambda points, _: np.full(points.shape, np.nan)).force(MESH), ms.LoadError, "the wind's"),
+        (lambda: ms.EdgeMoment([0], 1.0).force(MESH), ms.OptionError, "no edge between two of them"),
+        (lambda: ms.Pressure(1.0, sel=[0]).force(MESH), ms.OptionError, "no triangle between three of them"),
+        (lambda: ms.SelfWeight().force(MESH), ms.LoadError, "SelfWeight needs the masses of a shell"),
+        (lambda: ms.Scaled(ms.SelfWeight(), 3.0), ms.LoadError, "factor must be a function of time or a pair"),
+        (lambda: ms.Scaled(ms.SelfWeight(), ([1.0, 1.0], [0.0, 1.0])), ms.OptionError, "times"),
+        (lambda: ms.Scaled(3.0, abs), ms.OptionError, "load must be a Load"),
+        (lambda: ms.Scaled(ms.SelfWeight(), lambda _: np.nan).factor(0.0), ms.LoadError, "the factor at 0 s"),
+    ],
+)
+def test_bad_loads_are_refused(make, error, message):
+    if error is None:
+        assert np.isfinite(make()).all()
+        return
+    with pytest.raises(error, match=message):
+        make()
