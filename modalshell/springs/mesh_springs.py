@@ -51,7 +51,9 @@ def mesh_springs(mesh: TriangleMesh, structural: ArrayLike, flexion: ArrayLike, 
     if len(unique) < len(pairs):
         order = np.argsort(first)
         pairs = unique[order]
-        stiffness, dampers = (np.bincount(inverse.ravel(), values).astype(np.float64)[order] for values in (stiffness, dampers))
+        stiffness, dampers = (
+            np.bincount(inverse.ravel(), values).astype(np.float64)[order] for values in (stiffness, dampers)
+        )
     lengths = np.linalg.norm(mesh.vertices[pairs[:, 1]] - mesh.vertices[pairs[:, 0]], axis=1)
     return Springs(pairs, lengths, stiffness, dampers)
 
