@@ -179,6 +179,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "render",
         "scene",
         "shell",
+        "statics",
         "study",
         "timings",
         "typing",
