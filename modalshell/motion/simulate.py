@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.constraints import Constraint
 from modalshell.loads import Load
-from modalshell.models import Model
+from modalshell.models import Damping, Model
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.supports import SupportPath
@@ -26,7 +26,7 @@ def simulate(
     gravity: ArrayLike | None = None,
     force: ArrayLike | None = None,
     loads: Sequence[Load] | None = None,
-    damping: tuple[float, float] = (0.0, 0.0),
+    damping: tuple[float, float] | Damping = (0.0, 0.0),
     start: ArrayLike | None = None,
     supports: SupportPath | None = None,
     constraints: Sequence[Constraint] | None = None,
@@ -50,7 +50,7 @@ def simulate(
         Further force on every vertex [N].
     loads : sequence of Load, optional
         Further loads, such as :class:`~modalshell.PointForce`.
-    damping : (float, float)
+    damping : (float, float) or Damping
         Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity in
         the model's own frame: relative to the supports for modal models, absolute for full ones.
     start : array_like, shape (n, 3), optional

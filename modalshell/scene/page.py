@@ -9,6 +9,8 @@ from modalshell.models.factory import MODE_COUNT
 from modalshell.modes import solve_modes
 from modalshell.page import Page
 from modalshell.scene.flock_scene import FlockScene
+from modalshell.scene.parts import build_damping
+from modalshell.scene.read import located
 from modalshell.scene.scene import Scene
 
 
@@ -36,10 +38,14 @@ def scene_page(scene: Scene) -> Page:
     left += ["there are no loads that change with the shell or in time"] if loads else []
     left += ["there are no constraints"] if constraints else []
     left += [f"the model is LMA or MWTS, not {model.spec.name}"] if model.spec.key not in ("lma", "mwts") else []
+    left += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
     if left:
         warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)
     basis = solve_modes(shell, model.options.get("modes", MODE_COUNT))
     if motion is None:
         return basis.page(title=scene.name, gravity=gravity, force=force)
-    return basis.page(title=scene.name, gravity=gravity, force=force, damping=motion.damping, dt=motion.dt)
+    with located(scene.file, "motion", motion):
+        damping = build_damping(motion)
+    factors = damping.mass_factor, damping.stiffness_factor
+    return basis.page(title=scene.name, gravity=gravity, force=force, damping=factors, dt=motion.dt)
