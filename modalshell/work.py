@@ -82,11 +82,11 @@ def count_products(number: float) -> None:
         work.cost += _PRODUCT * number
 
 
-def count_factorisation(unknowns: int) -> None:
-    """Count a sparse factorisation."""
+def count_factorisation(unknowns: int, number: int = 1, products: float | None = None) -> None:
+    """Count sparse factorisations; of those whose multiplications are known these tell in the cost."""
     if (work := _open.get()) is not None:
-        work.factorisations += 1
-        work.cost += _FACTORISED * unknowns**1.5
+        work.factorisations += number
+        work.cost += number * (_FACTORISED * unknowns**1.5 if products is None else _PRODUCT * products)
 
 
 def count_solves(unknowns: int, right_sides: int) -> None:

@@ -21,7 +21,7 @@ from modalshell.compare.case import Case
 from modalshell.compare.runs import Measurement
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh, Damping
-from modalshell.models.coarse_discrete_shell import drawn_to_supports
+from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
 from studies.pages import number

@@ -363,10 +363,10 @@ def test_frames_with_a_damaged_header_are_not_followed(tmp_path, old, new):
     follower.close()
 
 
-def test_a_coarse_surface_with_collapsed_triangles_is_carried_up():
+def test_a_coarse_surface_with_collapsed_triangles_is_prolong():
     coarse = ms.CoarseDiscreteShell(SHELL, ms.coarse_shell(SHELL, MESH, MATERIAL))
     for scale in ([0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, -1.0], [1.0, -1.0, 0.0]):
-        assert np.isfinite(coarse.carried_up(POINTS * scale)).all()
+        assert np.isfinite(coarse.prolong(POINTS * scale)).all()
 
 
 PLY = (

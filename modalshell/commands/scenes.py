@@ -22,11 +22,14 @@ def run(
     scene: Annotated[Path, Parameter(help="TOML file.")],
     *,
     out: Annotated[Path | None, Parameter(help="Folder of the results instead of the scene's own.")] = None,
+    color: Annotated[
+        str | None, Parameter(help="Field that colours the film or picture: curvature, von_mises, energy_density, ...")
+    ] = None,
     restart: Annotated[bool, Parameter(help="Drop what a stopped run has left and start anew.")] = False,
 ) -> None:
     """Run a scene file, or go on with a run of it that was stopped."""
     with progress(f"{scene.stem} steps") as on_step:
-        result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
+        result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
     print(f"{scene.stem}: {result.summary}")
     for path in result.files:
         print(path)

@@ -13,7 +13,7 @@ from modalshell.errors import OptionError
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh, Damping
-from modalshell.models.coarse_discrete_shell import drawn_to_supports
+from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes

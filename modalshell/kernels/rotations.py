@@ -244,12 +244,12 @@ def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-u
     ``A = sum |P|^2 I - P P^T``, then the mean over the triangles at each vertex.
     """
     count = np.zeros(positions.shape[0])
+    arm = np.empty(3)
     out[:] = 0.0
     for face in range(faces.shape[0]):
         xx = yy = zz = xy = xz = yz = bx = by = bz = 0.0
         for k in range(3):
             v = faces[face, k]
-            arm = np.empty(3)
             for axis in range(3):
                 total = 0.0
                 for corner in range(3):

@@ -8,7 +8,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import checked_kind, checked_vectors
 from modalshell.loads.applied import AppliedLoad
+from modalshell.loads.base import Load
+from modalshell.mesh import TriangleMesh
 from modalshell.typing import Array, Index
 
 _SAMPLED = 200
@@ -44,6 +47,32 @@ class Loading:
             one.energy is not None and (one.held is None or (held is not None and bool(held[one.held].all())))
             for one in self.live
         )
+
+    @classmethod
+    def of(
+        cls,
+        mesh: TriangleMesh,
+        mass: Array,
+        rest: Array,
+        held: NDArray[np.bool_],
+        dead: Array,
+        loads: Sequence[Load],
+    ) -> Loading:
+        """The loads on a shell of vertex masses (n,) [kg] at ``rest`` (n, 3) [m], besides a dead one (n, 3) [N].
+
+        LoadError where the forces of a load are of the wrong shape or not finite.
+        """
+        live, rest_of_mesh = [], np.asarray(mesh.vertices)
+        for load in loads:
+            checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
+            applied = load.applied(mesh, mass)
+            part = load.force(mesh) if applied is None else applied.force(rest_of_mesh)
+            part = checked_vectors(f"the force of {type(load).__name__}", part, dead.shape)
+            if applied is None or applied.is_dead:
+                dead = dead + part
+            else:
+                live.append(applied)
+        return cls(rest, dead, live, held)
 
     @property
     def steady(self) -> bool:

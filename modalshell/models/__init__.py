@@ -2,7 +2,8 @@
 
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Model
-from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell, CoarseMesh, coarse_shell
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
+from modalshell.models.coarse_shell import CoarseMesh, coarse_shell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.equilibrium import Equilibrium
 from modalshell.models.linear import LinearModal

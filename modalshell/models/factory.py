@@ -9,7 +9,7 @@ import numpy as np
 
 from modalshell.errors import OptionError
 from modalshell.models.base import Model
-from modalshell.models.coarse_discrete_shell import CoarseMesh, coarse_shell
+from modalshell.models.coarse_shell import CoarseMesh, coarse_shell
 from modalshell.models.registry import ModelSpec
 from modalshell.modes import Basis, solve_modes
 from modalshell.shell import Shell

@@ -60,6 +60,7 @@ class FullModel(Model):
     """
 
     takes_constraints = True
+    takes_live_loads = True
     moves_patches = True
 
     def __init__(

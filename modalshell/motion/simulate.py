@@ -11,6 +11,7 @@ from modalshell.checks import checked_count, checked_kind, checked_number, check
 from modalshell.constraints import Constraint
 from modalshell.loads import Load
 from modalshell.models import Damping, Model
+from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.supports import SupportPath
@@ -32,6 +33,7 @@ def simulate(
     constraints: Sequence[Constraint] | None = None,
     store_every: int = 1,
     dtype: DTypeLike = np.float64,
+    fields: Sequence[str] = (),
     on_step: Progress | None = None,
 ) -> Trajectory:
     """Step a model from rest under a dead load.
@@ -65,6 +67,9 @@ def simulate(
         Store every so many steps (explicit steps are short).
     dtype : {float64, float32}
         Of the stored positions.
+    fields : sequence of str
+        Fields of the triangles to store with each frame, such as "curvature" or "von_mises"; see
+        :class:`~modalshell.ShellFields`.
     on_step : callable, optional
         Called after each step with the steps done and their total.
 
@@ -89,6 +94,7 @@ def simulate(
     store_every = checked_count("store_every", store_every)
     dtype = checked_precision(dtype)
     checked_kind("model", model, Model)  # type: ignore[type-abstract]
+    chosen = checked_fields(fields, model.shell)
     motion = Motion(
         model,
         dt=dt,
@@ -102,4 +108,4 @@ def simulate(
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
     frames = [motion.positions().astype(dtype) for _ in recorder.frames(on_step)]
-    return recorder.trajectory(np.array(frames))
+    return with_fields(recorder.trajectory(np.array(frames)), model.shell, chosen)

@@ -17,7 +17,6 @@ from modalshell.errors import OptionError, SupportError
 from modalshell.loads import Load
 from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget
-from modalshell.models.full import FullModel
 from modalshell.motion.supports import Pose, SupportPath
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.typing import Array, Index
@@ -146,7 +145,7 @@ class Motion:
         """Take one step."""
         model, dt, time = self.model, self.dt, (self.count + 1) * self.dt
         load, held, pose, changing = self.load, None, None, self.loading.live
-        lagging = bool(changing) and not isinstance(model, FullModel)
+        lagging = bool(changing) and not model.takes_live_loads
         if lagging:
             load = load + self.loading.live_force(self.positions(), self._velocities(), time)
         if self.supports is not None:
@@ -158,7 +157,7 @@ class Motion:
         if self._patches or (pose is not None and not model.in_shell_frame):
             held = self._held_positions(time, pose)
         with np.errstate(over="ignore", invalid="ignore"):
-            if changing and isinstance(model, FullModel):
+            if changing and model.takes_live_loads:
                 live = LiveLoads(self.loading, time, self._origin)
                 state, converged = model.step_live(self.state, dt, load, self.damping, held, live)
             else:

@@ -9,7 +9,7 @@ import msgspec
 
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
-from modalshell.models.coarse_discrete_shell import CoarseMesh, drawn_to_supports
+from modalshell.models.coarse_shell import CoarseMesh, drawn_to_supports
 from modalshell.scene.parts import Shape, build_material
 from modalshell.scene.tables import MeshFile, PhysicalSheet, Stiffnesses
 from modalshell.shell import Shell

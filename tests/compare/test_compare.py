@@ -13,7 +13,7 @@ from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.path import find_jump
 from modalshell.compare.runs import static_answers, turn_at
-from modalshell.models.coarse_discrete_shell import drawn_to_supports
+from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto

@@ -16,7 +16,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import modalshell as ms
-from fuzzing.arrays import world
+from fuzzing.calls import world
 from fuzzing.command_line import called, check_exit, prepared
 from fuzzing.harness import Contradiction, Input, Unsaid
 from fuzzing.mesh_files import seeds

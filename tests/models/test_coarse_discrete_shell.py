@@ -1,10 +1,14 @@
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
-from scenes import held
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell, closest_points, coarse_shell
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
+from modalshell.models.coarse_shell import coarse_shell
+from modalshell.reduction.prolongation import Prolongation, closest_points
 
 CLAMP = 0.0501
 
@@ -54,13 +58,14 @@ def test_it_follows_the_stiff_beam_through_its_snap():
 
 def test_rigid_turns_and_rest_are_carried_exactly():
     mesh, under = ms.cylinder_panel(cells=(16, 16)), ms.cylinder_panel(cells=(6, 6))
-    coarse = CoarseDiscreteShell(held(mesh), held(under))
-    np.testing.assert_allclose(coarse.carried_up(under.vertices), mesh.vertices, atol=1e-13)
+    material = ms.Material(20.0, 20.0, 0.05, 0.2)
+    coarse = CoarseDiscreteShell(ms.Shell(mesh, material), ms.Shell(under, material))
+    np.testing.assert_allclose(coarse.prolong(under.vertices), mesh.vertices, atol=1e-13)
     turn, shift = Rotation.from_rotvec([0.4, 2.0, -1.0]), np.array([1.0, -2.0, 0.5])
     np.testing.assert_allclose(
-        coarse.carried_up(turn.apply(np.array(under.vertices)) + shift),
+        coarse.prolong(turn.apply(np.array(under.vertices)) + shift),
         turn.apply(np.array(mesh.vertices)) + shift,
-        atol=1e-10,
+        atol=1e-12,
     )
 
 
@@ -68,7 +73,7 @@ def test_loads_go_down_with_their_sum_and_torque():
     fine = shell((20, 4), 180.0)
     coarse = CoarseDiscreteShell(fine, coarse_shell(fine, beam((8, 2), 180.0)))
     load = np.random.default_rng(0).standard_normal(fine.rest_positions.shape)
-    down = coarse.handed_down(load)
+    down = coarse.restrict(load)
     np.testing.assert_allclose(down.sum(axis=0), load.sum(axis=0), atol=1e-12)
     torque = np.cross(fine.rest_positions, load).sum(axis=0)
     np.testing.assert_allclose(np.cross(coarse.coarse.shell.rest_positions, down).sum(axis=0), torque, atol=1e-12)
@@ -97,6 +102,84 @@ def test_closest_points_are_found_over_each_triangle():
     _, shares, distance = closest_points(mesh, outside)
     assert (shares >= 0).all()
     assert distance[0] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("damping", [(0.0, 0.0), (2.0, 0.002)])
+def test_compiled_steps_are_those_of_discrete_shells(damping):
+    """Through a snap, up and down: the same equations, solved by other code."""
+    fine = shell((14, 4), 150.0, 2000.0)
+    coarse = CoarseDiscreteShell(fine, fine, step_tolerance=1e-9)
+    assert coarse.compiled
+    exact = ms.DiscreteShell(fine, step_tolerance=1e-9)
+    loads = [fine.gravity_force((0.0, 10.0, -g)) for g in (70.0, 70.0, 70.0, 70.0, 0.0, 0.0, 0.0)]
+    state, other = coarse.start_motion(), exact.start_motion()
+    for load in loads:
+        state, solved = coarse.step(state, 0.05, load, ms.Damping(*damping))
+        other, converged = exact.step(other, 0.05, load, ms.Damping(*damping))
+        assert solved
+        assert converged
+        # Each solves its step to 1e-9 of the push; the stiff membrane leaves the bend that much free.
+        np.testing.assert_allclose(state.coordinates, other.coordinates, atol=1e-6)
+        other = type(other)(state.coordinates, state.rates)
+    np.testing.assert_allclose(coarse.positions(state), state.coordinates, atol=1e-6)
+
+
+def test_it_serves_other_energies_without_the_compiled_step():
+    mesh, under = (ms.flat_beam(cells=cells) for cells in ((24, 6), (12, 4)))
+    fine = ms.Shell(mesh, ms.Isotropic(1e6, 0.3, 2e-3, 100.0), mesh.vertices[:, 0] == 0.0)
+    coarse = CoarseDiscreteShell(fine, coarse_shell(fine, under))
+    assert not coarse.compiled
+    truth = ms.DiscreteShell(fine).equilibrium(gravity=(0, 0, -0.02)).positions
+    assert truth[:, 2].min() < -0.3
+    assert ms.measure.displacement_error(coarse.equilibrium(gravity=(0, 0, -0.02)).positions, truth, fine) < 0.025
+    run = ms.simulate(coarse, duration=4.0, dt=0.2, gravity=(0, 0, -0.02), damping=(5.0, 0.0))
+    assert run.status == "completed"
+
+
+def test_smooth_fields_are_prolonged_to_third_order_and_folds_stay_sharp():
+    errors = []
+    mesh = ms.v_beam(cells=(48, 16), fold=120.0)
+    for cells in ((12, 4), (24, 8)):
+        under = ms.v_beam(cells=cells, fold=120.0)
+        prolongation = Prolongation(under, mesh)
+
+        def field(x):
+            bend = np.sin(2.0 * x[:, 0])[:, None] * np.array([0.1, 0.2, 0.3])
+            return x + bend + np.abs(x[:, 1:2]) * np.array([0.3, -0.2, 0.1])  # smooth on either side of the fold
+
+        errors.append(np.abs(prolongation.prolong(field(np.array(under.vertices))) - field(mesh.vertices)).max())
+    assert errors[1] < errors[0] / 6.0
+    assert errors[1] < 2e-5
+    matrix = prolongation.matrix
+    np.testing.assert_allclose(matrix.sum(axis=1), 1.0, atol=1e-12)
+    np.testing.assert_allclose(matrix @ under.vertices, mesh.vertices, atol=1e-12)
+
+
+def test_positions_and_loads_of_wrong_shape_or_not_finite_are_refused():
+    fine = shell((10, 2), 180.0)
+    coarse = CoarseDiscreteShell(fine, fine)
+    wrong = np.full(fine.rest_positions.shape, np.nan)
+    for method in (coarse.prolong, coarse.restrict):
+        for given in (wrong, wrong[1:], np.zeros(3)):
+            with pytest.raises(ms.LoadError):
+                method(given)
+
+
+def test_threads_and_pickles_answer_alike():
+    fine = shell((12, 2), 150.0)
+    coarse = CoarseDiscreteShell(fine, fine)
+    run = {"duration": 0.5, "dt": 0.05, "gravity": (0.0, 0.0, -5.0)}
+    alone = ms.simulate(coarse, **run).positions
+    with ThreadPoolExecutor(4) as pool:
+        together = [job.result().positions for job in [pool.submit(ms.simulate, coarse, **run) for _ in range(4)]]
+    assert all(np.array_equal(alone, positions) for positions in together)
+    assert np.array_equal(ms.simulate(pickle.loads(pickle.dumps(coarse)), **run).positions, alone)
+
+
+def test_absurd_loads_end_with_an_outcome():
+    fine = shell((10, 2), 180.0)
+    run = ms.simulate(CoarseDiscreteShell(fine, fine), duration=0.2, dt=0.1, gravity=(0.0, 0.0, -1e30))
+    assert run.status != "completed"
 
 
 def test_wrong_pairs_are_refused():

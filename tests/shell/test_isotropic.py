@@ -16,7 +16,6 @@ from modalshell import (
     RotationStrain,
     Shell,
     TriangleMesh,
-    coarse_shell,
     cylinder_panel,
     flat_beam,
     sheet,
@@ -334,6 +333,4 @@ def test_refused_uses():
     shell = Shell(mesh, SHEET, clamped=mesh.vertices[:, 0] < 1e-9)
     with pytest.raises(OptionError, match="discrete-shell energies"):
         _ = shell.elements
-    with pytest.raises(OptionError, match=r"ms\.Isotropic"):
-        coarse_shell(shell, flat_beam(cells=(2, 2)))
     assert isinstance(Shell(mesh, Material(1.0, 1.0, 1.0, 1.0)).elements, list)

@@ -1,0 +1,89 @@
+"""The profile factorisation against dense algebra and SciPy's SuperLU."""
+
+import pickle
+
+import numpy as np
+import pytest
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from linalg.test_cholesky import random_definite, shell_stiffness
+
+import modalshell as ms
+from modalshell.linalg import ProfileAnalysis
+
+
+def factorised(matrix, points=None):
+    return ProfileAnalysis(matrix, points).factorise(matrix)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 40), st.floats(0.0, 0.5), st.integers(0, 2**32 - 1), st.sampled_from([1, 3]))
+def test_random_matrices_are_solved(size, density, seed, block):
+    matrix, rng = random_definite(size, density, seed, block)
+    points = rng.standard_normal((size, 2))
+    factor = factorised(matrix)
+    right_sides = rng.standard_normal((size * block, 4))
+    exact = np.linalg.solve(matrix.toarray(), right_sides)
+    np.testing.assert_allclose(factor.solve(right_sides), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+    solution = factorised(matrix, points).solve(right_sides[:, 0])
+    np.testing.assert_allclose(solution, exact[:, 0], rtol=0, atol=1e-12 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("mesh", [ms.v_beam(cells=(20, 4)), ms.v_beam(cells=(27, 6)), ms.cylinder_panel(cells=(9, 9))])
+def test_the_stiffness_of_shells_is_solved_as_superlu_does(mesh):
+    stiffness = shell_stiffness(mesh, 1e-5)
+    right_side = np.random.default_rng(0).standard_normal(stiffness.shape[0])
+    solution = factorised(stiffness).solve(right_side)
+    residual = np.abs(stiffness @ solution - right_side).max()
+    assert residual < 1e-14 * np.abs(stiffness).max() * np.abs(solution).max()
+    step = sps.csc_array(stiffness + 0.36 * sps.eye_array(stiffness.shape[0]))  # inertia: 900 m
+    exact = spla.splu(step).solve(right_side)
+    assert np.linalg.norm(factorised(step).solve(right_side) - exact) < 1e-12 * np.linalg.norm(exact)
+
+
+def test_the_order_along_a_strip_is_taken_where_it_is_best():
+    mesh = ms.flat_beam(cells=(30, 4))
+    matrix = shell_stiffness(mesh)
+    points = mesh.vertices[mesh.vertices[:, 0] >= 0.06]
+    ordered = ProfileAnalysis(matrix, points)
+    assert ordered.entries < ProfileAnalysis(matrix).entries
+    assert ordered.strides.max() < 60
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(2, 30), st.floats(0.0, 1.0), st.integers(0, 2**32 - 1), st.sampled_from([1, 3]))
+def test_negative_eigenvalues_are_counted(size, share, seed, block):
+    matrix, rng = random_definite(size, 0.2, seed, block)
+    spectrum = np.linalg.eigvalsh(matrix.toarray())
+    count = int(share * (spectrum.size - 1))
+    shift = 0.5 * (spectrum[count] + spectrum[count - 1]) if count else 0.9 * spectrum[0]
+    if count and spectrum[count] - spectrum[count - 1] < 1e-3:
+        return
+    shifted = sps.csc_array(matrix - shift * sps.eye_array(matrix.shape[0]))
+    factor = factorised(shifted)
+    assert factor.negative == count
+    assert factor.is_definite() == (count == 0)
+    right_side = rng.standard_normal(matrix.shape[0])
+    np.testing.assert_allclose(shifted @ factor.solve(right_side), right_side, atol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_numbers_that_are_not_finite_are_refused(wrong):
+    matrix, _ = random_definite(9, 0.4, 3, 3)
+    matrix.data[0] = wrong
+    with pytest.raises(ms.SolverError, match="zero or no number"):
+        factorised(matrix)
+
+
+def test_singular_matrices_are_refused():
+    with pytest.raises(ms.SolverError, match="zero or no number"):
+        factorised(sps.csc_array(np.ones((6, 6))))
+
+
+def test_a_factor_is_pickled():
+    matrix, rng = random_definite(12, 0.3, 1, 3)
+    factor = factorised(matrix)
+    right_side = rng.standard_normal(36)
+    assert np.array_equal(pickle.loads(pickle.dumps(factor)).solve(right_side), factor.solve(right_side))
