@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, DTypeLike
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.constraints import Constraint
 from modalshell.loads import Load
+from modalshell.memory import demand_memory
 from modalshell.models import Damping, Model
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count
@@ -107,5 +108,9 @@ def simulate(
         constraints=constraints,
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
+    stored = recorder.total // store_every + 2
+    # The frames one by one, then together.
+    size = 2.0 * stored * model.shell.rest_positions.size * dtype.itemsize
+    demand_memory(f"a trajectory of {stored} frames", size, "store fewer (store_every), or in float32 (dtype)")
     frames = [motion.positions().astype(dtype) for _ in recorder.frames(on_step)]
     return with_fields(recorder.trajectory(np.array(frames)), model.shell, chosen)

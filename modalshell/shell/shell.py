@@ -52,6 +52,9 @@ class Shell(ReadOnlyArrays):
         Further supports, such as :class:`Pin`, :class:`Roller` or :class:`Symmetry`.
     energies : sequence of Energy, optional
         Further energies besides those of the material.
+    loose_parts : bool
+        Whether parts of a mesh in several may be left without support; :func:`solve_modes` refuses them otherwise, as
+        six modes each would be their rigid motions.
 
     Attributes
     ----------
@@ -87,7 +90,9 @@ class Shell(ReadOnlyArrays):
         supports: Sequence[Support] = (),
         *,
         energies: Sequence[Energy] = (),
+        loose_parts: bool = False,
     ) -> None:
+        self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         if not isinstance(material, Material | Isotropic):
             raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
