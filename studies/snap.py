@@ -255,5 +255,5 @@ def finding(tables: list[Table]) -> str:
         f"Limit loads of Lee's frame are within {worst('Lee'):.2g} % of the elastica's, those of the hinged roof "
         f"change by {worst('roof'):.2g} % between the two finest meshes, and the tape spring's moment is within "
         f"{worst('tape'):.2g} % of its plateau's. The stiff V snaps at a gravity of {exact['snap']} and is stable "
-        f"again, flattened, from {exact['stable again']} on; {' and '.join(blind)} on rest modes see neither."
+        f"again, flattened, from {exact['stable again']} on; on rest modes, {' and '.join(blind)} shows neither."
     )
