@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import OptionError
+from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import area_vectors
 from modalshell.shell import Shell
@@ -47,6 +50,65 @@ def displacement_error(
     if moved == 0.0:
         raise OptionError("the reference does not move, so no relative error exists (got reference = rest positions)")
     return float(np.sqrt(np.sum(weights[:, None] * (a - b) ** 2) / moved))
+
+
+def field(shell: Shell, positions: ArrayLike, name: str) -> Array:
+    """One number a triangle (T,) of a field of a deformed shell.
+
+    Parameters
+    ----------
+    shell : Shell
+        The shell.
+    positions : array_like, shape (n, 3)
+        Vertex positions [m].
+    name : str
+        A field of :class:`~modalshell.ShellFields`, such as "curvature" [1/m] or "von_mises" [Pa]; of a tensor its
+        principal value of the largest size, with its sign.
+
+    Raises
+    ------
+    LoadError
+        For positions of the wrong shape or not finite.
+    OptionError
+        For another name, or one that needs a thickness which the material has not.
+    """
+    return checked_kind("shell", shell, Shell).fields(positions).scalar(name)
+
+
+def support_reactions(
+    shell: Shell,
+    positions: ArrayLike,
+    *,
+    gravity: ArrayLike | None = None,
+    force: ArrayLike | None = None,
+    loads: Sequence[Load] | None = None,
+) -> Array:
+    """Force (k, 3) [N] of each of the k supports on a shell in equilibrium.
+
+    The sums of :meth:`Shell.reactions` over the supports' vertices, in the order of ``shell.supports``; a vertex of
+    several supports counts for the first. Together they balance the load.
+
+    Parameters
+    ----------
+    shell : Shell
+        The shell.
+    positions : array_like, shape (n, 3)
+        Vertex positions in equilibrium [m].
+    gravity, force, loads
+        The load, as in :meth:`Model.equilibrium`.
+
+    Raises
+    ------
+    LoadError
+        For arrays of the wrong shape or not finite, or where a triangle has collapsed.
+    """
+    left = checked_kind("shell", shell, Shell).reactions(positions, gravity=gravity, force=force, loads=loads)
+    sums = np.zeros((len(shell.supports), 3))
+    for total, support in zip(sums, shell.supports, strict=True):
+        mask = support.vertices(shell.mesh.vertices)
+        total += left[mask].sum(axis=0)
+        left[mask] = 0.0
+    return sums
 
 
 def area_change(positions: ArrayLike, mesh: TriangleMesh) -> float:

@@ -10,7 +10,13 @@ from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
 from paper_figures.energy_colors import COLORS
 
-SUPPORTS = {"CFFF": "one edge clamped", "FFFF": "free", "SSSS": "simply supported"}
+SUPPORTS = {
+    "CFFF": "one edge clamped",
+    "FFFF": "free",
+    "SSSS": "simply supported",
+    "panel": "a curved edge clamped",
+    "V-beam": "one end clamped",
+}
 
 FLOOR = 0.01
 """Smallest error [%] that is drawn; smaller ones are drawn there."""
@@ -19,9 +25,9 @@ FLOOR = 0.01
 def draw(results: Path, folder: Path) -> Path:
     """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
     rows = StudyResult.load(results, "plate_frequencies").findings["rows"]
-    coarse, fine = (pick(row["cells"] for row in rows) for pick in (min, max))
     panels = []
     for supports, words in SUPPORTS.items():
+        coarse, fine = (pick(row["cells"] for row in rows if row["supports"] == supports) for pick in (min, max))
         curves = []
         for row in rows:
             if row["supports"] != supports:
@@ -33,6 +39,7 @@ def draw(results: Path, folder: Path) -> Path:
             modes = np.arange(1, len(size) + 1)
             color = COLORS[row["energy"]][row["mesh"]]
             curves.append(Curve(modes, size, label, color, dashed=not finest, points=finest))
-        title = f"{supports}: {words} ({fine} cells a side; dashed {coarse})"
+        further = f"; dashed {coarse}" if coarse < fine else ""
+        title = f"{supports}: {words} ({fine} cells across{further})"
         panels.append(Panel(curves, title, "mode", "size of the error [%]", log=True))
-    return draw_curves(panels, folder / "plate_frequencies.png", share_y=True)
+    return draw_curves(panels, folder / "plate_frequencies.png", columns=3, share_y=True)

@@ -1,16 +1,19 @@
-"""A flat sheet with either bending energy, split folds or calibrated hinges, free or clamped along one edge."""
+"""A sheet with either bending energy, split folds or calibrated hinges, free or clamped along one edge."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
 
 import modalshell as ms
 from modalshell.errors import ModalShellWarning
+from modalshell.supports import Support
 
 FAMILIES = ("union-jack", "equilateral", "delaunay")
 ENERGIES = ("Isotropic", "hinges")
@@ -25,24 +28,33 @@ class Sheet(TypedDict):
     density: float
 
 
-def flat_shell(energy: str, mesh: ms.TriangleMesh, sheet: Sheet, held: NDArray[np.bool_] | None = None) -> ms.Shell:
-    """Shell of ``sheet`` with one of the ``ENERGIES``, clamped along the vertices ``held``.
+def flat_shell(
+    energy: str,
+    mesh: ms.TriangleMesh,
+    sheet: Sheet,
+    held: NDArray[np.bool_] | None = None,
+    supports: Sequence[Support] = (),
+    direction: tuple[float, float, float] | None = None,
+) -> ms.Shell:
+    """Shell of ``sheet`` with one of the ``ENERGIES``, clamped along the vertices ``held``, or on other ``supports``.
+
+    Hinges are calibrated for bending along ``direction``, or along what is longest.
 
     One held row clamps split folds. Hinges bend at edges between two triangles only: the triangles along the clamped
     line get mirror images behind it, which are held too. Both shells then have the same free vertices, numbered alike,
     and are clamped at the same line.
     """
     if energy == "Isotropic":
-        return ms.Shell(mesh, ms.Isotropic(**sheet), clamped=held)
+        return ms.Shell(mesh, ms.Isotropic(**sheet), clamped=held, supports=supports)
     with warnings.catch_warnings():
         # Obtuse triangles change the membrane alone, and these sheets hardly stretch.
         warnings.simplefilter("ignore", ModalShellWarning)
-        material = ms.Material.from_physical(**sheet, mesh=mesh)
+        material = ms.Material.from_physical(**sheet, mesh=mesh, direction=direction)
         if held is not None:
             mesh, held = with_mirrored_triangles(mesh, held)
             # The images have no part in the calibration of bending; the membrane's is of each triangle and edge.
             material = replace(ms.Material.from_physical(**sheet, mesh=mesh), flexure=material.flexure)
-        return ms.Shell(mesh, material, clamped=held)
+        return ms.Shell(mesh, material, clamped=held, supports=supports)
 
 
 def with_mirrored_triangles(
@@ -57,3 +69,13 @@ def with_mirrored_triangles(
     vertices = np.vstack([mesh.vertices, mesh.vertices[opposite] * (-1.0, 1.0, 1.0)])
     further = ms.TriangleMesh(vertices, np.vstack([mesh.faces, mirrored]))
     return further, np.append(held, np.ones(len(opposite), dtype=bool))
+
+
+def displacements_at(shell: ms.Shell, positions: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Displacements (k, 3) [m] at ``points`` of a shell whose parts lie side by side, seen from above."""
+    rest = shell.rest_positions
+    kept = rest[:, 0] > -1e-9  # without mirror images behind the clamp
+    low, high = rest[kept, :2].min(axis=0), rest[kept, :2].max(axis=0)
+    margin = 1e-5 * (high - low)  # not beyond the edges by rounding
+    inside = np.clip(points[:, :2], low + margin, high - margin)
+    return np.asarray(LinearNDInterpolator(rest[kept, :2], (positions - rest)[kept])(inside))

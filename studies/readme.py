@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.atomic_io import write_text
-from modalshell.reproduce import studies
 from studies.pages import read_tables
+from studies.reproduce import studies
 
 FOLDER = Path(__file__).resolve().parent
 HEAD = """# Studies
@@ -28,6 +28,15 @@ writes this page.
 | study | picture | finding |
 |---|---|---|
 """
+SCENES = """
+## Scenes
+
+`modalshell run studies/scenes/NAME.toml` runs one; `modalshell reproduce --pages` writes the web pages anew. Download a
+page and open it: it moves without a server or a network, in any browser with WebGL2.
+
+| scene | page | what it is |
+|---|---|---|
+"""
 
 
 def row(name: str) -> str:
@@ -41,9 +50,19 @@ def row(name: str) -> str:
     return f"| [**{name}**]({name}.md)<br>{title} | {shown} | {finding} |\n"
 
 
+def scenes() -> str:
+    """The scenes, with the web page of each."""
+    lines = []
+    for file in sorted((FOLDER / "scenes").glob("*.toml")):
+        about = file.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
+        moving = f"[moving](scenes/{file.stem}.html)" if file.with_suffix(".html").is_file() else ""
+        lines.append(f"| [{file.stem}](scenes/{file.name}) | {moving} | {about} |\n")
+    return SCENES + "".join(lines)
+
+
 def page() -> str:
     """The whole page."""
-    return HEAD + "".join(map(row, studies()))
+    return HEAD + "".join(map(row, studies())) + scenes()
 
 
 if __name__ == "__main__":

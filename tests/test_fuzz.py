@@ -14,7 +14,7 @@ import time
 
 import numpy as np
 import pytest
-from fuzzing import arrays, command_line, mesh_files, properties, saved, scenes
+from fuzzing import arrays, calls, command_line, mesh_files, properties, saved, scenes
 from fuzzing.harness import (
     Contradiction,
     DirtyExit,
@@ -71,9 +71,9 @@ def test_many_inputs_are_answered_or_refused(surface, tmp_path, monkeypatch):
 
 
 def test_every_public_name_and_command_is_fuzzed():
-    tried = {target.name.split(".")[0].split(",")[0] for target in arrays.targets()}
+    tried = {target.name.split(".")[0].split(",")[0] for target in calls.targets()}
     errors = {name for name in ms.__all__ if name.endswith(("Error", "Warning"))}
-    assert set(ms.__all__) <= tried | errors | arrays.RECORDS | arrays.FILES | arrays.NO_INPUT
+    assert set(ms.__all__) <= tried | errors | calls.RECORDS | calls.FILES | calls.NO_INPUT
     assert {"simulate", "modes", "run", "sweep", "doctor", "tradeoff"} <= set(command_line.commands())
     assert "--clamp" in command_line.commands()["simulate"]
 

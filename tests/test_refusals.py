@@ -10,8 +10,7 @@ import inspect
 
 import numpy as np
 import pytest
-from fuzzing import arrays
-from fuzzing.arrays import Target, world
+from fuzzing.calls import Target, targets, world
 
 import modalshell as ms
 from modalshell.errors import ModalShellError
@@ -86,8 +85,18 @@ def methods():
         Target("OrientationConstraint.at", ms.OrientationConstraint([8], [0.1, 0.0, 0.0]).at, {"time": 0.05}),
         Target("WarpFrame.positions", ms.WarpFrame(basis).positions, {"q": q}),
         Target("TriangleMesh.shared_among_corners", mesh.shared_among_corners, {"face_values": mesh.face_areas}),
+        Target(
+            "Basis.page",
+            basis.page,
+            {"gravity": gravity, "force": vectors, "damping": np.array([0.5, 0.001]), "dt": 0.01},
+        ),
         Target("Flock.step", lambda dt: ms.Flock(rest[:3], rest[3:6] + 1.0).step(dt), {"dt": 0.1}),
     ]
+    coarse = next(model for model in models.values() if isinstance(model, ms.CoarseDiscreteShell))
+    made.append(
+        Target("CoarseDiscreteShell.prolong", coarse.prolong, {"positions": coarse.coarse.shell.rest_positions})
+    )
+    made.append(Target("CoarseDiscreteShell.restrict", coarse.restrict, {"load": vectors}))
     crowd, pose = ms.Crowd(basis, 2), {"rotations": np.eye(3), "translations": np.zeros(3)}
     blend = functools.partial(crowd.blend_strains, models["rsw"], out=np.empty((2, *rest.shape)))
     made.append(Target("Crowd.blend_strains", blend, {"shares": np.array([0.0, 1.0])} | pose))
@@ -100,7 +109,7 @@ def methods():
 
 
 def cases():
-    for target in (*arrays.targets(), *methods()):
+    for target in (*targets(), *methods()):
         if target.name == "run_sweep" or target.name.startswith("ReducedRotationStrain"):
             continue  # see ELSEWHERE
         for argument, sound in target.values.items():
@@ -128,7 +137,7 @@ def numeric_methods():
 
 
 def test_every_method_that_takes_numbers_is_tried():
-    tried = {target.name for target in (*arrays.targets(), *methods())} | set(ELSEWHERE)
+    tried = {target.name for target in (*targets(), *methods())} | set(ELSEWHERE)
     tried_methods = {name.split(".")[-1] for name in tried}
     # Of models each rung is tried under its own name, and crowds by one call of all methods.
     missing = {

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from fuzzing.arrays import world
+from fuzzing.calls import world
 
 import modalshell as ms
 from modalshell import springs

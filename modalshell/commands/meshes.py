@@ -20,6 +20,7 @@ from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
+from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.run import write_results
 from modalshell.scene.models import model_tables
@@ -102,7 +103,7 @@ class _ShellOptions:
         if values["young"] is None:
             values["young"] = _YOUNG
         material = build_material(PhysicalSheet(**values, calibrated=self.calibrated), mesh, Path())
-        return ms.Shell(mesh, material, held if held.any() else None)
+        return ms.Shell(mesh, material, held if held.any() else None, loose_parts=self.component == "all")
 
 
 def _tell(path: Path, report: ms.RepairReport) -> None:
@@ -128,7 +129,11 @@ def _choose(options: _ShellOptions, mesh: ms.TriangleMesh, gravity: tuple[float,
     factor = softening(ms.solve_modes(shell, min(modes, 3 * int(shell.free.sum()))), np.array(gravity))
     timing = Timing.of_sag(mesh.size, np.array(gravity))
     told = f"Young's modulus {factor * _YOUNG:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
-    return _Chosen(ms.Shell(mesh, _softer(shell.material, factor), ends.held), timing, f"{ends.told}; {told}")
+    return _Chosen(
+        ms.Shell(mesh, _softer(shell.material, factor), ends.held, loose_parts=shell.loose_parts),
+        timing,
+        f"{ends.told}; {told}",
+    )
 
 
 def _softer(material: ms.Material | ms.Isotropic, factor: float) -> ms.Material | ms.Isotropic:
@@ -152,6 +157,9 @@ def simulate(
         tuple[float, float] | None,
         Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s]; 0.5 and 0.001 with --clamp."),
     ] = None,
+    color: Annotated[
+        str | None, Parameter(help="Field that colours the film or picture: curvature, von_mises, energy_density, ...")
+    ] = None,
     out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
 ) -> None:
     """Let a mesh of your own hang, fall or swing; write a film or a picture, and the positions.
@@ -174,6 +182,8 @@ def simulate(
     if chosen.told:
         print(f"{mesh}: {chosen.told}")
     kind = known[model]
+    if color is not None:
+        checked_fields([color], built)
     load = built.gravity_force(gravity)
     factory = ModelFactory(built, lambda: load)
     model_used = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
@@ -196,6 +206,8 @@ def simulate(
                 on_step=on_step,
             )
         work = f"{len(found.times)} frames in {found.seconds:.3g} s"
+    if color is not None:
+        found = with_fields(found, built, [color])
     if kind.spec.quadratic and buckles(built, load):
         found = found.with_remark(ADVICE)
     print(f"{model_used.name}: {found.outcome.with_message(found.message)}, {work}")
@@ -205,7 +217,8 @@ def simulate(
     title = f"{mesh.stem}, {model_used.name}"
     rate = _FILM_RATE if timing is not _TIMING and dt is None else None
     with progress("film") as on_frame:
-        written = write_results(found, out, f"{mesh.stem}_{model}", formats, title=title, rate=rate, on_step=on_frame)
+        name = f"{mesh.stem}_{model}"
+        written = write_results(found, out, name, formats, title=title, rate=rate, color=color, on_step=on_frame)
     for path in written:
         print(path)
     end_with(found.outcome)

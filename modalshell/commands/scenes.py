@@ -22,11 +22,14 @@ def run(
     scene: Annotated[Path, Parameter(help="TOML file.")],
     *,
     out: Annotated[Path | None, Parameter(help="Folder of the results instead of the scene's own.")] = None,
+    color: Annotated[
+        str | None, Parameter(help="Field that colours the film or picture: curvature, von_mises, energy_density, ...")
+    ] = None,
     restart: Annotated[bool, Parameter(help="Drop what a stopped run has left and start anew.")] = False,
 ) -> None:
     """Run a scene file, or go on with a run of it that was stopped."""
     with progress(f"{scene.stem} steps") as on_step:
-        result = ms.run_scene(scene, out=out, restart=restart, on_step=on_step)
+        result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
     print(f"{scene.stem}: {result.summary}")
     for path in result.files:
         print(path)
@@ -80,7 +83,8 @@ def sweep(
     retry: Annotated[bool, Parameter(help="Also do again what failed or took too long.")] = False,
 ) -> None:
     """Run a grid of scenes, or what is missing of it, and sum up what each found."""
-    with progress(f"{file.stem} cases") as on_step:
+    checked = progress(f"{file.stem} scenes checked", delay=1.0)
+    with checked as on_check, progress(f"{file.stem} cases") as on_step:
         found = ms.run_sweep(
             file,
             out=out,
@@ -89,6 +93,7 @@ def sweep(
             certificates=certificates,
             time_limit=time_limit,
             retry=retry,
+            on_check=on_check,
             on_step=on_step,
         )
     counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())

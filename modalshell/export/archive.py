@@ -17,6 +17,7 @@ from modalshell.errors import FileFormatError
 from modalshell.motion import Trajectory
 from modalshell.outcome import read_outcome
 from modalshell.reading import open_regular
+from modalshell.shell.fields import FIELDS, TENSORS
 
 _FORMAT = 2
 """Version of the archive."""
@@ -30,6 +31,8 @@ _CHUNK = 1 << 24
 _VERIFIED = 1 << 26
 """Size of the positions [bytes] up to which loading reads them once to verify their checksum."""
 
+_FIELD = "field_"
+"""What the names of fields' members begin with."""
 _LOCAL_HEADER = 30
 """Bytes of a ZIP member's local header before its name."""
 _ZIP64_EXTRA = 20
@@ -48,6 +51,7 @@ def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
     arrays: dict[str, NDArray[Any]] = {_MARK: np.array(_FORMAT)}
     for name in (*_SMALL, *_SCALARS):
         arrays[_NAMES.get(name, name)] = np.asarray(getattr(run, name))
+    arrays |= {f"{_FIELD}{name}": values for name, values in run.fields.items()}
     return write_atomically(path, lambda file: _write(file, arrays, run.positions))
 
 
@@ -98,19 +102,40 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
                 raise ValueError(f"format {mark} (this version reads up to {_FORMAT})")
             names = [name for name in (*_SMALL, *_SCALARS) if mark == _FORMAT or name != "message"]
             values = {name: read_member(archive, _NAMES.get(name, name)) for name in names}
+            fields = {name: read_member(archive, f"{_FIELD}{name}") for name in FIELDS if _holds(archive, name)}
             positions = _mapped(file, archive, verify)
             checked = positions if _verifies(verify, positions.nbytes) else positions[:0]
         _check_shapes(values, positions)
         _check_numbers(values, checked)
+        _check_fields(fields, len(positions), len(values["faces"]))
         message = str(values["message"]) if "message" in values else None
         outcome, message = read_outcome(str(values["status"]), message)
         unconverged, seconds = int(values["unconverged_steps"]), float(values["seconds"])
     except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
         raise FileFormatError(f"cannot read a saved trajectory from {file}: {shortened(str(error))}") from error
-    arrays = {name: values[name] for name in _SMALL}
+    arrays: dict[str, Any] = {name: values[name] for name in _SMALL}
     return Trajectory(
-        positions=positions, outcome=outcome, message=message, unconverged_steps=unconverged, seconds=seconds, **arrays
+        positions=positions,
+        outcome=outcome,
+        message=message,
+        unconverged_steps=unconverged,
+        seconds=seconds,
+        fields=fields,
+        **arrays,
     )
+
+
+def _holds(archive: zipfile.ZipFile, name: str) -> bool:
+    return f"{_FIELD}{name}.npy" in archive.namelist()
+
+
+def _check_fields(fields: dict[str, NDArray[Any]], frames: int, triangles: int) -> None:
+    """ValueError where a field holds no real, finite numbers, or not one entry a frame and triangle."""
+    for name, values in fields.items():
+        parts = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
+        expected = (frames, triangles, *parts.get(name, ()))
+        if values.dtype.kind != "f" or values.shape != expected or not np.isfinite(values).all():
+            raise ValueError(f"field {name} must be finite numbers {expected} (got {values.dtype} {values.shape})")
 
 
 def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArray[np.floating]:

@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from modalshell.atomic_io import replacing, write_text
 from modalshell.errors import FileFormatError
 from modalshell.motion import Trajectory
+from modalshell.shell.fields import FIELDS, TENSORS
 from modalshell.typing import Progress
+
+_COMPONENTS = dict.fromkeys(TENSORS, ("11", "22", "12")) | {
+    "von_mises_faces": ("top", "bottom"),
+    "displacement": ("x", "y", "z"),
+}
 
 
 def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -> Path:
@@ -48,6 +54,7 @@ def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -
             surface = vtkPolyData.GetData(outputs)
             surface.SetPoints(_points(run, index))
             surface.SetPolys(cells)
+            _add_arrays(surface, run, index)
             surface.GetInformation().Set(surface.DATA_TIME_STEP(), times[index])
             if on_frame is not None and not stops:
                 try:
@@ -85,6 +92,7 @@ def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
             surface = vtkPolyData()
             surface.SetPoints(_points(run, index))
             surface.SetPolys(cells)
+            _add_arrays(surface, run, index)
             writer = vtkXMLPolyDataWriter()
             writer.SetInputData(surface)
             writer.SetFileName(str(temporary / f"{index:06d}.vtp"))
@@ -113,6 +121,31 @@ def _points(run: Trajectory, index: int) -> Any:
     points = vtkPoints()
     points.SetData(_vtk_array(run.positions[index]))
     return points
+
+
+def _add_arrays(surface: Any, run: Trajectory, index: int) -> None:
+    """Add the displacement of the vertices and the fields of the triangles, each with its unit.
+
+    VTK's XML files keep units as information of an array; VTKHDF files keep no such information, so that both name them
+    in field data too, as ``NAME_unit``.
+    """
+    from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray
+
+    moved = run.positions[index] - run.rest_positions.astype(run.positions.dtype)
+    arrays = [("displacement", "m", moved, surface.GetPointData())]
+    arrays += [(name, FIELDS[name], run.fields[name][index], surface.GetCellData()) for name in run.fields]
+    for name, unit, values, place in arrays:
+        array = _vtk_array(values)
+        array.SetName(name)
+        for number, component in enumerate(_COMPONENTS.get(name, ())):
+            array.SetComponentName(number, component)
+        array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), unit)
+        place.AddArray(array)
+        label = vtkStringArray()
+        label.SetName(f"{name}_unit")
+        label.InsertNextValue(unit or "1")
+        surface.GetFieldData().AddArray(label)
+    surface.GetPointData().SetActiveVectors("displacement")
 
 
 def _cells(run: Trajectory) -> Any:

@@ -8,7 +8,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import checked_kind, checked_vectors
 from modalshell.loads.applied import AppliedLoad
+from modalshell.loads.base import Load
+from modalshell.mesh import TriangleMesh
 from modalshell.typing import Array, Index
 
 _SAMPLED = 200
@@ -45,6 +48,32 @@ class Loading:
             for one in self.live
         )
 
+    @classmethod
+    def of(
+        cls,
+        mesh: TriangleMesh,
+        mass: Array,
+        rest: Array,
+        held: NDArray[np.bool_],
+        dead: Array,
+        loads: Sequence[Load],
+    ) -> Loading:
+        """The loads on a shell of vertex masses (n,) [kg] at ``rest`` (n, 3) [m], besides a dead one (n, 3) [N].
+
+        LoadError where the forces of a load are of the wrong shape or not finite.
+        """
+        live, rest_of_mesh = [], np.asarray(mesh.vertices)
+        for load in loads:
+            checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
+            applied = load.applied(mesh, mass)
+            part = load.force(mesh) if applied is None else applied.force(rest_of_mesh)
+            part = checked_vectors(f"the force of {type(load).__name__}", part, dead.shape)
+            if applied is None or applied.is_dead:
+                dead = dead + part
+            else:
+                live.append(applied)
+        return cls(rest, dead, live, held)
+
     @property
     def steady(self) -> bool:
         """Whether the forces at given positions and velocities are the same at all times."""
@@ -60,6 +89,13 @@ class Loading:
         total = np.zeros_like(self.dead)
         for one in self.live:
             total += one.force(x, velocity, time)
+        return total
+
+    def moving_force(self, dead: Array, x: Array, before: Array, rate: float, time: float) -> Array:
+        """Forces (n, 3) [N] at x (n, 3) [m] and velocities ``rate (x - before)``, with ``dead`` ones (n, 3) [N]."""
+        total = dead.copy()
+        for one in self.live:
+            one.add_force(x, before, rate, time, total)
         return total
 
     def force(self, x: Array, velocity: Array | None = None, time: float = 0.0) -> Array:

@@ -19,6 +19,7 @@ from modalshell.models.settle import settled
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.outcome import Outcome
 from modalshell.shell import Shell
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.path import Followable
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Index
@@ -57,6 +58,8 @@ class Model(ABC):
     shell: Shell
     in_shell_frame = False
     """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
+    takes_live_loads = False
+    """Whether :meth:`step_live` takes loads that change within a step; else they join the dead one before."""
     moves_patches = False
     """Whether patches under constraints are moved as boundaries, exactly, instead of being led by forces."""
     takes_constraints = False
@@ -164,6 +167,12 @@ class Model(ABC):
 
         ``held`` (h, 3) [m] is where the held vertices are at the step's end, for models in the world's frame.
         """
+
+    def step_live(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None, live: LiveLoads
+    ) -> tuple[MotionState, bool]:
+        """A :meth:`step` under ``load`` and loads that change within it, of models that take these."""
+        raise NotImplementedError
 
     def dragged(
         self,

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_npz
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
-from modalshell.errors import FileFormatError, ModalShellWarning
+from modalshell.errors import FileFormatError, ModalShellWarning, SupportError
+from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.eigenpairs import eigenpairs
@@ -31,6 +32,8 @@ from modalshell.typing import Array
 
 _FORMAT = 1
 """Version of the saved file."""
+_COPIES, _RIGID_COPIES = 6, 6
+"""Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
 
 @dataclass(frozen=True)
@@ -194,23 +197,38 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
     Basis
         Modes with a fixed start vector and sign convention, so that results repeat. None is missing, of repeated
         eigenvalues neither; where ``count`` cuts such an eigenvalue in two, a ModalShellWarning says so, and as many
-        orthonormal modes of its eigenspace are returned as there is room for. A ModalShellWarning says where a mesh in
-        several parts has some that nothing holds: six modes each are their rigid motions.
+        orthonormal modes of its eigenspace are returned as there is room for. Where loose parts are asked for
+        (``Shell(..., loose_parts=True)``), a ModalShellWarning says that six modes each are their rigid motions.
 
     Raises
     ------
+    SupportError
+        If the mesh is in several parts of which no support holds some.
     OptionError
-        If ``count`` is not between 1 and the number of free unknowns.
+        If ``count`` is not between 1 and the number of free unknowns, or the modes do not fit into memory.
     SolverError
         If the stiffness is singular beyond its rigid motions, or a mode fails the residual check.
     """
     checked_kind("shell", shell, Shell)
     count = checked_count("count", count)
-    if fault := loose_parts_fault(shell.mesh, shell.clamped):
+    if fault := loose_parts_fault(shell.mesh, shell.unknowns.supported):
+        if not shell.loose_parts:
+            raise SupportError(fault)
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
     Factoriser(backend)  # refuses an unknown back end before any work
+    _demand_memory(shell, count)
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
     modes = np.asarray(shell.unknowns.prolong(free_modes))
     rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
     finite_answer("the modes", eigenvalues, modes, rotations)
     return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name)
+
+
+def _demand_memory(shell: Shell, count: int) -> None:
+    """OptionError if ``count`` modes need more memory than there is; the factor is counted with the shell."""
+    vertices, parts = len(shell.rest_positions), int(shell.mesh.components.max()) + 1
+    loose = 6 * (parts - np.unique(shell.mesh.components[shell.unknowns.supported]).size)
+    columns = _COPIES * count + _RIGID_COPIES * loose
+    size = 8.0 * 3 * vertices * columns + 8.0 * (3.0 * min(count, 3 * vertices)) ** 2
+    told = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")
+    demand_memory(told, size, "take fewer modes, a coarser mesh, or one part of it")

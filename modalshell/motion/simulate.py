@@ -10,7 +10,9 @@ from numpy.typing import ArrayLike, DTypeLike
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.constraints import Constraint
 from modalshell.loads import Load
+from modalshell.memory import demand_memory
 from modalshell.models import Model
+from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.supports import SupportPath
@@ -32,6 +34,7 @@ def simulate(
     constraints: Sequence[Constraint] | None = None,
     store_every: int = 1,
     dtype: DTypeLike = np.float64,
+    fields: Sequence[str] = (),
     on_step: Progress | None = None,
 ) -> Trajectory:
     """Step a model from rest under a dead load.
@@ -65,6 +68,9 @@ def simulate(
         Store every so many steps (explicit steps are short).
     dtype : {float64, float32}
         Of the stored positions.
+    fields : sequence of str
+        Fields of the triangles to store with each frame, such as "curvature" or "von_mises"; see
+        :class:`~modalshell.ShellFields`.
     on_step : callable, optional
         Called after each step with the steps done and their total.
 
@@ -89,6 +95,7 @@ def simulate(
     store_every = checked_count("store_every", store_every)
     dtype = checked_precision(dtype)
     checked_kind("model", model, Model)  # type: ignore[type-abstract]
+    chosen = checked_fields(fields, model.shell)
     motion = Motion(
         model,
         dt=dt,
@@ -101,5 +108,9 @@ def simulate(
         constraints=constraints,
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
+    stored = recorder.total // store_every + 2
+    # The frames one by one, then together.
+    size = 2.0 * stored * model.shell.rest_positions.size * dtype.itemsize
+    demand_memory(f"a trajectory of {stored} frames", size, "store fewer (store_every), or in float32 (dtype)")
     frames = [motion.positions().astype(dtype) for _ in recorder.frames(on_step)]
-    return recorder.trajectory(np.array(frames))
+    return with_fields(recorder.trajectory(np.array(frames)), model.shell, chosen)

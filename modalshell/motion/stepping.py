@@ -17,8 +17,9 @@ from modalshell.errors import OptionError, SupportError
 from modalshell.loads import Load
 from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget
-from modalshell.models.full import FullModel
+from modalshell.models.modal import ModalModel
 from modalshell.motion.supports import Pose, SupportPath
+from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.typing import Array, Index
 
@@ -98,6 +99,9 @@ class Motion:
             self.state = model.placed(self.state, self._pose(supports, 0.0))
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
+        self._quadrature: LoadQuadrature | None = None
+        if isinstance(model, ModalModel) and supports is None:
+            self._quadrature = model.load_quadrature(self.loading)
         self.count, self.unconverged, self.finite = 0, 0, True
         self.constraint_residuals = np.zeros(len(self.constraints))
 
@@ -145,9 +149,10 @@ class Motion:
         """Take one step."""
         model, dt, time = self.model, self.dt, (self.count + 1) * self.dt
         load, held, pose, changing = self.load, None, None, self.loading.live
-        lagging = bool(changing) and not isinstance(model, FullModel)
+        quadrature = self._quadrature
+        lagging = bool(changing) and not model.takes_live_loads and quadrature is None
         if lagging:
-            load = load + self.loading.live_force(self.positions(), self._velocities(), time)
+            load = self.loading.moving_force(load, *self._last_positions(), 1.0 / dt, time)
         if self.supports is not None:
             pose = self._pose(self.supports, time)
             if model.in_shell_frame:
@@ -157,7 +162,11 @@ class Motion:
         if self._patches or (pose is not None and not model.in_shell_frame):
             held = self._held_positions(time, pose)
         with np.errstate(over="ignore", invalid="ignore"):
-            if changing and isinstance(model, FullModel):
+            if quadrature is not None and isinstance(model, ModalModel):
+                own, before = self._own(self.state), self._own(self._before)
+                pushed = quadrature.push(self.state.coordinates, own, before, 1.0 / dt, time)
+                state, converged = model.step_by_quadrature(self.state, dt, load, self.damping, pushed), True
+            elif changing and model.takes_live_loads:
                 live = LiveLoads(self.loading, time, self._origin)
                 state, converged = model.step_live(self.state, dt, load, self.damping, held, live)
             else:
@@ -174,19 +183,17 @@ class Motion:
         self._before, self.state = self.state, state
         self.count += 1
 
-    def _velocities(self) -> Array:
-        """Velocities (n, 3) [m/s] in the world over the last step."""
-        if self.count == 0:
-            return np.zeros_like(self.load)
-        now, before = self._own(self.state), self._own(self._before)
+    def _last_positions(self) -> tuple[Array, Array]:
+        """Positions (n, 3) [m] in the world now and a step earlier; at the start both are the same."""
+        now, before = self.positions(), self._own(self._before)
         if self.supports is not None and self.model.in_shell_frame:
-            now = self.supports.at(self.time).to_world(now)
-            before = self.supports.at(self.time - self.dt).to_world(before)
-        return (now - before) / self.dt
+            before = self._pose(self.supports, max(self.count - 1, 0) * self.dt).to_world(before)
+        return now, before + self._origin if self._origin.any() else before
 
     def _drag(self, time: float, pose: Pose | None) -> tuple[Index, Array]:
         """Drag of the loads at some vertices, in the model's frame; see :meth:`Loading.drag`."""
-        vertices, blocks = self.loading.drag(self.positions(), self._velocities(), time)
+        now, before = self._last_positions()
+        vertices, blocks = self.loading.drag(now, (now - before) / self.dt, time)
         return vertices, blocks if pose is None else pose.rotation.T @ blocks @ pose.rotation
 
     def snapshot(self) -> dict[str, Array]:

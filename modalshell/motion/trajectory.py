@@ -44,6 +44,8 @@ class Trajectory:
         Triangles of the mesh.
     rest_positions : ndarray, shape (n, 3)
         Vertex positions at rest [m].
+    fields : dict of ndarray
+        Fields of the triangles by name, as of :class:`modalshell.ShellFields`: tensors (F, T, 3), scalars (F, T).
     """
 
     times: Array
@@ -56,6 +58,7 @@ class Trajectory:
     constraint_residuals: Array = field(default_factory=lambda: np.empty((0, 0)))
     faces: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
     rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
+    fields: dict[str, Array] = field(default_factory=dict)
 
     @property
     def status(self) -> str:

@@ -8,7 +8,7 @@ const element = name => document.getElementById(name);
 const show = (name, text) => { element(name).textContent = text; };
 const view = element("view"), canvas = document.createElement("canvas");
 const gl = canvas.getContext("webgl2", {antialias: true, preserveDrawingBuffer: true});
-const camera = {azimuth: -1.0, elevation: 0.45, distance: 1.8 * data.size, centre: [0, 0, 0]};
+const camera = {azimuth: -1.0, elevation: 0.45, distance: 1.6 * data.size, centre: [0, 0, 0]};
 const FOCUS = 1.8, WIDTH = 2048;
 
 function axes() {  // right, up, and the direction towards the eye

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from modalshell.errors import OptionError, SolverError
+from modalshell.memory import demand_memory
 from modalshell.modes.basis import Basis
 from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.rigid import left_free
@@ -64,6 +65,10 @@ class DerivativeBasis:
         return float(_edge_changes(self.shell, (self.vectors @ z).reshape(-1, 3, 1)).max())
 
 
+_DERIVATIVE_BYTES = 40.0
+"""For each pair of modes and unknown: the forces, their transpose, the answers and their orthonormal basis."""
+
+
 def modal_derivatives(modes: Basis, *, backend: str | None = None) -> DerivativeBasis:
     """Solve ``K psi_ij = -(dK/dq_j) phi_i`` for all pairs of modes with one factor of K.
 
@@ -84,6 +89,8 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
         If K is too ill-conditioned for its inverse to have a meaning.
     """
     shell = modes.shell
+    size = _DERIVATIVE_BYTES * modes.count**2 * shell.rest_positions.size
+    demand_memory(f"the derivatives of {modes.count} modes", size, "take fewer modes")
     if loose := left_free(shell):
         raise OptionError(
             f"modal derivatives need supports that hold the shell, but {loose}: a linear basis cannot turn; hold more "

@@ -41,9 +41,9 @@ def write_film(
     size: tuple[int, int] = (960, 720),
     title: str | None = None,
     camera: tuple[float, float, float] | Camera = DEFAULT_CAMERA,
-    zoom: float = 1.0,
-    parallel: bool = False,
     colormap: str = "viridis",
+    scalars: Sequence[ArrayLike | None] = (),
+    scalar_range: tuple[float, float] | None = None,
     rate_factor: int = RATE_FACTOR,
     on_frame: Progress | None = None,
 ) -> Path:
@@ -55,7 +55,7 @@ def write_film(
     path : str or Path
         File to write, ending in ``.mp4``; it appears only when the film is complete.
     surfaces : sequence of ShadedSurface
-        What is seen; scalars, if any, are coloured from their least to their largest.
+        What is seen; scalars, if any, are coloured from their least to their largest, and named by a colour bar.
     motions : sequence of array_like, iterable or None
         For each surface its positions in every frame, shape (F, n, 3) [m], or None where it stands still. With `total`
         an iterable of positions (n, 3) serves too, of which one frame is held at a time.
@@ -70,12 +70,12 @@ def write_film(
     camera : tuple of float or Camera
         Direction from target to camera, the framing holding the whole motion; or a camera that stands somewhere (see
         `look_at`), which iterables need.
-    zoom : float
-        Magnification over the framing.
-    parallel : bool
-        Parallel instead of perspective projection of the framing.
     colormap : str
         Matplotlib colour map for scalars.
+    scalars : sequence of array_like or None
+        For each surface its scalars in every frame, shape (F, n), or None where they stay; left out where all do.
+    scalar_range : tuple of float, optional
+        Values at the ends of the colour map; by default the extremes over all frames.
     rate_factor : int
         H.264's constant rate factor: higher makes a smaller and coarser film.
     on_frame : callable, optional
@@ -96,10 +96,12 @@ def write_film(
     size = checked_size(size, even=True)
     if not (math.isfinite(fps) and 0.0 < fps <= 1000.0):
         raise OptionError(f"fps must lie in (0, 1000] (got {fps!r})")
-    if not (math.isfinite(zoom) and zoom > 0.0):
-        raise OptionError(f"zoom must be a positive number (got {zoom!r})")
     target = checked_path(path, ".mp4")
-    page = Page(size, [(title, None)], 1)
+    values = _checked_scalars(shown, scalars, count)
+    if scalar_range is None and (known := [one for one in values if one is not None]):
+        scalar_range = min(float(one.min()) for one in known), max(float(one.max()) for one in known)
+    colors = scalar_colors(shown, colormap, scalar_range)
+    page = Page(size, [(title, None)], 1, bar=colors, bar_label=next((one.label for one in shown if one.label), None))
     if isinstance(camera, Camera):
         view = camera
     elif total is not None:
@@ -110,8 +112,7 @@ def write_film(
             for surface, motion in zip(shown, moves, strict=True)
         ]
         aspect = page.cell[0] / page.cell[1]
-        view = frame_points(np.concatenate(seen), checked_direction(camera), aspect, zoom=zoom, parallel=parallel)
-    colors = scalar_colors(shown, colormap)
+        view = frame_points(np.concatenate(seen), checked_direction(camera), aspect)
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
         canvas = page.paint([np.full((page.cell[1], page.cell[0], 3), 255, dtype=np.uint8)])
@@ -120,9 +121,12 @@ def write_film(
         }
         with closing(open_painter(page.cell)) as painter:
             painter.start(shown, view, colors)
-            for _ in range(count):
+            for frame in range(count):
                 for index, frames in moving.items():
-                    painter.move(index, checked_positions(next(frames), "motions"))
+                    known = values[index]
+                    painter.move(
+                        index, checked_positions(next(frames), "motions"), None if known is None else known[frame]
+                    )
                 paste(canvas, page.corners[0], painter.image())
                 yield canvas
 
@@ -148,6 +152,23 @@ def _checked_motions(
         if motion is not None and motion.shape[1:] != np.shape(surface.vertices):
             raise OptionError(f"a surface of {len(np.asarray(surface.vertices))} vertices moves by {motion.shape}")
     return moves, counts.pop()
+
+
+def _checked_scalars(
+    surfaces: Sequence[ShadedSurface], scalars: Sequence[ArrayLike | None], frames: int
+) -> list[NDArray[np.float64] | None]:
+    """Scalars (F, n) of every surface, None where they stay; OptionError for others."""
+    given = list(scalars) or [None] * len(surfaces)
+    if len(given) != len(surfaces):
+        raise OptionError(f"scalars must hold one entry a surface (got {len(given)} for {len(surfaces)})")
+    found: list[NDArray[np.float64] | None] = []
+    for surface, one in zip(surfaces, given, strict=True):
+        values = None if one is None else np.asarray(one, dtype=np.float64)
+        expected = (frames, len(np.asarray(surface.vertices)))
+        if values is not None and (values.shape != expected or not np.isfinite(values).all()):
+            raise OptionError(f"scalars must be finite numbers {expected}, one a frame and vertex (got {values.shape})")
+        found.append(values)
+    return found
 
 
 def _encode(

@@ -29,8 +29,8 @@ class Painter(Protocol):
     def start(self, surfaces: Sequence[ShadedSurface], camera: Camera, scalar_colors: ScalarColors | None) -> None:
         """Replace everything shown."""
 
-    def move(self, index: int, vertices: NDArray[np.float64]) -> None:
-        """Move the vertices (n, 3) of one surface, keeping its triangles."""
+    def move(self, index: int, vertices: NDArray[np.float64], scalars: NDArray[np.float64] | None = None) -> None:
+        """Move the vertices (n, 3) of one surface, keeping its triangles; and give it other scalars (n,), if any."""
 
     def image(self) -> NDArray[np.uint8]:
         """Draw, and return pixels of shape (height, width, 3)."""

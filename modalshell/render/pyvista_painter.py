@@ -45,10 +45,12 @@ class PyvistaPainter:
             plotter.disable_depth_peeling()
         set_camera(plotter, camera)
 
-    def move(self, index: int, vertices: NDArray[np.float64]) -> None:
-        """Move the vertices (n, 3) of one surface, keeping its triangles."""
+    def move(self, index: int, vertices: NDArray[np.float64], scalars: NDArray[np.float64] | None = None) -> None:
+        """Move the vertices (n, 3) of one surface, keeping its triangles; and give it other scalars (n,), if any."""
         assert self._camera is not None
         self._shown[index].move(vertices, self._camera)
+        if scalars is not None:
+            self._shown[index].recolour(scalars)
 
     def image(self) -> NDArray[np.uint8]:
         """Draw, and return pixels of shape (height, width, 3)."""
@@ -67,9 +69,8 @@ class _Shown:
     def __init__(
         self, pyvista: Any, plotter: Any, surface: ShadedSurface, camera: Camera, scalar_colors: ScalarColors | None
     ) -> None:
-        self._surface = surface
+        self._surface, self._scalar_colors = surface, scalar_colors
         vertices, self._faces = np.array(surface.vertices), np.asarray(surface.faces)
-        self._table = EdgeTable.of(vertices, self._faces)
         self._mesh = self._lines = None
         if surface.style == "surface":
             self._mesh = pyvista.PolyData.from_regular_faces(vertices, self._faces)
@@ -92,13 +93,13 @@ class _Shown:
         if surface.style == "surface" and not surface.lined:
             self.move(vertices, camera)
             return
+        self._table = EdgeTable.of(vertices, self._faces)
         self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(vertices, camera))
-        width = MESH_LINE_WIDTH if surface.style == "wireframe" else LINE_WIDTH
         plotter.add_mesh(
             self._lines,
             color=tuple(line_color(surface)),
             opacity=line_opacity(surface),
-            line_width=width * SUPERSAMPLING,
+            line_width=LINE_WIDTH * SUPERSAMPLING,
             lighting=False,
             reset_camera=False,
             copy_mesh=False,
@@ -115,8 +116,11 @@ class _Shown:
             self._lines.points = vertices
             self._lines.lines = self._line_cells(vertices, camera)
 
+    def recolour(self, scalars: NDArray[np.float64]) -> None:
+        """Colour the faces by other scalars (n,)."""
+        if self._mesh is not None and self._scalar_colors is not None:
+            self._mesh.point_data["colors"] = np.round(255.0 * self._scalar_colors(scalars)).astype(np.uint8)
+
     def _line_cells(self, vertices: NDArray[np.float64], camera: Camera) -> NDArray[np.int64]:
-        edges = self._table.edges
-        if self._surface.style != "wireframe":
-            edges = edges[self._table.outline(vertices, self._faces, camera)]
+        edges = self._table.edges[self._table.outline(vertices, self._faces, camera)]
         return np.column_stack([np.full(len(edges), 2), edges]).ravel()

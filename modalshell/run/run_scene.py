@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
+from modalshell.checks import checked_choice
 from modalshell.export import check_formats
 from modalshell.run.run_flock import FlightResult, FlockRun
 from modalshell.run.run_shell import SceneResult, ShellRun
 from modalshell.scene import FlockScene, Scene, load_scene
+from modalshell.scene.tables import Format
+from modalshell.shell.fields import FIELDS
 from modalshell.typing import Progress
 
 
@@ -16,6 +22,7 @@ def run_scene(
     scene: Scene | str | os.PathLike[str],
     *,
     out: str | os.PathLike[str] | None = None,
+    color: str | None = None,
     restart: bool = False,
     on_step: Progress | None = None,
 ) -> SceneResult | FlightResult:
@@ -31,6 +38,9 @@ def run_scene(
         The scene or its file.
     out : path, optional
         Folder for the results; the scene's own without it.
+    color : str, optional
+        Field that colours the film and the picture, such as "curvature"; the scene's own without it. The film, or the
+        picture of an equilibrium, is written for it even if the scene does not ask for it.
     restart : bool
         Drop what an earlier run has left and start at time 0.
     on_step : callable, optional
@@ -51,9 +61,19 @@ def run_scene(
         If the folder holds frames of another run under this name, or another process is at work there.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
+    if color is not None:
+        declared = _coloured(declared, color)
     check_formats(declared.output.formats)
     folder = Path(declared.output.folder if out is None else out)
     shell = declared.build_shell()
     if isinstance(declared, FlockScene):
         return FlockRun(declared, shell, folder).run(restart, on_step)
     return ShellRun(declared.require_shell(), shell, folder).run(restart, on_step)
+
+
+def _coloured(scene: Scene, color: str) -> Scene:
+    """The scene with another field for the colours of its film and picture."""
+    checked_choice("color", color, tuple(FIELDS))
+    shown: Format = "png" if scene.motion is None else "mp4"
+    formats = list(dict.fromkeys([*scene.output.formats, shown]))
+    return replace(scene, output=msgspec.structs.replace(scene.output, color=color, formats=formats))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
+from modalshell.memory import demand_disk
 from modalshell.motion import Motion, Trajectory
+from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count, take_steps
 from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import write_results
 from modalshell.scene import BuiltScene, ShellScene
+from modalshell.scene.read import located
 from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
 from modalshell.statics.buckling import ADVICE, buckles
@@ -66,17 +69,31 @@ class ShellRun(SceneRun[SceneResult]):
     def __init__(self, scene: ShellScene, shell: Shell, folder: Path) -> None:
         super().__init__(scene, shell, folder)
         self._scene = scene
+        with located(scene.file, "output", scene.output):
+            checked_fields(self._fields, shell)
         self._trajectory: Trajectory
 
     def _take(self, run: Trajectory) -> None:
-        self._trajectory, self.frames = run, len(run.times)
+        self._trajectory, self.frames = with_fields(run, self.shell, self._fields), len(run.times)
 
-    def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:  # noqa: ARG002 (other formats are written from it)
-        """Take up the trajectory if its file is whole."""
+    @property
+    def _fields(self) -> list[str]:
+        """Fields that are stored with the frames, that of the colour among them."""
+        output = self._scene.output
+        return list(dict.fromkeys([*output.fields, *([output.color] if output.color else [])]))
+
+    def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
+        """Take up the trajectory if its file is whole; what shows other fields than asked for is written anew."""
         try:
-            self._take(load_trajectory(self.path("npz"), verify=True))
+            found = load_trajectory(self.path("npz"), verify=True)
         except FileFormatError:
             return False
+        if set(found.fields) != set(self._fields):
+            whole.clear()
+            found = replace(found, fields={name: found.fields[name] for name in self._fields if name in found.fields})
+        if record.get("color") != self._scene.output.color:
+            whole[:] = [suffix for suffix in whole if suffix not in ("png", "mp4")]
+        self._take(found)
         return True
 
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
@@ -94,12 +111,14 @@ class ShellRun(SceneRun[SceneResult]):
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
-        write_results(self._trajectory, self.folder, self.name, formats)
+        write_results(self._trajectory, self.folder, self.name, formats, color=self._scene.output.color)
 
     def record(self) -> dict[str, Any]:
         """How the motion ended, and its wall time."""
         run = self._trajectory
-        return {"status": run.status, "message": run.message, "seconds": run.seconds}
+        color = self._scene.output.color
+        told: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
+        return told | {"color": color} if color else told
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:
         """The trajectory as it was written."""
@@ -117,7 +136,12 @@ def _move(
     """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
     motion = built.start_motion()
     recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
-    file.begin(identity, _record_fields(motion, built.scene.output.positions), restart, _constants(built))
+    fields = _record_fields(motion, built.scene.output.positions)
+    frames = recorder.total // table.store_every + 2
+    # The stored frames, and the results that are made of them.
+    size = (1 + len(built.scene.output.formats)) * frames * np.dtype(fields).itemsize
+    demand_disk(f"a run of {frames} frames", size, file.path.parent, "store fewer (store_every)")
+    file.begin(identity, fields, restart, _constants(built))
     resumed = file.count
     if resumed:
         _resume(recorder, file.records(), file.path)

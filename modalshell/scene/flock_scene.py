@@ -55,6 +55,7 @@ class FlockScene(Scene):
                 not set(self.output.formats) <= set(_FORMATS)
             ),
         }
+        refused["output.fields, output.color: a flock has no fields"] = bool(self.output.fields or self.output.color)
         for text, wrong in refused.items():
             if wrong:
                 raise SceneError(f"{self.file}: {text}")

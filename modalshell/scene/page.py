@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from pathlib import Path
 
 from modalshell.errors import ModalShellWarning
+from modalshell.models import LinearModal, ModalWarping
 from modalshell.models.factory import MODE_COUNT
 from modalshell.modes import solve_modes
 from modalshell.page import Page
+from modalshell.provenance import repository_file
 from modalshell.scene.flock_scene import FlockScene
+from modalshell.scene.load import load_scene
 from modalshell.scene.scene import Scene
+from modalshell.typing import Progress
 
 
 def scene_page(scene: Scene) -> Page:
@@ -35,7 +40,11 @@ def scene_page(scene: Scene) -> Page:
     left = ["the supports rest"] if path is not None else []
     left += ["there are no loads that change with the shell or in time"] if loads else []
     left += ["there are no constraints"] if constraints else []
-    left += [f"the model is LMA or MWTS, not {model.spec.name}"] if model.spec.key not in ("lma", "mwts") else []
+    left += (
+        [f"the model is LMA or MWTS, not {model.spec.name}"]
+        if model.spec.builder not in (LinearModal, ModalWarping)
+        else []
+    )
     if left:
         warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)
@@ -43,3 +52,16 @@ def scene_page(scene: Scene) -> Page:
     if motion is None:
         return basis.page(title=scene.name, gravity=gravity, force=force)
     return basis.page(title=scene.name, gravity=gravity, force=force, damping=motion.damping, dt=motion.dt)
+
+
+def write_pages(folder: Path, on_step: Progress | None = None) -> list[Path]:
+    """Write the page of every scene that comes with the package into ``folder``; return the files."""
+    scenes = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
+    written = []
+    for index, file in enumerate(scenes):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModalShellWarning)  # what a page leaves out is known of these
+            written.append(scene_page(load_scene(file)).save(folder / f"{file.stem}.html"))
+        if on_step is not None:
+            on_step(index + 1, len(scenes))
+    return written

@@ -106,7 +106,8 @@ class Scene(ABC):
         with located(self.file, "material", self.material):
             material = build_material(self.material, mesh, self.file.parent)
         supports, unknowns = self._build_supports(mesh)
-        if isinstance(self.mesh, tables.MeshFile) and self.mesh.component != "all":
+        all_parts = isinstance(self.mesh, tables.MeshFile) and self.mesh.component == "all"
+        if isinstance(self.mesh, tables.MeshFile) and not all_parts:
             with located(self.file, "supports", self.mesh):
                 refuse_loose_parts(mesh, unknowns.supported)
         energies = []
@@ -114,7 +115,7 @@ class Scene(ABC):
             with located(self.file, path, entry):
                 energies.append(entry.build())
         with located(self.file, "material", self.material):
-            return Shell(mesh, material, supports=supports, energies=energies)
+            return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts)
 
     def _build_supports(self, mesh: TriangleMesh) -> tuple[list[Support], Unknowns]:
         """The supports on ``mesh``, and what they leave free; SceneError where one is refused."""

@@ -17,6 +17,9 @@ Times = Annotated[list[float], Meta(min_length=2)]
 Selection = str | list[Vertex]
 """Vertices by an expression such as ``x < 0.026``, or by index."""
 
+FieldName = Literal[
+    "membrane_strain", "membrane_force", "curvature", "moment", "von_mises", "von_mises_faces", "energy_density"
+]
 Format = Literal["npz", "vtkhdf", "pvd", "clip", "usdc", "usda", "glb", "pc2", "mdd", "mp4", "png"]
 
 
@@ -173,9 +176,12 @@ class PathTable(Table, frozen=True):
 class Output(Table, frozen=True):
     """``[output]``: ``folder`` (relative to the working folder), precision of the positions, and formats.
 
-    The ``.npz`` file is always written.
+    The ``.npz`` file is always written. ``fields`` of the triangles are stored with every frame, and films and pictures
+    coloured by the one named ``color``.
     """
 
     folder: Annotated[str, Meta(min_length=1)] = "results"
     positions: Literal["float64", "float32"] = "float64"
     formats: list[Format] = []
+    fields: list[FieldName] = []
+    color: FieldName | None = None

@@ -3,19 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import final
+from typing import Final, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import checked_choice
+from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.elastic_energy import ElasticEnergy
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
-from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.smoothed_membrane import strain_of_lengths
-from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.typing import Array
+
+FIELDS: Final[dict[str, str]] = {
+    "membrane_strain": "",
+    "membrane_force": "N/m",
+    "curvature": "1/m",
+    "moment": "N",
+    "von_mises": "Pa",
+    "von_mises_faces": "Pa",
+    "energy_density": "J/m^2",
+}
+"""Unit of every field by its name."""
+TENSORS: Final = ("membrane_strain", "membrane_force", "curvature", "moment")
+"""Fields that are tensors."""
+BARE_SHEET: Final = Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
+"""A sheet of bending stiffness 1 N m, from whose moments the curvatures of other materials follow."""
 
 
 @final
@@ -34,42 +48,103 @@ class ShellFields:
         Change of curvature from rest [1/m], positive where the normals spread.
     energy_density : ndarray, shape (T,)
         Elastic energy per rest area [J/m^2].
+    axes : ndarray, shape (T, 2, 3)
+        Unit vectors along axis 1 and 2 where the triangle is now.
     membrane_force : ndarray, shape (T, 3), or None
         Force per length [N/m]; None without a thickness, as are the moments and stresses.
     moment : ndarray, shape (T, 3), or None
         Bending moment per length [N].
-    von_mises : ndarray, shape (T,), or None
-        Von Mises stress [Pa], the larger one of both faces of the sheet.
+    von_mises_faces : ndarray, shape (T, 2), or None
+        Von Mises stress [Pa] at the face to which the normals point, and at the other one.
     """
 
     membrane_strain: Array
     curvature: Array
     energy_density: Array
+    axes: Array
     membrane_force: Array | None = None
     moment: Array | None = None
-    von_mises: Array | None = None
+    von_mises_faces: Array | None = None
+
+    @classmethod
+    def of(
+        cls, mesh: TriangleMesh, material: Material | Isotropic, x: Array, fold_moments: Array, energy_density: Array
+    ) -> ShellFields:
+        """The fields at positions x (n, 3) [m], from the moments of the folds (T, 3) [N m] and the energy density."""
+        moment = moment_of_folds(mesh, fold_moments)
+        sheet = material if isinstance(material, Isotropic) else BARE_SHEET
+        membrane, rigidity, poisson = sheet.elasticity(mesh)
+        curvature = curvature_of_moment(rigidity, poisson, moment)
+        strain, axes = membrane_strain(mesh, x), triangle_axes(mesh, x)
+        if not isinstance(material, Isotropic):
+            return cls(strain, curvature, energy_density, axes)
+        force = resultants(membrane, poisson, strain)
+        return cls(strain, curvature, energy_density, axes, force, moment, von_mises(mesh, material, force, moment))
+
+    @property
+    def von_mises(self) -> Array | None:
+        """Von Mises stress (T,) [Pa], the larger one of both faces of the sheet; None without a thickness."""
+        return None if self.von_mises_faces is None else self.von_mises_faces.max(axis=1)
+
+    def values(self, name: str) -> Array:
+        """The field of a name in :data:`FIELDS`: tensors (T, 3), scalars (T,), the two faces' (T, 2).
+
+        OptionError for another name, and for one that needs a thickness which the material has not.
+        """
+        checked_choice("field", name, tuple(FIELDS))
+        found: Array | None = getattr(self, name)
+        if found is None:
+            raise OptionError(
+                f"{name} needs a sheet with a thickness (got a Material, which has stiffnesses alone): take "
+                "ms.Isotropic, or membrane_strain, curvature or energy_density"
+            )
+        return found
+
+    def require(self, *names: str) -> None:
+        """OptionError unless every field of these names is there."""
+        for name in names:
+            self.values(name)
+
+    def scalar(self, name: str) -> Array:
+        """One number a triangle (T,) of a field: of a tensor its principal value of the largest size, with its sign."""
+        return scalar_of(name, self.values(name))
+
+    def principal(self, name: str) -> tuple[Array, Array]:
+        """Principal values (T, 2) of a tensor field, the larger first, and their directions (T, 2, 3) in space."""
+        first, second, both = np.moveaxis(self.values(checked_choice("tensor", name, TENSORS)), -1, 0)
+        angle = 0.5 * np.arctan2(both, 0.5 * (first - second))
+        along = np.cos(angle)[:, None] * self.axes[:, 0] + np.sin(angle)[:, None] * self.axes[:, 1]
+        across = np.cos(angle)[:, None] * self.axes[:, 1] - np.sin(angle)[:, None] * self.axes[:, 0]
+        return principal_values(self.values(name)), np.stack([along, across], axis=1)
 
 
-def fields_at(
-    mesh: TriangleMesh,
-    material: Material | Isotropic,
-    energy: ElasticEnergy,
-    slopes: HeldSlopes,
-    clamped: NDArray[np.bool_],
-    x: Array,
-) -> ShellFields:
-    """Fields of a shell of ``energy`` at positions ``x`` (n, 3); see :meth:`modalshell.Shell.fields`."""
-    sheet = material if isinstance(material, Isotropic) else Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
-    folds = energy if isinstance(energy, SplitFoldEnergy) else SplitFoldEnergy(mesh, sheet, slopes, [], clamped)
-    moment = moment_of_folds(mesh, folds.bending(x)[0])
-    membrane, rigidity, poisson = sheet.elasticity(mesh)
-    curvature = curvature_of_moment(rigidity, poisson, moment)
-    strain = membrane_strain(mesh, x)
-    density = energy.face_energies(mesh, x) / mesh.face_areas
-    if not isinstance(material, Isotropic):
-        return ShellFields(strain, curvature, density)
-    force = resultants(membrane, poisson, strain)
-    return ShellFields(strain, curvature, density, force, moment, von_mises(mesh, sheet, force, moment))
+def principal_values(tensors: Array) -> Array:
+    """Principal values (..., 2), the larger first, of tensors (..., 3)."""
+    first, second, both = np.moveaxis(tensors, -1, 0)
+    middle, radius = 0.5 * (first + second), np.hypot(0.5 * (first - second), both)
+    return np.stack([middle + radius, middle - radius], axis=-1)
+
+
+def scalar_of(name: str, values: Array) -> Array:
+    """One number a triangle (..., T) of the values of a field: see :meth:`ShellFields.scalar`."""
+    if name in TENSORS:
+        larger, smaller = np.moveaxis(principal_values(values), -1, 0)
+        return np.where(np.abs(larger) >= np.abs(smaller), larger, smaller)
+    return np.asarray(values.max(axis=-1)) if name == "von_mises_faces" else values
+
+
+def flat_triangles(mesh: TriangleMesh, x: Array) -> NDArray[np.bool_]:
+    """Triangles (T,) that have collapsed to a line or a point at positions x (n, 3)."""
+    sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
+    return np.asarray((np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1))
+
+
+def triangle_axes(mesh: TriangleMesh, x: Array) -> Array:
+    """Unit vectors (T, 2, 3) of the triangles' axes at positions x (n, 3): along the first edge, and to its left."""
+    sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
+    along = sides[:, 0] / np.linalg.norm(sides[:, 0], axis=1)[:, None]
+    across = sides[:, 1] - np.sum(sides[:, 1] * along, axis=1)[:, None] * along
+    return np.stack([along, across / np.linalg.norm(across, axis=1)[:, None]], axis=1)
 
 
 def membrane_strain(mesh: TriangleMesh, x: Array) -> Array:
@@ -112,10 +187,10 @@ def curvature_of_moment(rigidity: Array, poisson: Array, moment: Array) -> Array
 
 
 def von_mises(mesh: TriangleMesh, material: Isotropic, force: Array, moment: Array) -> Array:
-    """Larger von Mises stress (T,) [Pa] of the two faces, ``N / h + 6 M / h^2`` and ``N / h - 6 M / h^2``."""
+    """Von Mises stress (T, 2) [Pa] at both faces, ``N / h + 6 M / h^2`` and ``N / h - 6 M / h^2``."""
     thickness = material.thicknesses(mesh)[:, None]
-    worst = np.zeros(len(force))
+    faces = []
     for side in (1.0, -1.0):
         first, second, shear = (force / thickness + side * 6.0 * moment / thickness**2).T
-        worst = np.maximum(worst, np.sqrt(first**2 - first * second + second**2 + 3.0 * shear**2))
-    return worst
+        faces.append(np.sqrt(first**2 - first * second + second**2 + 3.0 * shear**2))
+    return np.stack(faces, axis=1)

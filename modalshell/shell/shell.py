@@ -19,7 +19,7 @@ from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
 from modalshell.shell.extended import Extended
-from modalshell.shell.fields import ShellFields, fields_at
+from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.slopes import held_slopes
@@ -52,6 +52,9 @@ class Shell(ReadOnlyArrays):
         Further supports, such as :class:`Pin`, :class:`Roller` or :class:`Symmetry`.
     energies : sequence of Energy, optional
         Further energies besides those of the material.
+    loose_parts : bool
+        Whether parts of a mesh in several may be left without support; :func:`solve_modes` refuses them otherwise, as
+        six modes each would be their rigid motions.
 
     Attributes
     ----------
@@ -87,7 +90,9 @@ class Shell(ReadOnlyArrays):
         supports: Sequence[Support] = (),
         *,
         energies: Sequence[Energy] = (),
+        loose_parts: bool = False,
     ) -> None:
+        self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         if not isinstance(material, Material | Isotropic):
             raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
@@ -120,6 +125,7 @@ class Shell(ReadOnlyArrays):
         self.clamped = unknowns.held
         self.free = read_only(np.flatnonzero(~self.clamped))
         self.pattern, self._slots = self._energy.pattern(unknowns)
+        self._folds: SplitFoldEnergy | None = None  # of discrete shells: what fields take the curvature from
 
     @property
     def free_unknowns(self) -> Index:
@@ -236,11 +242,14 @@ class Shell(ReadOnlyArrays):
             For positions of the wrong shape or not finite, or where a triangle has collapsed to a line.
         """
         x = self.checked_positions(positions)
-        mesh = self.mesh
-        sides = x[mesh.faces[:, 1:]] - x[mesh.faces[:, :1]]
-        flat = (np.cross(sides[:, 0], sides[:, 1]) == 0.0).all(axis=1)
-        refuse_collapse(self.mesh, "curvature", np.where(flat, np.nan, 0.0), x)
-        return fields_at(mesh, self.material, self._energy, self._slopes, self.clamped, x)
+        mesh, energy = self.mesh, self._energy
+        refuse_collapse(mesh, "curvature", np.where(flat_triangles(mesh, x), np.nan, 0.0), x)
+        if not isinstance(energy, SplitFoldEnergy):
+            if self._folds is None:
+                self._folds = SplitFoldEnergy(mesh, BARE_SHEET, self._slopes, [], self.clamped)
+            energy = self._folds
+        density = self._energy.face_energies(mesh, x) / mesh.face_areas
+        return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density)
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -259,25 +268,12 @@ class Shell(ReadOnlyArrays):
 
         LoadError if a part is of the wrong shape or not finite.
         """
-        total = np.zeros_like(self.rest_positions)
+        dead = np.zeros_like(self.rest_positions)
         if gravity is not None:
-            total += self.gravity_force(gravity)
+            dead += self.gravity_force(gravity)
         if force is not None:
-            total += checked_vectors("force", force, total.shape)
-        live = []
-        for load in loads or ():
-            checked_kind("each of loads", load, Load)  # type: ignore[type-abstract]
-            applied = load.applied(self.mesh, self.mass)
-            if applied is None:
-                part = load.force(self.mesh)
-            else:
-                part = applied.force(self.rest_positions)
-                if not applied.is_dead:
-                    live.append(applied)
-            part = checked_vectors(f"the force of {type(load).__name__}", part, total.shape)
-            if applied is None or applied.is_dead:
-                total += part
-        return Loading(self.rest_positions, total, live, self.clamped)
+            dead += checked_vectors("force", force, dead.shape)
+        return Loading.of(self.mesh, self.mass, self.rest_positions, self.clamped, dead, loads or ())
 
     def reactions(
         self,

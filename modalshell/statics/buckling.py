@@ -23,12 +23,11 @@ def buckles(shell: Shell, load: Array) -> bool:
     """
     if not (load.any() and shell.clamped.any()):
         return False
-    rest, free = shell.rest_positions, shell.free_unknowns
+    rest, unknowns = shell.rest_positions, shell.unknowns
     stiffness = _definite_factor(shell, shell.energy_gradient_hessian(rest, GAUSS_NEWTON)[2])
     if stiffness is None:
         return False
-    answer = np.zeros_like(rest)
-    answer.reshape(-1)[free] = stiffness.solve(load.ravel()[free])
+    answer = np.asarray(unknowns.prolong(stiffness.solve(unknowns.restrict(load.ravel())))).reshape(rest.shape)
     stresses = shell.predicted_stresses(rest, answer)
     return _definite_factor(shell, shell.energy_gradient_hessian(rest, MIXED, stresses)[2]) is None
 

@@ -10,6 +10,7 @@ from scenes import cantilever
 import modalshell as ms
 from modalshell.export import check_formats
 from modalshell.outcome import Outcome
+from modalshell.shell.fields import FIELDS
 
 
 @pytest.fixture(scope="module")
@@ -172,6 +173,47 @@ def test_pvd_is_read_back(run, tmp_path):
         surface = reader.read()[0]
         np.testing.assert_array_equal(surface.points, run.positions[index])
         np.testing.assert_array_equal(surface.regular_faces, run.faces)
+
+
+@pytest.fixture(scope="module")
+def fielded():
+    mesh = ms.flat_beam(cells=(6, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 0.01, 1000.0), mesh.vertices[:, 0] < 1e-6)
+    return ms.simulate(
+        ms.LinearModal(ms.solve_modes(shell, 4)), duration=0.2, dt=0.05, gravity=(0, 0, -1), fields=list(FIELDS)
+    )
+
+
+def test_archives_keep_fields(fielded, tmp_path):
+    loaded = ms.load_trajectory(ms.save_trajectory(fielded, tmp_path / "run.npz"))
+    assert list(loaded.fields) == list(FIELDS)
+    for name, values in fielded.fields.items():
+        np.testing.assert_array_equal(loaded.fields[name], values)
+    broken = replace(fielded, fields={"curvature": fielded.fields["curvature"][1:]})
+    with pytest.raises(ms.FileFormatError, match="field curvature must be finite numbers"):
+        ms.load_trajectory(ms.save_trajectory(broken, tmp_path / "broken.npz"))
+
+
+@pytest.mark.parametrize("suffix", ["vtkhdf", "pvd"])
+def test_vtk_reads_every_array_with_its_name_and_unit(fielded, tmp_path, suffix):
+    path = ms.save_trajectory(fielded, tmp_path / f"run.{suffix}")
+    reader = pyvista.get_reader(path)
+    for index in (0, 3):
+        if suffix == "vtkhdf":
+            reader.reader.SetStep(index)
+            surface = reader.read()
+        else:
+            reader.set_active_time_value(fielded.times[index])
+            surface = reader.read()[0]
+        moved = fielded.positions[index] - fielded.rest_positions
+        np.testing.assert_array_equal(surface.point_data["displacement"], moved)
+        assert surface.field_data["displacement_unit"] == ["m"]
+        for name, unit in FIELDS.items():
+            np.testing.assert_array_equal(surface.cell_data[name], fielded.fields[name][index])
+            assert surface.field_data[f"{name}_unit"] == [unit or "1"]
+            if suffix == "pvd":
+                array = surface.GetCellData().GetArray(name)
+                assert array.GetInformation().Get(array.UNITS_LABEL()) == unit
 
 
 def test_a_shorter_collection_replaces_a_longer_one(run, tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fuzzing.arrays import world
+from fuzzing.calls import world
 
 import modalshell as ms
 

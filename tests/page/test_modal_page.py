@@ -14,6 +14,8 @@ import modalshell as ms
 from modalshell.export import compress
 from modalshell.integrators.state import Damping
 from modalshell.page import clip_page
+from modalshell.provenance import repository_file
+from modalshell.scene.page import write_pages
 
 GRAVITY = (0.0, 0.0, -3.0)
 
@@ -192,3 +194,11 @@ def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
     assert not page.is_visible("#settle")
     assert (picture(page).min(axis=2) < 0.9).mean() > 0.01
     assert errors == []
+
+
+@pytest.mark.slow
+def test_every_scene_has_a_page(tmp_path):
+    written = write_pages(tmp_path)
+    scenes = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
+    assert [file.stem for file in written] == [file.stem for file in scenes]
+    assert max(file.stat().st_size for file in written) < 3_000_000

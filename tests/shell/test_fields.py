@@ -146,3 +146,62 @@ def test_reactions_of_a_shell_clamped_by_one_row():
     reactions = shell.reactions(answer.positions, gravity=(0.0, 0.0, -1.0))
     weight = float(shell.mass.sum())
     np.testing.assert_allclose(reactions.sum(axis=0), (0.0, 0.0, weight), atol=1e-6 * weight)
+
+
+@pytest.mark.parametrize("name", ["membrane_strain", "membrane_force", "curvature", "moment"])
+def test_principal_values_and_directions_make_the_tensor(sheet, name):
+    x = bent(sheet, 0.3, 30.0)[0] * [1.01, 0.99, 1.0]
+    fields = sheet.fields(x)
+    values, directions = fields.principal(name)
+    assert (values[:, 0] >= values[:, 1]).all()
+    tensor = np.einsum("tp,tpi,tpj->tij", values, directions, directions)
+    first, second = fields.axes.transpose(1, 0, 2)
+    for k, (a, b) in enumerate(((first, first), (second, second), (first, second))):
+        found = np.einsum("ti,tij,tj->t", a, tensor, b)
+        np.testing.assert_allclose(found, fields.values(name)[:, k], atol=1e-12 * np.abs(values).max())
+    # The axes lie in the triangles: the first along the first edge, the second to its left.
+    corners = x[sheet.mesh.faces]
+    np.testing.assert_allclose(np.cross(corners[:, 1] - corners[:, 0], first), 0.0, atol=1e-12)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.sum(np.cross(first, second) * normal, axis=1) > 0.0).all()
+    largest = values[np.arange(len(values)), np.abs(values).argmax(axis=1)]
+    np.testing.assert_allclose(ms.measure.field(sheet, x, name), largest, rtol=1e-12)
+
+
+def test_faces_of_a_stretched_and_bent_sheet():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.0, 0.01, 1000.0), mesh.vertices[:, 0] < 1e-6)
+    end = mesh.vertices[:, 0] > 0.999
+    # Rolled downwards the normals spread.
+    state = ms.DiscreteShell(shell).equilibrium(loads=[ms.EdgeMoment(end, -0.5)])
+    fields = shell.fields(state.positions)
+    middle = np.abs(mesh.vertices[mesh.faces].mean(axis=1)[:, 0] - 0.5) < 0.2
+    np.testing.assert_allclose(fields.von_mises_faces[middle], 6.0 * 0.5 / 0.01**2, rtol=0.02)
+    np.testing.assert_array_equal(fields.von_mises, fields.von_mises_faces.max(axis=1))
+    assert fields.scalar("moment")[middle] == pytest.approx(0.5, rel=0.02)
+
+
+def test_names_of_fields_are_checked():
+    mesh = ms.flat_beam(cells=(4, 2))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    for name in ("membrane_strain", "curvature", "energy_density"):
+        assert ms.measure.field(shell, mesh.vertices, name).shape == (len(mesh.faces),)
+    with pytest.raises(ms.OptionError, match="von_mises needs a sheet with a thickness"):
+        ms.measure.field(shell, mesh.vertices, "von_mises")
+    with pytest.raises(ms.OptionError, match="field must be one of 'membrane_strain'"):
+        ms.measure.field(shell, mesh.vertices, "stress")
+    with pytest.raises(ms.OptionError, match="tensor must be one of"):
+        shell.fields(mesh.vertices).principal("energy_density")
+
+
+@pytest.mark.parametrize("material", [ms.Isotropic(1e7, 0.3, 0.01, 1000.0), ms.Material(20.0, 20.0, 0.05, 0.2)])
+def test_each_support_has_its_reaction(material):
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+    x = mesh.vertices[:, 0]
+    shell = ms.Shell(mesh, material, supports=[ms.Clamp(x < 0.2), ms.Fix(x > 0.9, axes="z")])
+    state = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -1e-3))
+    assert state.converged
+    found = ms.measure.support_reactions(shell, state.positions, gravity=(0.0, 0.0, -1e-3))
+    weight = 1e-3 * shell.mass.sum()
+    np.testing.assert_allclose(found.sum(axis=0), [0.0, 0.0, weight], atol=1e-8 * weight)
+    assert (found[:, 2] > 0.1 * weight).all()

@@ -63,9 +63,9 @@ def test_split_folds_follow_the_elastica_on_coarse_meshes(quick_study):
 
 def test_plates_of_split_folds_converge_at_second_order_and_those_of_hinges_do_not(quick_study):
     rows = StudyResult.load(quick_study("plate_frequencies"), "plate_frequencies").findings["rows"]
-    errors = {(row["supports"], row["energy"], row["mesh"], row["cells"]): np.array(row["errors"]) for row in rows}
+    errors = {(row["supports"], row["energy"], row["mesh"], row["cells"]): np.array(row["errors"])[:7] for row in rows}
     for (supports, energy, family, cells), coarse in errors.items():
-        if cells == 8 and energy == "Isotropic":
+        if cells == 8 and energy == "Isotropic" and supports in plate_frequencies.SUPPORTS:
             fine = errors[supports, energy, family, 16]
             assert np.abs(fine).max() < 0.07
             order = np.log2(np.linalg.norm(coarse) / np.linalg.norm(fine))  # of the seven modes together
@@ -78,5 +78,33 @@ def test_a_plate_with_the_hinges_own_poisson_ratio_has_their_frequencies():
     """Hinges of equilateral triangles are the plate of Poisson's ratio -1/3, and the matching finds its order again."""
     exact, shapes = plate_frequencies.ritz(False, -1.0 / 3.0)
     found, likeness = plate_frequencies.matched_frequencies("FFFF", "hinges", "equilateral", 16, exact, shapes)
-    np.testing.assert_allclose(found / found[0], exact[:7] / exact[0], rtol=0.06)
-    assert likeness.min() > 0.9
+    np.testing.assert_allclose(found[:7] / found[0], exact[:7] / exact[0], rtol=0.06)
+    assert likeness[:7].min() > 0.9
+
+
+def test_error_budgets_add_up(quick_study):
+    """As vectors: no error exceeds the sum of its parts; and twist is the hinges' fault on every mesh."""
+    rows = StudyResult.load(quick_study("error_budget"), "error_budget").findings["rows"]
+    for row in rows:
+        assert row["converged"]
+        assert row["mwts on hinges"] <= row["hinges"] + row["modes and warp"]
+        assert abs(row["hinges"] - row["modes and warp"]) <= row["mwts on hinges"]
+        assert row["case"] == "strip, one way" or row["hinges"] > 0.1
+
+
+def test_pure_twist_is_exact_on_every_mesh_and_hinges_never_are(quick_study):
+    findings = StudyResult.load(quick_study("mesh_bias"), "mesh_bias").findings
+    for row in findings["rows"]:
+        if row["problem"] == "twisted":
+            assert row["error"] < 1e-6 if row["energy"] == "Isotropic" else row["error"] > 0.3
+        elif row["energy"] == "Isotropic":
+            assert row["error"] < (0.15 if row["cells"] == 6 else 0.04)
+    assert findings["orders"]["union-jack"] == pytest.approx(2.0, abs=0.1)
+
+
+def test_symmetric_snap_of_a_v_beam(quick_study):
+    findings = StudyResult.load(quick_study("v_beam_truth"), "v_beam_truth").findings
+    assert [kind for kind, _ in findings["snaps"]["Isotropic"]] == ["bifurcation", "limit", "limit", "bifurcation"]
+    whole = [row for row in findings["rows"] if row["model"] == "ds" and row["beam"].endswith("10 mm, down")]
+    assert {row["status"] for row in whole} == {"converged"}
+    assert max(row["error"] for row in whole) < 0.07
