@@ -61,7 +61,7 @@ from modalshell.models import (
 )
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
-from modalshell.modes import Basis, solve_modes
+from modalshell.modes import Basis, LoadedModes, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
@@ -69,6 +69,7 @@ from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
 from modalshell.statics.bifurcation import PathEvent
+from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
@@ -78,6 +79,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Advice",
     "Basis",
+    "Buckling",
     "Clamp",
     "CoarseDiscreteShell",
     "Crowd",
@@ -99,6 +101,7 @@ __all__ = [
     "LineForce",
     "LinearModal",
     "LoadError",
+    "LoadedModes",
     "Material",
     "MaterialError",
     "MeshError",
@@ -143,6 +146,7 @@ __all__ = [
     "Wind",
     "WorkerError",
     "advise",
+    "buckling_factors",
     "coarse_shell",
     "cylinder_panel",
     "equilibrium_path",

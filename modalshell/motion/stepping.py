@@ -68,14 +68,15 @@ class Motion:
         gravity: ArrayLike | None = None,
         force: ArrayLike | None = None,
         loads: Sequence[Load] | None = None,
-        damping: tuple[float, float] = (0.0, 0.0),
+        damping: tuple[float, float] | Damping = (0.0, 0.0),
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
         constraints: Sequence[Constraint] | None = None,
     ) -> None:
         self.dt = checked_step(dt)
-        factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
-        self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
+        if not isinstance(damping, Damping):
+            damping = Damping(*checked_vectors("damping", damping, (2,), OptionError).tolist())
+        self.damping = damping
         self.loading = model.shell.loading(gravity, force, loads)
         self.load = self.loading.dead
         model.check_step(self.dt, self.damping)

@@ -28,10 +28,12 @@ Build = Callable[..., Any]
 RECORDS = {
     "Advice",
     "Basis",
+    "Buckling",
     "Damping",
     "Equilibrium",
     "EquilibriumPath",
     "FlightResult",
+    "LoadedModes",
     "Model",
     "Outcome",
     "ModelSpec",
@@ -211,6 +213,13 @@ def _shells() -> list[Target]:
         Target("WarpFrame", lambda **given: ms.WarpFrame(**given).positions(np.zeros(3)), {"threads": 1},
                {"dtype": ("float64", "float32", "int")}, {"basis": world_["basis"]}),
         Target("solve_modes", ms.solve_modes, {"count": 3}, {"backend": (None, "superlu", "x", 3)}, {"shell": shell}),
+        Target("solve_modes, about", ms.solve_modes, {"count": 3, "about": np.array(shell.rest_positions)}, {},
+               {"shell": shell}, ("about",)),
+        Target("solve_modes, attached", lambda force, **given: ms.solve_modes(attachments=[force], **given),
+               {"count": 3, "force": np.array(shell.rest_positions)}, {}, {"shell": shell}, ("force",)),
+        Target("buckling_factors", ms.buckling_factors, {"count": 1, "gravity": np.array([0.0, 0.0, -1.0]),
+               "force": np.array(shell.rest_positions)}, {}, {"shell": shell}),
+        Target("Damping.from_ratios", ms.Damping.from_ratios, {"first": (1.0, 0.02), "second": (5.0, 0.03)}),
     ]  # fmt: skip
 
 
