@@ -30,6 +30,7 @@ from modalshell.scene.models import ModelTable
 from modalshell.scene.parts import (
     Shape,
     build_constraint,
+    build_damping,
     build_material,
     build_mesh,
     build_path,
@@ -294,7 +295,7 @@ class BuiltScene:
                 gravity=self.gravity,
                 force=self.force,
                 loads=self.loads,
-                damping=table.damping,
+                damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,
             )

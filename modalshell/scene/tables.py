@@ -147,12 +147,21 @@ class MotionTable(Table, frozen=True):
     """``[motion]``: motion from rest; a scene without it asks for the equilibrium.
 
     ``duration`` and ``dt`` [s], Rayleigh ``damping`` of mass [1/s] and stiffness [s], ``store_every`` so many steps.
+    In place of ``damping``: ``damping_ratios``, shares of critical damping measured at two frequencies, each ``[Hz,
+    share]``; or, for modal models, ``modal_damping``, such a share for each mode or one for all.
     """
 
     duration: Positive
     dt: Positive = 1.0 / 30.0
     damping: tuple[NotNegative, NotNegative] = (0.0, 0.0)
     store_every: Count = 1
+    damping_ratios: tuple[tuple[Positive, NotNegative], tuple[Positive, NotNegative]] | None = None
+    modal_damping: Annotated[list[NotNegative], Meta(min_length=1)] | None = None
+
+    def plain(self) -> Any:
+        """The table without the keys that are not there, as results of scenes from before them were stored."""
+        later = ("damping_ratios", "modal_damping")
+        return {key: value for key, value in super().plain().items() if key not in later or value is not None}
 
 
 class PathTable(Table, frozen=True):

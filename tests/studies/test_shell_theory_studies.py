@@ -108,3 +108,11 @@ def test_symmetric_snap_of_a_v_beam(quick_study):
     whole = [row for row in findings["rows"] if row["model"] == "ds" and row["beam"].endswith("10 mm, down")]
     assert {row["status"] for row in whole} == {"converged"}
     assert max(row["error"] for row in whole) < 0.07
+
+
+def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
+    rows = StudyResult.load(quick_study("large_deflection_benchmarks"), "large_deflection_benchmarks").findings["rows"]
+    tolerances = {"3.1": 0.01, "3.3": 0.02, "3.4": 0.06, "3.5": 0.06}
+    for row in rows:
+        assert row["status"] == "converged"
+        assert row["error"] < tolerances[row["problem"]]
