@@ -249,6 +249,7 @@ def _models() -> list[Target]:
         return call
 
     coordinates = np.random.default_rng(0).standard_normal((6, 3)) * 0.01
+    coarse = ms.CoarseDiscreteShell(shell, shell)
     made = [
         Target("LinearModal", answered(ms.LinearModal), {}, integrators, {"basis": basis}),
         Target("ModalWarping", answered(ms.ModalWarping), {}, integrators, {"basis": basis}),
@@ -267,6 +268,8 @@ def _models() -> list[Target]:
                {"shell": shell, "springs": masses.shell_springs(shell)}),
         Target("RigidShell", answered(ms.RigidShell), {}, {}, {"shell": shell}),
         Target("coarse_shell", ms.coarse_shell, {}, {}, {"shell": shell, "mesh": mesh, "material": world_["material"]}),
+        Target("CoarseDiscreteShell.prolong", coarse.prolong, {"positions": start}),
+        Target("CoarseDiscreteShell.restrict", coarse.restrict, {"load": force}),
         Target("CoarseDiscreteShell", answered(ms.CoarseDiscreteShell), {}, {}, {"shell": shell, "coarse": shell}),
         Target("EnergyFunction", _followed_well, {"rest": np.array([-1.0]), "size": 1.0}),
         Target("equilibrium_path", ms.equilibrium_path,
