@@ -86,6 +86,17 @@ class Supports(Table, frozen=True):
     pivot: Vector | None = None
 
 
+class Units(Table, frozen=True):
+    """``[units]``: the units of a scene's numbers, which must be of one system: forces follow from the three.
+
+    With mm, t and s forces are in N and stresses in MPa. Numbers are not converted.
+    """
+
+    length: Literal["m", "cm", "mm", "um", "km", "in", "ft"] = "m"
+    mass: Literal["kg", "g", "mg", "t", "lb"] = "kg"
+    time: Literal["s", "ms", "us", "min"] = "s"
+
+
 class Path(Table, frozen=True, tag_field="kind", tag="path"):
     """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move."""
 
