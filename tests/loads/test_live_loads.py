@@ -175,6 +175,22 @@ def test_newton_converges_fast_under_follower_loads():
     assert again.residual < 1e-8
 
 
+@pytest.mark.parametrize(
+    ("load", "stable"), [(19.0, True), pytest.param(21.0, False, marks=pytest.mark.slow)], ids=["below", "above"]
+)
+def test_becks_column_flutters_at_twenty_and_never_buckles(load, stable):
+    """A follower force along the axis: stable up to 20.05 EI / L^2, eight times Euler's load [beck1952]."""
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(20, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, DENSITY), mesh.vertices[:, 0] < 1e-6)
+    end = np.flatnonzero(mesh.vertices[:, 0] > 0.999)
+    push = ms.FollowerForce(end, (-load * 0.1 * RIGIDITY / len(end), 0.0, 0.0))
+    state = ms.DiscreteShell(shell).equilibrium(loads=[push])
+    assert state.stable is stable
+    if stable:
+        assert state.converged
+        assert np.abs(state.positions[:, 2]).max() < 1e-12
+
+
 def disc(rings):
     """A disc of radius 1 m, its vertices on rings."""
     points, faces = [(0.0, 0.0, 0.0)], []
