@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 LOADED_AT = 0.2
 """Distance of the load from the corner [L]."""
-_STEPS = 60
+_STEPS = 30
 """Steps of integration over each of the three pieces."""
 
 

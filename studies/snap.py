@@ -87,7 +87,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         *(lambda fold=fold: folded(fold, (20, 4) if quick else (40, 8)) for fold in (150.0, 160.0)),
         lambda: pushed((6, 8) if quick else (12, 16)),
         *(lambda h=h: snapped_roof(h, (8, 12) if quick else (16, 24)) for h in ROOF_LOADS),
-        lambda: framed((40, 2) if quick else (80, 4)),
+        lambda: framed((40, 2), 0.1) if quick else framed((80, 4), 0.05),
         lambda: taped((24, 4) if quick else (48, 8)),
         *(lambda sense=sense: folded_tape(sense, (40, 10) if quick else (64, 12)) for sense in (1.0, -1.0)),
     ]
@@ -162,13 +162,13 @@ def snapped_roof(thickness: float, meshes: tuple[int, int]) -> tuple[list[Case],
     return curves, checks
 
 
-def framed(cells: tuple[int, int]) -> tuple[list[Case], list[dict[str, Any]]]:
+def framed(cells: tuple[int, int], step: float) -> tuple[list[Case], list[dict[str, Any]]]:
     """Lee's frame, its limit loads against those of the elastica."""
     shell, row, stiffness = lee_frame(cells)
     path = ms.equilibrium_path(
         shell, loads=[ms.LineForce(row, (0, 0, -stiffness))], until=40.0, steps=30, watch=(row, (0, 0, -1))
     )
-    loads, drops = frame_path(step=0.05)
+    loads, drops = frame_path(step=step)
     limits = [event.factor for event in path.events if event.kind == "limit"]
     checks = [
         check("Lee's frame", f"{which} limit load, EI/L²", one, exact)

@@ -190,6 +190,7 @@ class FullModel(Model):
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse an explicit step above the stability estimate."""
+        super().check_step(dt, damping)
         if self.integrator.explicit and not self.allow_unstable_step and dt > (stable := self.stable_step(damping)):
             raise OptionError(
                 f"{self.integrator.name} needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): "

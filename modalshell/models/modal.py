@@ -278,6 +278,10 @@ class ModalModel(Model):
         turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
         return np.asarray(turns @ rows)
 
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Refuse ratios that are not those of the modes."""
+        damping.of_modes(self.basis.eigenvalues)
+
     def decay_rate(self, dt: float, damping: Damping) -> float:
         """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
         eigenvalues = self.basis.eigenvalues

@@ -17,7 +17,7 @@ from modalshell.errors import OptionError, SupportError
 from modalshell.loads import Load
 from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget
-from modalshell.models.modal import ModalModel
+from modalshell.models.modal import as_modal
 from modalshell.motion.supports import Pose, SupportPath
 from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.live_loads import LiveLoads
@@ -68,14 +68,15 @@ class Motion:
         gravity: ArrayLike | None = None,
         force: ArrayLike | None = None,
         loads: Sequence[Load] | None = None,
-        damping: tuple[float, float] = (0.0, 0.0),
+        damping: tuple[float, float] | Damping = (0.0, 0.0),
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
         constraints: Sequence[Constraint] | None = None,
     ) -> None:
         self.dt = checked_step(dt)
-        factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
-        self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
+        if not isinstance(damping, Damping):
+            damping = Damping(*checked_vectors("damping", damping, (2,), OptionError).tolist())
+        self.damping = damping
         self.loading = model.shell.loading(gravity, force, loads)
         self.load = self.loading.dead
         model.check_step(self.dt, self.damping)
@@ -100,8 +101,8 @@ class Motion:
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
         self._quadrature: LoadQuadrature | None = None
-        if isinstance(model, ModalModel) and supports is None:
-            self._quadrature = model.load_quadrature(self.loading)
+        if (modal := as_modal(model)) is not None and supports is None:
+            self._quadrature = modal.load_quadrature(self.loading)
         self.count, self.unconverged, self.finite = 0, 0, True
         self.constraint_residuals = np.zeros(len(self.constraints))
 
@@ -162,10 +163,10 @@ class Motion:
         if self._patches or (pose is not None and not model.in_shell_frame):
             held = self._held_positions(time, pose)
         with np.errstate(over="ignore", invalid="ignore"):
-            if quadrature is not None and isinstance(model, ModalModel):
+            if quadrature is not None and (modal := as_modal(model)) is not None:
                 own, before = self._own(self.state), self._own(self._before)
                 pushed = quadrature.push(self.state.coordinates, own, before, 1.0 / dt, time)
-                state, converged = model.step_by_quadrature(self.state, dt, load, self.damping, pushed), True
+                state, converged = modal.step_by_quadrature(self.state, dt, load, self.damping, pushed), True
             elif changing and model.takes_live_loads:
                 live = LiveLoads(self.loading, time, self._origin)
                 state, converged = model.step_live(self.state, dt, load, self.damping, held, live)

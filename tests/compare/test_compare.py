@@ -240,7 +240,7 @@ def test_moving_supports_load_by_their_inertia(scene_file):
 
 def test_rungs_that_a_case_does_not_allow_are_named():
     found, left_out = candidates(Case("x", beam(), beam().gravity_force((0, 0, -1))), (4, 10**6))
-    assert set(left_out) == {"coarse DS", "more modes"}
+    assert set(left_out) == {"coarse DS", "hybrid", "more modes"}
     assert found[0].label == "rigid"
     assert found[-1].label == "DS"
 

@@ -6,7 +6,8 @@ from scenes import leaf
 
 import modalshell as ms
 from modalshell.models import Damping
-from modalshell.reduction.derivatives import modal_derivatives, orthonormal_extension
+from modalshell.modes.orthonormal import orthonormal_extension
+from modalshell.reduction.derivatives import modal_derivatives
 from modalshell.reduction.reduced_energy import ReducedEnergy
 from modalshell.shell import GAUSS_NEWTON, MIXED
 from modalshell.shell.elements import ElementSum
