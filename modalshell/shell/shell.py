@@ -15,6 +15,7 @@ from modalshell.loads import Load, Loading
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
+from modalshell.shell.calibration_range import warn_of_two_way_bending
 from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
@@ -113,6 +114,8 @@ class Shell(ReadOnlyArrays):
         if isinstance(material, Isotropic):
             self._energy = SplitFoldEnergy(mesh, material, self._slopes, further, unknowns.held)
         else:
+            if material.correct_clamp:  # it is calibrated, by from_physical
+                warn_of_two_way_bending(mesh, unknowns.supported)
             self._energy = ElementSum(
                 [*element_sets(mesh, material, unknowns.held, self._slopes), *further], len(mesh.vertices)
             )
