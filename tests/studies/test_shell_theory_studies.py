@@ -116,3 +116,9 @@ def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
     for row in rows:
         assert row["status"] == "converged"
         assert row["error"] < tolerances[row["problem"]]
+
+
+def test_strips_buckle_sideways_where_finite_elements_do(quick_study):
+    for row in StudyResult.load(quick_study("lateral_buckling"), "lateral_buckling").findings["rows"]:
+        error = abs(row["found"] / row["gamma"] - 1.0)
+        assert error < 0.02 if row["energy"] == "Isotropic" else error > 0.2
