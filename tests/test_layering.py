@@ -44,7 +44,6 @@ MAY_IMPORT: dict[str, set[str]] = {
     "study": {"atomic_io", "checks", "errors"},
     "loads": {"checks", "errors", "mesh", "selection", "sharing", "typing"},
     "page": {"atomic_io", "checks", "errors", "mesh", "render", "typing"},
-    "reproduce": {"atomic_io", "errors", "provenance", "study", "typing"},
     "supports": {"checks", "errors", "mesh", "selection", "sharing", "typing"},
     "shell": {"checks", "errors", "kernels", "loads", "memory", "mesh", "sharing", "supports", "typing", "work"},
     "constraints": {"checks", "errors", "kernels", "sharing", "shell", "typing"},
@@ -130,7 +129,6 @@ MAY_IMPORT: dict[str, set[str]] = {
         "checks",
         "constraints",
         "errors",
-        "integrators",
         "kernels",
         "loads",
         "models",
@@ -273,7 +271,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "typing",
         "viewer",
     },
-    "cli": {"atomic_io", "checks", "commands", "compare", "doctor", "errors", "memory", ROOT, "reproduce", "scene"},
+    "cli": {"atomic_io", "checks", "commands", "compare", "doctor", "errors", "memory", ROOT, "provenance", "scene"},
     "__main__": {"cli"},
 }
 

@@ -27,7 +27,7 @@ _STEPS, _PERIODS = 24, 2.5
 """Steps a period and periods of the motion."""
 _NOTHING = 1e-9
 """Share of the highest eigenvalue below which a mode is a motion that nothing but rounding resists."""
-_UNSEEN, _LARGE = 2e-3, 1.0
+UNSEEN, LARGE = 2e-3, 1.0
 """Largest displacement, as a share of the size, below which nothing is seen and above which a shell is a rag."""
 
 
@@ -63,6 +63,11 @@ def hold_one_end(mesh: TriangleMesh, gravity: Array) -> Ends:
     for part in range(parts):
         faces = mesh.faces[faces_of[starts[part] : starts[part + 1]]]
         held[_end_of_part(along, faces)] = True
+    if held.all():
+        raise SupportError(
+            f"the mesh is {parts} single triangles, none of which hangs together with another: nothing can bend, and "
+            "no repair can tell which belong together; join what is near by --join DISTANCE"
+        )
     name = "xyz"[axis]
     if parts == 1:
         return Ends(held, f'holds the end "{name} <= {along[held].max():.6g}" ({held.sum()} vertices)')
@@ -147,8 +152,8 @@ def motion_in_words(run: Trajectory, size: float) -> str:
     share = f"moves by up to {100.0 * moved:.2g} % of its size"
     if run.outcome in (Outcome.DIVERGED, Outcome.RUNS_AWAY):
         return f"flies apart ({share}): take a smaller --dt or more --damping"
-    if run.outcome in (Outcome.DISTORTED, Outcome.WOUND_UP) or moved > _LARGE:
+    if run.outcome in (Outcome.DISTORTED, Outcome.WOUND_UP) or moved > LARGE:
         return f"too soft ({share}): raise --young or --thickness, or lower --gravity"
-    if moved < _UNSEEN:
-        return f"too stiff to see ({share}): lower --young, about {_UNSEEN / max(moved, 1e-12):.1g} times or more"
+    if moved < UNSEEN:
+        return f"too stiff to see ({share}): lower --young, about {UNSEEN / max(moved, 1e-12):.1g} times or more"
     return share

@@ -18,8 +18,10 @@ from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.sheets import cut_into_sheets
 from modalshell.mesh.topology import IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
-from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
+from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces, without_needles
 
+THIN = 1e-4
+"""Height over length of a triangle from which the stiffness is too ill-conditioned for modes."""
 _TOLD = {
     "recentred": "moved the mesh to the origin, from which it was {} of its lengths away",
     "triangulated": "split {} larger polygons into triangles",
@@ -27,6 +29,7 @@ _TOLD = {
     "merged_vertices": "merged {} coincident vertices into others",
     "collapsed_faces": "dropped {} faces that named a vertex twice",
     "flat_faces": "took away {} faces of zero area, and split neighbours at their corners",
+    "thin_faces": f"took away {{}} faces less than {THIN:g} times as high as long",
     "repeated_faces": "dropped {} faces that were there already",
     "split_edges": "split {} edges of three or more faces into separate sheets",
     "split_vertices": "added {} vertices where sheets were split",
@@ -56,6 +59,8 @@ class RepairReport:
         Dropped faces that named a vertex twice, before merging or after.
     flat_faces : int
         Faces of zero area that were taken away.
+    thin_faces : int
+        Faces less than 1e-4 times as high as long that were taken away, which moves the surface by no more than that.
     repeated_faces : int
         Dropped copies of faces, on either side.
     split_edges : int
@@ -82,6 +87,7 @@ class RepairReport:
     merged_vertices: int = 0
     collapsed_faces: int = 0
     flat_faces: int = 0
+    thin_faces: int = 0
     repeated_faces: int = 0
     split_edges: int = 0
     split_vertices: int = 0
@@ -122,11 +128,12 @@ def repair(
     """Make a shell's mesh of vertices and polygons as they come.
 
     In this order: faces with vertices that are missing or not finite are dropped; polygons are split into triangles;
-    coincident vertices are merged; faces without area are taken away, their neighbours split at their corners, so that
-    no crack opens; copies of faces are dropped; edges of three or more faces, and vertices at which sheets touch, are
-    split into separate sheets, those faces staying together that are wound alike and lie flattest; one-sided surfaces
-    are cut open along a line; faces are wound alike; vertices in no face are dropped. Holes are not filled. A mesh that
-    is a shell already comes back as it is.
+    coincident vertices are merged; faces without area, and those less than 1e-4 times as high as long, are taken away,
+    their neighbours split at their corners or their short edges drawn to a point, so that no crack opens; copies of
+    faces are dropped; edges of three or more faces, and vertices at which sheets touch, are split into separate
+    sheets, those faces staying together that are wound alike and lie flattest; one-sided surfaces are cut open along a
+    line; faces are wound alike; vertices in no face are dropped. Holes are not filled. A mesh that is a shell already
+    comes back as it is.
 
     Parameters
     ----------
@@ -171,7 +178,7 @@ def repair(
     before = len(points)
     points, triangles, count["collapsed_faces"] = weld_arrays(points, triangles, tolerance)
     count["merged_vertices"] = before - len(points)
-    triangles, count["flat_faces"] = _with_area(points, triangles)
+    triangles, count["flat_faces"], count["thin_faces"] = _with_area(points, triangles)
     triangles, count["repeated_faces"] = _once_each(triangles)
     sheets = cut_into_sheets(points, triangles)
     points, triangles = drop_unused(sheets.vertices, sheets.faces)
@@ -235,16 +242,17 @@ def _usable(points: Any, polygons: Polygons) -> tuple[Polygons, int]:
     return kept, int((~whole).sum())
 
 
-def _with_area(points: Any, triangles: IntArray) -> tuple[IntArray, int]:
-    """Triangles that have an area, their neighbours split where they had none; and how many had none."""
-    flat = int(validation.degenerate(points, triangles).sum())
-    if not flat:
-        return triangles, 0
-    mended = without_flat_faces(points, triangles)
+def _with_area(points: Any, triangles: IntArray) -> tuple[IntArray, int, int]:
+    """Triangles without those of no area and the thin ones; how many were flat, and how many thin."""
+    flat = validation.degenerate(points, triangles)
+    thin = validation.degenerate(points, triangles, THIN)
+    if not thin.any():
+        return triangles, 0, 0
+    mended = without_needles(points, without_flat_faces(points, triangles), THIN)
     mended = mended[~validation.degenerate(points, mended)]
     if not len(mended):
         raise MeshError(f"all {len(triangles)} faces have zero area: a shell needs a surface; write the mesh again")
-    return mended, flat
+    return mended, int(flat.sum()), int((thin & ~flat).sum())
 
 
 def _once_each(triangles: IntArray) -> tuple[IntArray, int]:

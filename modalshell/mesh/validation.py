@@ -167,8 +167,8 @@ def warn_of_seams(vertices: FloatArray, boundary: IntArray) -> None:
         )
 
 
-def degenerate(vertices: FloatArray, faces: IntArray) -> BoolArray:
-    """Which faces (T,) have no area."""
+def degenerate(vertices: FloatArray, faces: IntArray, limit: float = DEGENERATE) -> BoolArray:
+    """Which faces (T,) have a height of at most ``limit`` times their length; without it, those without area."""
     corners = vertices[faces]
     sides = corners[:, [1, 2, 0]] - corners
     # Each triangle is brought to unit size first, so that no product under- or overflows.
@@ -176,7 +176,7 @@ def degenerate(vertices: FloatArray, faces: IntArray) -> BoolArray:
     sides = sides / np.where(size > 0, size, 1.0)[:, None, None]
     longest = np.einsum("tki,tki->tk", sides, sides).max(axis=1)
     twice_area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    return np.asarray(twice_area <= DEGENERATE * longest, dtype=np.bool_)
+    return np.asarray(twice_area <= limit * longest, dtype=np.bool_)
 
 
 def _more(count: int, noun: str) -> str:

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from modalshell.checks import checked_number
 from modalshell.errors import MeshError
 from modalshell.mesh.topology import FloatArray, IntArray
-from modalshell.mesh.validation import COINCIDENT, degenerate, unused_vertices
+from modalshell.mesh.validation import COINCIDENT, DEGENERATE, degenerate, unused_vertices
 
 _ROUNDS = 50
 """Passes in which flat faces are mended: each mends all but those that touch one that it has mended."""
@@ -60,8 +60,8 @@ def weld_arrays(
     return kept_vertices, kept_faces, int((~good).sum())
 
 
-def without_flat_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
-    """Faces (T, 3) without those that have no area although their corners differ.
+def without_flat_faces(vertices: FloatArray, faces: IntArray, limit: float = DEGENERATE) -> IntArray:
+    """Faces (T, 3) without those that have no area, or no height above ``limit``, although their corners differ.
 
     A corner of such a face lies on its longest edge. The neighbour over that edge is split there, so that no crack
     opens; without a neighbour the face is dropped. What cannot be mended so, as where three faces meet, stays.
@@ -69,7 +69,7 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
     for _ in range(_ROUNDS):
         gone = np.zeros(len(faces), dtype=np.bool_)
         halves: list[IntArray] = []
-        for face in np.flatnonzero(degenerate(vertices, faces)):
+        for face in np.flatnonzero(degenerate(vertices, faces, limit)):
             corners = faces[face]
             opposite = np.linalg.norm(vertices[np.roll(corners, -1)] - vertices[np.roll(corners, -2)], axis=1)
             middle, start, end = np.roll(corners, -int(opposite.argmax()))
@@ -83,6 +83,32 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray) -> IntArray:
         if not gone.any():
             break
         faces = np.concatenate((faces[~gone], np.array(halves, dtype=np.int64).reshape(-1, 3)))
+    return faces
+
+
+def without_needles(vertices: FloatArray, faces: IntArray, limit: float) -> IntArray:
+    """Faces (T, 3) without those of a height of at most ``limit`` times their length.
+
+    The ends of their short edges become one vertex; where there is no short edge, the neighbour over the longest is
+    split as :func:`without_flat_faces` does.
+    """
+    for _ in range(_ROUNDS):
+        thin = faces[degenerate(vertices, faces, limit)]
+        if not len(thin):
+            break
+        lengths = np.linalg.norm(vertices[thin[:, [1, 2, 0]]] - vertices[thin], axis=2)
+        side = lengths.argmin(axis=1)
+        row = np.arange(len(thin))
+        short = lengths[row, side] <= 3.0 * limit * lengths.max(axis=1)
+        ends = np.stack((thin[row, side], thin[row, (side + 1) % 3]))[:, short]
+        if ends.size:
+            graph = coo_array((np.ones(ends.shape[1], dtype=np.int8), ends), shape=(len(vertices),) * 2)
+            _, cluster = connected_components(graph, directed=False)
+            _, first = np.unique(cluster, return_index=True)
+            faces = first[cluster][faces]
+            faces = faces[(faces != faces[:, [1, 2, 0]]).all(axis=1)]
+        else:
+            faces = without_flat_faces(vertices, faces, limit)
     return faces
 
 

@@ -10,7 +10,7 @@ import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
 from modalshell.checks import finite_answer
-from modalshell.errors import ModalShellWarning, OptionError, SolverError
+from modalshell.errors import REPAIR, ModalShellWarning, OptionError, SolverError
 from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
@@ -24,8 +24,8 @@ _REPEATED = 1e-9
 _RESIDUAL_LIMIT = 1e-8
 """Residual over |K| |phi| above which a mode is refused."""
 _ILL_CONDITIONED = (
-    "the stiffness is too ill-conditioned: remesh needles (aspects of 1e4 and more), or bring the stiffnesses nearer "
-    "together"
+    "the stiffness is too ill-conditioned: take needles (aspects of 1e4 and more) away, as "
+    f"{REPAIR} does, or bring the stiffnesses nearer together"
 )
 _AGREEMENT = 0.05
 """Relative difference between an eigenvalue and its mode's strain energy from which the mode is rounding."""
@@ -97,7 +97,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     if residual > _RESIDUAL_LIMIT:
         raise SolverError(
             f"mode {int(residuals.argmax())} has a residual of {residual:.1e} |K| |phi|, above {_RESIDUAL_LIMIT:.0e}: "
-            "the stiffness is too ill-conditioned; check for slivers and for stiffnesses many decades apart"
+            "the stiffness is too ill-conditioned; check for slivers, which "
+            f"{REPAIR} takes away, and for stiffnesses many decades apart"
         )
     modes = vectors / root[:, None]
     strain = _strain_eigenvalues(shell, modes, values)
@@ -269,7 +270,8 @@ def _lanczos(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int) ->
                 break
         if not more[0].size:
             raise SolverError(
-                f"only {values.size} of {wanted} modes converged; ask for fewer, or check the mesh for slivers"
+                f"only {values.size} of {wanted} modes converged; ask for fewer, or check the mesh for slivers, which "
+                f"{REPAIR} takes away"
             )
         values, vectors = np.concatenate([values, more[0]]), np.hstack([vectors, more[1]])
         order = np.argsort(values, kind="stable")[:wanted]

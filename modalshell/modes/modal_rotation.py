@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sps
 
+from modalshell.errors import REPAIR, SolverError
 from modalshell.mesh import TriangleMesh
 from modalshell.typing import Array
 
@@ -25,7 +26,13 @@ def triangle_rotations(mesh: TriangleMesh) -> Array:
     corners = mesh.vertices[mesh.faces]
     skew = cross_matrices(corners - corners.mean(axis=1, keepdims=True))
     normal = np.einsum("tkji,tkjl->til", skew, skew)
-    return np.linalg.solve(normal[:, None], skew)
+    try:
+        return np.linalg.solve(normal[:, None], skew)
+    except np.linalg.LinAlgError as error:
+        raise SolverError(
+            "some triangle is so thin that the rotation about its length is lost in rounding; take it away, as "
+            f"{REPAIR} does"
+        ) from error
 
 
 def rotation_matrix(mesh: TriangleMesh) -> sps.csr_array:

@@ -82,10 +82,10 @@ class RasteriserPainter:
         # Lines float a little above the faces so that they are never half hidden.
         pixels, nearness = self._place(vertices, camera, 0.004 * float(np.ptp(vertices, axis=0).max()))
         color = line_color(surface)
-        if surface.style == "wireframe" or (surface.edges and surface.style == "surface"):
+        if surface.edges and surface.style == "surface":
             opacity = surface.opacity
             pieces.append(_lines(pixels, nearness, table.edges, color, MESH_LINE_WIDTH * SUPERSAMPLING, opacity))
-        if surface.style != "wireframe" and (surface.lined or surface.style == "outline"):
+        if surface.lined or surface.style == "outline":
             edges = table.edges[table.outline(vertices, faces, camera)]
             pieces.append(_lines(pixels, nearness, edges, color, LINE_WIDTH * SUPERSAMPLING, line_opacity(surface)))
         return pieces
@@ -98,7 +98,7 @@ class RasteriserPainter:
         pixels = 0.5 * (projected[:, :2] * (1.0, -1.0) + 1.0) * np.array(self._size)
         height = projected[:, 2] + lift
         # In perspective not the height but one over the distance is linear over the picture.
-        return pixels, height if camera.parallel else 1.0 / np.maximum(camera.distance - height, 1e-9)
+        return pixels, 1.0 / np.maximum(camera.distance - height, 1e-9)
 
     def _shade(
         self, surface: ShadedSurface, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera

@@ -103,6 +103,23 @@ def loose_part(vertices, faces, _):
     return np.vstack((vertices, vertices + np.array([0.0, 9.0, 0.0]))), np.vstack((faces, faces + len(vertices)))
 
 
+def thin(height, corner):
+    """Damage: a triangle split at a point close to one side ("cap") or to one corner ("needle")."""
+
+    def damage(vertices, faces, random):
+        at = int(random.integers(len(faces)))
+        a, b, c = faces[at]
+        near, far = (0.5 * (vertices[a] + vertices[b]), vertices[c])
+        if corner:
+            near, far = vertices[a], 0.5 * (vertices[b] + vertices[c])
+        point = len(vertices)
+        further = [(a, b, point), (point, b, c), (a, point, c)]
+        points = np.vstack((vertices, near + height * (far - near)))
+        return points, np.vstack((np.delete(faces, at, axis=0), further))
+
+    return damage
+
+
 REFUSED = {
     "repeated faces": repeated_faces,
     "corners twice": corners_twice,
@@ -116,6 +133,7 @@ REFUSED = {
 }
 """Damages that TriangleMesh refuses."""
 DAMAGES = REFUSED | {"soup": apart, "flipped": flipped, "loose part": loose_part}
+DAMAGES |= {"cap": thin(1e-7, False), "needle": thin(1e-6, True)}
 
 
 def moves(mesh):
@@ -159,10 +177,34 @@ def test_what_is_kept_has_the_area_of_the_sheet(kind):
     mesh, _ = ms.repair(vertices, faces)
     part, report = ms.repair(vertices, faces, component="largest")
     if kind != "one-sided":  # whose strip is larger than the sheet
-        assert part.area == pytest.approx(1.0, rel=1e-4 if kind == "far away" else 1e-12)
+        assert part.area == pytest.approx(1.0, rel=1e-4 if kind in ("far away", "needle", "cap") else 1e-12)
     assert report.parts == 1
     assert loose_parts_fault(part, np.zeros(len(part.vertices), dtype=bool)) == ""
     assert report.dropped_parts == mesh.components.max()
+
+
+@pytest.mark.parametrize("corner", [False, True])
+@pytest.mark.parametrize("height", [1e-7, 1e-9, 1e-11])
+def test_triangles_too_thin_for_modes_are_taken_away(height, corner):
+    """Those that TriangleMesh takes: it is modes that rounding spoils, and that refusal names the repair, too."""
+    mesh = ms.TriangleMesh(*thin(height, corner)(*sheet(), np.random.default_rng(1)))
+    held = mesh.vertices[:, 0] < 0.3
+    sheet_of = ms.Isotropic(young=1e6, poisson=0.3, thickness=0.01, density=500.0)
+    frequencies, refusal = None, ""
+    try:
+        frequencies = ms.solve_modes(ms.Shell(mesh, sheet_of, held), 3).frequencies
+    except ms.SolverError as error:
+        refusal = str(error)
+    assert (frequencies is None) == ("ms.repair(vertices, faces) or, on the command line, --repair" in refusal)
+    mended, report = ms.repair(mesh.vertices, mesh.faces)
+    assert report.thin_faces + report.collapsed_faces == 1 + corner
+    moves(mended)
+    plain = ms.TriangleMesh(*sheet())
+    expected = ms.solve_modes(ms.Shell(plain, sheet_of, plain.vertices[:, 0] < 0.3), 3).frequencies
+    found = ms.solve_modes(ms.Shell(mended, sheet_of, mended.vertices[:, 0] < 0.3), 3).frequencies
+    assert found == pytest.approx(expected, rel=0.1)
+    if frequencies is not None:  # what is answered is right
+        assert frequencies == pytest.approx(found, rel=0.1)
 
 
 def test_loose_parts_are_refused_by_naming_a_part_that_works():

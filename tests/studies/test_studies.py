@@ -9,8 +9,8 @@ from modalshell.atomic_io import write_atomically
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.provenance import repository_module, run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.reproduce import chosen_studies, studies
 from modalshell.study import StudyResult
+from studies.reproduce import chosen_studies, studies
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def test_studies_and_figures_are_imported_without_any_extra():
     program = """
 import importlib, sys
 sys.modules.update(dict.fromkeys(sys.argv[1:]))  # None: an import of it fails
-from modalshell.reproduce import studies
+from studies.reproduce import studies
 for study in studies().values():
     for figure in study.FIGURES:
         importlib.import_module(f"paper_figures.{figure}")
