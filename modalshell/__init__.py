@@ -58,6 +58,7 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.fit import Fit, fit
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, solve_modes
@@ -88,6 +89,7 @@ __all__ = [
     "Equilibrium",
     "EquilibriumPath",
     "FileFormatError",
+    "Fit",
     "Fix",
     "FlightResult",
     "Flock",
@@ -144,6 +146,7 @@ __all__ = [
     "coarse_shell",
     "cylinder_panel",
     "equilibrium_path",
+    "fit",
     "flat_beam",
     "leaf",
     "load_clip",

@@ -17,7 +17,8 @@ from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
-from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
+from modalshell.shell.elements import ElementSet, ElementSum, Energy
+from modalshell.shell.energies_of import energy_of, gradient_by_constant
 from modalshell.shell.extended import Extended
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
 from modalshell.shell.isotropic import Isotropic
@@ -103,14 +104,7 @@ class Shell(ReadOnlyArrays):
             checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
             for energy in energies
         )
-        further = [energy.elements(mesh) for energy in self.energies]
-        self._energy: ElasticEnergy
-        if isinstance(material, Isotropic):
-            self._energy = SplitFoldEnergy(mesh, material, self._slopes, further, unknowns.held)
-        else:
-            self._energy = ElementSum(
-                [*element_sets(mesh, material, unknowns.held, self._slopes), *further], len(mesh.vertices)
-            )
+        self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
         self._support(unknowns)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = read_only(mesh.shared_among_corners(face_mass))
@@ -166,6 +160,10 @@ class Shell(ReadOnlyArrays):
         other._energy = ElementSum(elements, len(self.rest_positions))
         other._support(self.unknowns)
         return other
+
+    def with_material(self, material: Material | Isotropic) -> Shell:
+        """A shell of another material, with the same mesh, supports and further energies."""
+        return Shell(self.mesh, material, supports=self.supports, energies=self.energies)
 
     @property
     def size(self) -> float:
@@ -245,6 +243,15 @@ class Shell(ReadOnlyArrays):
             energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
         return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density)
+
+    def pushed_by_constant(self, name: str, x: Array, gravity: ArrayLike | None = None) -> Array:
+        """Derivative (n, 3) of elastic force and weight at ``x`` by a constant of the material, such as ``"young"``."""
+        push = -gradient_by_constant(self.mesh, self.material, self._slopes, self.clamped, name, x)
+        if gravity is not None and (
+            name == "density" or (name == "thickness" and isinstance(self.material, Isotropic))
+        ):
+            push += self.gravity_force(gravity) / getattr(self.material, name)
+        return push
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
