@@ -33,6 +33,7 @@ BETWEEN_PARTS = {
     "factor",
     "step",
     "step_live",
+    "step_by_quadrature",
     "velocity_at",
     "pushed_by_constant",
     "damping_force",

@@ -71,7 +71,6 @@ class _Shown:
     ) -> None:
         self._surface, self._scalar_colors = surface, scalar_colors
         vertices, self._faces = np.array(surface.vertices), np.asarray(surface.faces)
-        self._table = EdgeTable.of(vertices, self._faces)
         self._mesh = self._lines = None
         if surface.style == "surface":
             self._mesh = pyvista.PolyData.from_regular_faces(vertices, self._faces)
@@ -94,6 +93,7 @@ class _Shown:
         if surface.style == "surface" and not surface.lined:
             self.move(vertices, camera)
             return
+        self._table = EdgeTable.of(vertices, self._faces)
         self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(vertices, camera))
         plotter.add_mesh(
             self._lines,

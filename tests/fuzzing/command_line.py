@@ -62,7 +62,7 @@ class _Captured(io.TextIOWrapper):
         return buffer.getvalue().decode()
 
 
-def _bench(out: Path, **_: Any) -> list[Path]:
+def _bench(out: Path, *_: Any, **__: Any) -> list[Path]:
     """In place of the benchmarks."""
     return [write_text(out / "benchmarks.md", "# table\n")]
 
@@ -128,8 +128,7 @@ def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
         return "window"
 
     patched = {
-        "reproduce_study": lambda *_, **__: [],
-        "run_benchmarks": _bench,
+        "write_pages": lambda *_, **__: [],
         "open_window": load_only,
         "serve_page": load_only,
         "take_picture": load_only,
@@ -138,6 +137,8 @@ def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
         for name, stand_in in patched.items():
             if hasattr(cli, name):
                 stack.enter_context(mock.patch.object(cli, name, stand_in))
+        stack.enter_context(mock.patch("studies.reproduce.reproduce", lambda *_, **__: []))
+        stack.enter_context(mock.patch("studies.benchmarks.run.main", _bench))
         stack.enter_context(mock.patch.multiple("modalshell.compare.tradeoff", _measured=_too_long))
         stack.enter_context(without_pictures())
         stack.enter_context(_without_windows())
