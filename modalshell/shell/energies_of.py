@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.checks import checked_kind
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elastic_energy import ElasticEnergy
@@ -33,7 +34,10 @@ def energy_of(
     held: NDArray[np.bool_],
 ) -> ElasticEnergy:
     """Elastic energy of a material on a mesh, with further ``energies``."""
-    further = [energy.elements(mesh) for energy in energies]
+    further = [
+        checked_kind("each of energies", energy, Energy).elements(mesh)  # type: ignore[type-abstract]
+        for energy in energies
+    ]
     if isinstance(material, Isotropic):
         return SplitFoldEnergy(mesh, material, slopes, further, held)
     return ElementSum([*element_sets(mesh, material, held, slopes), *further], len(mesh.vertices))

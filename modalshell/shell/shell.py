@@ -55,8 +55,7 @@ class Shell(ReadOnlyArrays):
     energies : sequence of Energy, optional
         Further energies besides those of the material.
     loose_parts : bool
-        Whether parts of a mesh in several may be left without support; :func:`solve_modes` refuses them otherwise, as
-        six modes each would be their rigid motions.
+        Whether parts of a mesh may be left without support; :func:`solve_modes` refuses them otherwise.
 
     Attributes
     ----------
@@ -106,10 +105,7 @@ class Shell(ReadOnlyArrays):
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
         self._slopes = held_slopes(self.supports, mesh)
-        self.energies = tuple(
-            checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
-            for energy in energies
-        )
+        self.energies = tuple(energies)
         if isinstance(material, Material) and material.correct_clamp:  # it is calibrated, by from_physical
             warn_of_two_way_bending(mesh, unknowns.supported)
         self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
@@ -171,7 +167,8 @@ class Shell(ReadOnlyArrays):
 
     def with_material(self, material: Material | Isotropic) -> Shell:
         """A shell of another material, with the same mesh, supports and further energies."""
-        return Shell(self.mesh, material, supports=self.supports, energies=self.energies)
+        given = self.mesh, material, None, self.supports
+        return Shell(*given, energies=self.energies, loose_parts=self.loose_parts)
 
     @property
     def size(self) -> float:
@@ -255,9 +252,7 @@ class Shell(ReadOnlyArrays):
     def pushed_by_constant(self, name: str, x: Array, gravity: ArrayLike | None = None) -> Array:
         """Derivative (n, 3) of elastic force and weight at ``x`` by a constant of the material, such as ``"young"``."""
         push = -gradient_by_constant(self.mesh, self.material, self._slopes, self.clamped, name, x)
-        if gravity is not None and (
-            name == "density" or (name == "thickness" and isinstance(self.material, Isotropic))
-        ):
+        if gravity is not None and name in ("density", "thickness"):  # the mass is proportional to both
             push += self.gravity_force(gravity) / getattr(self.material, name)
         return push
 

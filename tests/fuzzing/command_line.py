@@ -137,7 +137,7 @@ def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
         for name, stand_in in patched.items():
             if hasattr(cli, name):
                 stack.enter_context(mock.patch.object(cli, name, stand_in))
-        stack.enter_context(mock.patch("studies.reproduce.reproduce", lambda *_, **__: []))
+        stack.enter_context(mock.patch("studies.reproduce.reproduce", return_value=[]))
         stack.enter_context(mock.patch("studies.benchmarks.run.main", _bench))
         stack.enter_context(mock.patch.multiple("modalshell.compare.tradeoff", _measured=_too_long))
         stack.enter_context(without_pictures())
