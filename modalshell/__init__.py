@@ -48,6 +48,7 @@ from modalshell.models import (
     Damping,
     DiscreteShell,
     Equilibrium,
+    HybridStress,
     LinearModal,
     ModalDerivatives,
     ModalWarping,
@@ -60,7 +61,7 @@ from modalshell.models import (
 )
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
-from modalshell.modes import Basis, solve_modes
+from modalshell.modes import Basis, LoadedModes, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
@@ -68,6 +69,7 @@ from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
 from modalshell.statics.bifurcation import PathEvent
+from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
@@ -77,6 +79,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Advice",
     "Basis",
+    "Buckling",
     "Clamp",
     "CoarseDiscreteShell",
     "Crowd",
@@ -93,10 +96,12 @@ __all__ = [
     "Flock",
     "FollowerForce",
     "FrameInertia",
+    "HybridStress",
     "Isotropic",
     "LineForce",
     "LinearModal",
     "LoadError",
+    "LoadedModes",
     "Material",
     "MaterialError",
     "MeshError",
@@ -141,6 +146,7 @@ __all__ = [
     "Wind",
     "WorkerError",
     "advise",
+    "buckling_factors",
     "coarse_shell",
     "cylinder_panel",
     "equilibrium_path",

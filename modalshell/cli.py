@@ -22,8 +22,7 @@ from modalshell.compare import MODES
 from modalshell.doctor import examine
 from modalshell.errors import ModalShellError
 from modalshell.memory import available_memory, gigabytes
-from modalshell.reproduce import chosen_studies, run_benchmarks
-from modalshell.reproduce import reproduce as reproduce_study
+from modalshell.provenance import repository_module
 from modalshell.scene.page import write_pages
 
 app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
@@ -50,11 +49,12 @@ def reproduce(
             written = write_pages(out / "pages", on_step)
         print(*written, sep="\n")
         return
-    names = chosen_studies(only, everything)
+    studies = repository_module("studies.reproduce")
+    names = studies.chosen_studies(only, everything)
     make_folder(out)
     for name in names:
         with progress(name) as on_step:
-            written = reproduce_study(name, out, figures or out / "figures", quick=quick, on_step=on_step)
+            written = studies.reproduce(name, out, figures or out / "figures", quick=quick, on_step=on_step)
         for path in written:
             print(path)
 
@@ -108,7 +108,7 @@ def bench(
 ) -> None:
     """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
     with progress("benchmarks") as on_step:
-        written = run_benchmarks(out, quick=quick, only=only, on_step=on_step)
+        written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
     for path in written:
         print(path)

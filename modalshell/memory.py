@@ -1,8 +1,9 @@
-"""How much memory is free, and refusals of work that needs more before it starts."""
+"""How much memory and disk are free, and refusals of work that needs more before it starts."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from pathlib import Path
 
 from modalshell.errors import OptionError
@@ -51,3 +52,12 @@ def demand_memory(what: str, size: float, remedy: str) -> None:
     free = available_memory()
     if size > free:
         raise OptionError(f"{what} needs about {gigabytes(size)} of memory (got {gigabytes(free)} free): {remedy}")
+
+
+def demand_disk(what: str, size: float, folder: Path, remedy: str) -> None:
+    """OptionError if ``what`` takes ``size`` bytes and the disk of ``folder`` has fewer free."""
+    free = shutil.disk_usage(folder).free
+    if size > free:
+        raise OptionError(
+            f"{what} takes about {gigabytes(size)} on the disk of {folder} (got {gigabytes(free)} free): {remedy}"
+        )

@@ -8,8 +8,8 @@ import numpy as np
 
 from modalshell.models.registry import TRUTH, models
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.render.glyphs import axes, sphere
 from modalshell.study import StudyResult
+from paper_figures.glyphs import axes, sphere
 
 CAMERA = (-0.55, -1.0, 0.5)
 ARM = 0.2

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from modalshell.render import ShadedSurface, View, draw_views, write_film
-from modalshell.render.glyphs import GlyphMesh, joined, rod, sphere
 from modalshell.study import StudyResult
 from modalshell.typing import Array
+from paper_figures.glyphs import GlyphMesh, joined, rod, sphere
 
 SKIN, SHIRT, TROUSERS, SHOES, EYES = "#e8b98f", "#3f78c4", "#8a7762", "#3b3b44", "#2a2a2a"
 COLORS = {"hat": "#c8382e", "torso": SHIRT, "leg_left": TROUSERS, "leg_right": TROUSERS}

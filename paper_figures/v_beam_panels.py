@@ -5,9 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.models.registry import models
-from modalshell.render.curves import Curve, Panel
+from modalshell.render.curves import Curve, Line, Panel, Style
 from modalshell.study import StudyResult
 
+MARKS: tuple[tuple[str, str, Style], ...] = (
+    ("bifurcation", "bifurcation: twisting", ":"),
+    ("limit", "limit point", "-"),
+    ("stable_again", "stable again, flattened,", "--"),
+)
 TITLES = {"soft": "soft membrane: the fold keeps its shape", "stiff": "stiff membrane: the fold flattens and snaps"}
 
 
@@ -30,8 +35,13 @@ def v_beam_panels(results: Path, quantity: str, label: str, log: bool = False) -
                 "gravity Γ",
                 label,
                 log=log,
-                band=tuple(snap["gamma"]) if snap else None,
-                band_label=f"after the snap of DS at Γ = {snap['gamma'][1]:.2f}" if snap else "",
+                band=(snap["gamma"], snap["gamma"]) if snap else None,
+                band_label=f"after the snap of DS at Γ = {snap['gamma']:.3f}" if snap else "",
+                lines=[
+                    Line(snap[key], f"{text} at Γ = {snap[key]:.3f}", style)
+                    for key, text, style in MARKS
+                    if snap and snap[key] is not None
+                ],
             )
         )
     return panels

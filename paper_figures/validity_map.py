@@ -5,10 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.models.registry import models
+from modalshell.render.curves import Style
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.study import StudyResult
 
 NO_ANSWER = "#dddddd"
+MARKS: tuple[tuple[str, str, Style], ...] = (
+    ("snap", "DS snaps", "-"),
+    ("bifurcation", "DS bifurcates", ":"),
+    ("stable_again", "states after the snap are stable", "--"),
+)
 AXES = {
     "fold": ("fold [degrees]", "fold, membrane {membrane:g} N/m"),
     "membrane": ("membrane stiffness [N/m]", "membrane, fold {fold:g}°"),
@@ -22,7 +28,10 @@ def draw(results: Path, folder: Path) -> Path:
     panels = []
     for axis, (label, title) in AXES.items():
         rows = found["maps"][axis]["rows"]
-        snaps = [[] if case["snap"] is None else [case["snap"]] for case in rows]
+        boundaries = [
+            Boundary([[] if case[name] is None else [case[name]] for case in rows], label, style)
+            for name, label, style in MARKS
+        ]
         for tolerance, cheapest in zip(found["tolerances"], found["maps"][axis]["cheapest"], strict=True):
             panels.append(
                 MapPanel(
@@ -33,7 +42,7 @@ def draw(results: Path, folder: Path) -> Path:
                     "Γ",
                     label,
                     x_scale="log",
-                    boundaries=[Boundary(snaps, "DS snaps")],
+                    boundaries=boundaries,
                 )
             )
     present = {name for panel in panels for row in panel.classes for name in row}

@@ -8,8 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.atomic_io import write_text
-from modalshell.reproduce import studies
 from studies.pages import read_tables
+from studies.reproduce import studies
 
 FOLDER = Path(__file__).resolve().parent
 HEAD = """# Studies

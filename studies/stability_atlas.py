@@ -38,11 +38,12 @@ from modalshell.models import Damping, Model
 from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel, as_modal
 from modalshell.modes import largest_eigenvalue
-from modalshell.motion import Motion, Trajectory, stability
+from modalshell.motion import Motion, Trajectory
 from modalshell.motion.recorder import Recorder
 from modalshell.outcome import Outcome
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
+from studies import modal_steps
 from studies import stability_limits as limits
 from studies import stability_models as models
 from studies.pages import numbers
@@ -181,9 +182,8 @@ def excess(row: models.IntegratedModel, scene: models.StripScene) -> float | Non
     slope = _equilibrium(row.coordinates or row.name, scene.ratio, scene.gamma, scene.aspect, scene.fold)
     if slope is None:
         return 1.0
-    load = modal.shell.gravity_force(scene.gravity)
-    rate = np.log(stability.step_radius(modal, slope, load, scene.step, scene.rayleigh)) / scene.step
-    return float(rate - 1e-3)  # undamped motion neither grows nor falls, but for rounding
+    load = modal.shell.gravity_force(scene.gravity)  # 1e-3: undamped motion neither grows nor falls, but for rounding
+    return float(np.log(modal_steps.step_radius(modal, slope, load, scene.step, scene.rayleigh)) / scene.step - 1e-3)
 
 
 @cache

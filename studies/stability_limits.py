@@ -5,7 +5,7 @@ Part of the study ``stability_atlas``, which names the models; a limit is given 
 * Explicit (symplectic) Euler of DS and springs: ``h^2 omega^2 + 2 h c < 4`` for the stiffest mode, ``c = xi + zeta
   omega^2``; Verlet takes xi at mid-step, which leaves it out. The classical grid takes omega of the endless sheet.
 * Modal models: the spectral radius of the step's linearisation at the model's own equilibrium
-  (:mod:`modalshell.motion.stability`); the force lags by a step, or half of one, which long steps do not forgive.
+  (:mod:`studies.modal_steps`); the force lags by a step, or half of one, which long steps do not forgive.
 * Implicit Euler at a very long step is the iteration ``q <- Lambda^-1 p(q)``: spectral radius of ``Lambda^-1 dp/dq``.
 * Implicit Euler's numerical damping and the midpoint rule's frequency, mode by mode; of full models in the stiffest.
 * A rigid body that spins: one radian a step.
@@ -25,8 +25,8 @@ from modalshell.integrators.modal import ImplicitEuler
 from modalshell.models import Damping, MotionState
 from modalshell.models.full import FullModel
 from modalshell.models.modal import ModalModel
-from modalshell.motion import stability
 from modalshell.springs import GridVerlet, SheetGrid
+from studies import modal_steps
 
 PRECISION = 2e-3
 """Relative width at which bisection stops."""
@@ -101,7 +101,7 @@ def grows(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping) -
     q = at_rest(model, gravity)
     if q is None:
         return np.inf
-    return float(np.log(stability.step_radius(model, q, model.shell.gravity_force(gravity), dt, damping)) / dt)
+    return float(np.log(modal_steps.step_radius(model, q, model.shell.gravity_force(gravity), dt, damping)) / dt)
 
 
 def longest_step(model: ModalModel, gravity: np.ndarray, damping: Damping, count: int) -> tuple[float | None, ...]:
@@ -126,7 +126,7 @@ def iteration_load(model: ModalModel, unit: np.ndarray, bounds: tuple[float, flo
 
     def theory(factor: float) -> bool:
         q = at_rest(model, factor * unit)
-        return q is not None and stability.iteration_radius(model, q, model.shell.gravity_force(factor * unit)) <= 1.0
+        return q is not None and modal_steps.iteration_radius(model, q, model.shell.gravity_force(factor * unit)) <= 1.0
 
     def measured(factor: float) -> bool:
         q, load = at_rest(model, factor * unit), model.shell.gravity_force(factor * unit)

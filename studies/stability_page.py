@@ -22,7 +22,7 @@ ADVICE = """Before choosing a step:
 * Linearised implicit Euler solves once a step, and gives up less often than the Newton of implicit Euler; but nothing
   says that one solution was enough: take half the step and compare.
 * MWTS and RSW take their modal force from the step before, or from a predicted middle. Long steps lose the equilibrium
-  by that, the sooner the larger the load: where `modalshell.motion.stability.step_radius` passes one.
+  by that, the sooner the larger the load: where `studies.modal_steps.step_radius` passes one.
 * MWTS loses its equilibrium under large loads at any step, by flutter; damping puts it off. RSW does not.
 * Needles of an aspect of 1e5 have modes refused and DS not converged, MD-ROM and springs sooner; no step mends that, a
   better mesh does.

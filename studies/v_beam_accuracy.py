@@ -2,7 +2,9 @@
 
 Two regimes. *Soft membrane*, the paper's: the fold keeps its shape and the beam bends smoothly; MWTS follows DS with an
 error that grows with the load, LMA inflates. *Stiff membrane*: the fold flattens like a tape spring's and the beam
-snaps; no model on rest modes follows DS there. The study finds the load at which that happens and marks it.
+snaps; no model on rest modes follows DS there. The path of equilibria is followed through that: where the straight
+beam turns unstable to twisting (a bifurcation), where the twisted states end (a limit point), and from which load on
+the flattened beam is stable.
 
 Gravity is given as Gamma = (weight per length) L^3 / EI, see :func:`modalshell.measure.gamma_per_gravity`.
 
@@ -17,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.compare.path import find_jump
+from modalshell.compare.path import Marks
 from modalshell.models.registry import TRUTH
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.provenance import run_record
@@ -35,6 +37,8 @@ LINEAR, WARPED = ms.models()["lma"], ms.models()["mwts"]
 FLEXURE = 0.05
 DENSITY = 0.2
 MODES = 8
+MARKS = ("bifurcation", "limit", "stable_again")
+"""Marks of the path of equilibria: where it turns unstable aside, where stable states end, and begin again."""
 
 
 def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
@@ -54,7 +58,10 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         linear, warping, truth = ms.LinearModal(basis), ms.ModalWarping(basis), ms.DiscreteShell(shell)
         gamma, unit = ms.measure.gamma_per_gravity(shell), shell.gravity_force((0.0, 0.0, -1.0))
         tip = int(np.argmin(np.linalg.norm(mesh.vertices - [SHAPE["length"], 0.0, 0.0], axis=1)))
-        rows, last, last_gravity, snap = [], mesh.vertices, 0.0, None
+        rows, last, most = [], mesh.vertices, max(regime["gravities"])
+        path = ms.equilibrium_path(shell, force=unit, until=most, branches=1)
+        snap = snap_of(Marks.of(path), gamma)
+        findings[f"{name}_path"] = {"converged": path.converged, "events": path.events}
         for gravity in regime["gravities"][::-stride][::-1]:
             answers = {
                 LINEAR.key: linear.equilibrium(gravity=(0, 0, -gravity)),
@@ -76,14 +83,9 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
                 arrays[f"{name}_{model}_{gravity:g}"] = answer.positions
             row["ds_iterations"] = answers[TRUTH].iterations
             row["lowest_tangent_ratio"] = lowest_tangent_eigenvalue(shell, exact) / basis.eigenvalues[0]
-            if snap is None and answers[TRUTH].converged:
-                jump = find_jump(truth, unit, last, last_gravity, exact, gravity)
-                if jump is not None:
-                    bracket = [jump.low, jump.high]
-                    snap = {"gravity": bracket, "gamma": [gamma * g for g in bracket], "reason": jump.reason}
-            row["after_snap"] = snap is not None
+            row["after_snap"] = snap is not None and gravity > snap["gravity"]
             rows.append(row)
-            last, last_gravity = exact, gravity
+            last = exact
             done += 1
             if on_step is not None:
                 on_step(done, total)
@@ -92,6 +94,15 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     parameters = {**SHAPE, "flexure": FLEXURE, "density": DENSITY, "regimes": REGIMES, "modes": MODES}
     parameters |= {"cells": cells, "family": "alternating"}
     return StudyResult("v_beam_accuracy", findings, arrays, run_record(parameters))
+
+
+def snap_of(marks: Marks, gamma: float) -> dict[str, float | None] | None:
+    """Where the stable states end, as gravity and as Gamma, and the marks on the way as Gamma; None if they go on."""
+    if marks.snap is None:
+        return None
+    places = {"bifurcation": marks.bifurcation, "limit": marks.limit, "stable_again": marks.stable_again}
+    scaled = {key: None if place is None else gamma * place for key, place in places.items()}
+    return {"gravity": marks.snap, "gamma": gamma * marks.snap} | scaled
 
 
 def table(result: StudyResult) -> str:
@@ -108,6 +119,10 @@ def table(result: StudyResult) -> str:
                 f"| {100 * row['lma_error']:.1f} % | {100 * row['mwts_error']:.1f} % | {areas} "
                 f"| {row['lowest_tangent_ratio']:.2f} |"
             )
+    stiff = result.findings["stiff"]["snap"]
+    if stiff is not None:
+        marks = [f"{key.replace('_', ' ')} at Γ = {stiff[key]:.4f}" for key in MARKS if stiff[key] is not None]
+        lines += ["", f"The path of equilibria of the stiff beam: {', '.join(marks)}."]
     lines.append("")
     lines.append(
         "Tangent: lowest eigenvalue about the deformed state over the first one at rest; a snap nears as it falls."

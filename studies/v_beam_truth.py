@@ -33,8 +33,10 @@ LENGTH = 0.3
 MODES = 8
 WHOLE = "ds"
 """The whole mesh."""
-RUNGS = ("lma", "mwts", "rsw", "md-rom", WHOLE)
-"""Models by their keys."""
+RUNGS = tuple(
+    key for key, spec in ms.models().items() if spec.pictured and spec.bends and spec.needs in ("basis", "shell")
+)
+"""Models by their keys: those of shapes of their own that take bending energies of either kind."""
 SNAPPING = "150 deg, flange 15 mm, down"
 PAST = 2.25
 """Gamma above which the snapping beam has snapped."""

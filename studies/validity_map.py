@@ -2,8 +2,9 @@
 
 A strip, folded along its middle by more or less, hangs under growing gravity. For every fold (at one membrane
 stiffness) and for every membrane stiffness (at one fold) each rung's equilibrium is held against DS on the same mesh;
-the map shows the cheapest rung that stays within 1, 5 and 20 % of its displacement. Where DS jumps, the snap boundary
-is drawn: beyond it no rung on rest modes is of use, and DS on a coarse mesh takes over.
+the map shows the cheapest rung that stays within 1, 5 and 20 % of its displacement. The path of equilibria of each
+strip is followed through its snap: bifurcation, limit point and the load from which states after the snap are stable
+are drawn. Beyond the snap no rung on rest modes is of use, and DS on a coarse mesh takes over.
 
 Gravity is given as Gamma, see :func:`modalshell.measure.gamma_per_gravity`.
 
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.compare.path import find_jump
+from modalshell.compare.path import Marks
 from modalshell.models import CoarseMesh
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
@@ -39,6 +40,8 @@ MEMBRANES = (2.0, 10.0, 50.0, 250.0, 1250.0, 6250.0, 31250.0)
 FIXED = {"fold": 30.0, "membrane": 250.0}
 GAMMAS = tuple(np.geomspace(1.0 / 16.0, 64.0, 11))
 TOLERANCES = (0.01, 0.05, 0.2)
+MARKS = ("bifurcation", "limit", "stable_again")
+"""What is marked of the path of equilibria of each strip."""
 RUNGS = tuple(spec for spec in ms.models().values() if spec.pictured and spec.bends and spec.key != TRUTH)
 """Records below DS, cheapest first: those with a shape of their own, and with the bending that a flat strip needs."""
 LADDER = tuple(spec.name for spec in RUNGS)
@@ -76,7 +79,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 
 def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray) -> dict[str, Any]:
-    """Errors of every rung at each load of one strip, and the load at which DS jumps (None if it does not)."""
+    """Errors of every rung at each load of one strip, and the loads that mark its path of equilibria, None for none."""
     mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=cells)
     material = ms.Material(membrane, membrane, FLEXURE, DENSITY)
     shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
@@ -88,23 +91,24 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     for spec in RUNGS:
         options = {"modes": MODES} if "modes" in model_tables()[spec.key].__struct_fields__ else {}
         rungs[spec.name] = factory.build(spec, options)
-    truth, last, last_gravity, snap = ms.DiscreteShell(shell), mesh.vertices, 0.0, None
+    truth, last = ms.DiscreteShell(shell), mesh.vertices
+    path = ms.equilibrium_path(shell, force=unit, until=gammas[-1] / gamma_per_gravity, steps=40, branches=1)
+    marks = Marks.of(path)
+    places = {"snap": marks.snap, **{name: getattr(marks, name) for name in MARKS}}
+    scaled = {name: None if place is None else gamma_per_gravity * place for name, place in places.items()}
     errors: dict[str, list[float | None]] = {name: [] for name in rungs}
     statuses = []
     for gamma in gammas:
         gravity = gamma / gamma_per_gravity
         exact = truth.equilibrium(gravity=(0, 0, -gravity), start=last)
         statuses.append(exact.status)
-        if snap is None and exact.converged:
-            jump = find_jump(truth, unit, last, last_gravity, exact.positions, gravity)
-            snap = None if jump is None else gamma_per_gravity * jump.high
         for name, rung in rungs.items():
             answer = rung.equilibrium(gravity=(0, 0, -gravity))
             error = ms.measure.displacement_error(answer.positions, exact.positions, shell)
             # Without an equilibrium, or without a truth, there is no error to state.
             errors[name].append(error if answer.converged and exact.converged else None)
-        last, last_gravity = exact.positions, gravity
-    return {"errors": errors, "snap": snap, "ds_statuses": statuses}
+        last = exact.positions
+    return {"errors": errors, "ds_statuses": statuses, **scaled}
 
 
 def coarse_mesh(fold: float, cells: tuple[int, int]) -> ms.TriangleMesh:
@@ -130,14 +134,18 @@ def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
 def table(result: StudyResult) -> str:
     """Largest Gamma up to which each rung stays within each tolerance, one row a strip."""
     found = result.findings
-    lines = ["| strip | snap at Γ | " + " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in LADDER) + " |"]
-    lines.append("|---|---|" + "---|" * len(LADDER))
+    lines = [
+        "| strip | snap at Γ | bifurcation | limit | stable again | "
+        + " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in LADDER)
+        + " |"
+    ]
+    lines.append("|---|---|---|---|---|" + "---|" * len(LADDER))
     words = {"fold": "fold {:g}°", "membrane": "membrane {:g} N/m"}
     for axis, text in words.items():
         for value, case in zip(found["maps"][axis]["values"], found["maps"][axis]["rows"], strict=True):
-            snap = "no" if case["snap"] is None else f"{case['snap']:.1f}"
+            places = " | ".join("no" if case[name] is None else f"{case[name]:.3g}" for name in ("snap", *MARKS))
             reach = [" / ".join(_reach(case, rung, t, found["gammas"]) for t in TOLERANCES) for rung in LADDER]
-            lines.append(f"| {text.format(value)} | {snap} | " + " | ".join(reach) + " |")
+            lines.append(f"| {text.format(value)} | {places} | " + " | ".join(reach) + " |")
     lines += ["", "Numbers are the largest Γ of the sweep up to which the rung stays within; – for none."]
     return "\n".join(lines)
 

@@ -15,7 +15,7 @@ from modalshell import ModalShellWarning, solve_modes
 from modalshell.plugins import load_plugins
 from modalshell.render import choose_backend
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
-from modalshell.reproduce import reproduce
+from studies.reproduce import reproduce
 
 with contextlib.suppress(ImportError):
     # Variables such as OPENBLAS_NUM_THREADS come too late here: pytest's warning filters have loaded NumPy already.

@@ -32,6 +32,7 @@ BETWEEN_PARTS = {
     "factor",
     "step",
     "step_live",
+    "step_by_quadrature",
     "velocity_at",
     "damping_force",
     "damping_matrix",

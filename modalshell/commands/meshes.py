@@ -103,7 +103,7 @@ class _ShellOptions:
         if values["young"] is None:
             values["young"] = _YOUNG
         material = build_material(PhysicalSheet(**values, calibrated=self.calibrated), mesh, Path())
-        return ms.Shell(mesh, material, held if held.any() else None)
+        return ms.Shell(mesh, material, held if held.any() else None, loose_parts=self.component == "all")
 
 
 def _tell(path: Path, report: ms.RepairReport) -> None:
@@ -129,7 +129,11 @@ def _choose(options: _ShellOptions, mesh: ms.TriangleMesh, gravity: tuple[float,
     factor = softening(ms.solve_modes(shell, min(modes, 3 * int(shell.free.sum()))), np.array(gravity))
     timing = Timing.of_sag(mesh.size, np.array(gravity))
     told = f"Young's modulus {factor * _YOUNG:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
-    return _Chosen(ms.Shell(mesh, _softer(shell.material, factor), ends.held), timing, f"{ends.told}; {told}")
+    return _Chosen(
+        ms.Shell(mesh, _softer(shell.material, factor), ends.held, loose_parts=shell.loose_parts),
+        timing,
+        f"{ends.told}; {told}",
+    )
 
 
 def _softer(material: ms.Material | ms.Isotropic, factor: float) -> ms.Material | ms.Isotropic:

@@ -83,7 +83,8 @@ def sweep(
     retry: Annotated[bool, Parameter(help="Also do again what failed or took too long.")] = False,
 ) -> None:
     """Run a grid of scenes, or what is missing of it, and sum up what each found."""
-    with progress(f"{file.stem} cases") as on_step:
+    checked = progress(f"{file.stem} scenes checked", delay=1.0)
+    with checked as on_check, progress(f"{file.stem} cases") as on_step:
         found = ms.run_sweep(
             file,
             out=out,
@@ -92,6 +93,7 @@ def sweep(
             certificates=certificates,
             time_limit=time_limit,
             retry=retry,
+            on_check=on_check,
             on_step=on_step,
         )
     counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())

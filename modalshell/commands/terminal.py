@@ -10,21 +10,25 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from modalshell.outcome import Outcome
+from modalshell.timings import Stopwatch
 
 CONSOLE = Console()
 ERRORS = Console(stderr=True)
 
 
 @contextmanager
-def progress(text: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar with the time left, as a callback of (done, total)."""
+def progress(text: str, *, delay: float = 0.0) -> Iterator[Callable[[int, int], None]]:
+    """A progress bar with the time left, as a callback of (done, total); it is shown after ``delay`` [s]."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
     bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=ERRORS)
-    task = bar.add_task(text, total=None)
+    task, watch = bar.add_task(text, total=None), Stopwatch()
 
     def advance(done: int, total: int) -> None:
-        bar.start()  # at the first step, so that refused options leave one line alone
+        if watch() >= delay:
+            bar.start()  # at the first step, so that refused options leave one line alone
         bar.update(task, completed=done, total=total)
+        if done >= total and bar.live.is_started:  # room for the bar of what comes next
+            bar.stop()
 
     stopped = None
     try:

@@ -70,8 +70,8 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
     found: list[Candidate] = []
     for key, spec in models().items():
         keys = model_tables()[key].__struct_fields__
-        if spec.needs == "coarse mesh":
-            for mesh in case.coarse:
+        if spec.on_coarse_mesh:
+            for mesh in case.coarse[:1] if spec.needs == "coarse training" else case.coarse:
                 found.append(Candidate(spec, mesh.name, {} if mesh.cells is None else {"cells": mesh.cells}, mesh))
             if not case.coarse:
                 left_out[spec.name] = "needs coarser meshes of the surface: a shape with more cells, or coarse="

@@ -17,6 +17,7 @@ from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
+from modalshell.scene.parts import build_damping
 from modalshell.shell import Isotropic, Shell
 from modalshell.typing import Array
 
@@ -105,13 +106,15 @@ def scene_case(scene: ShellScene) -> Case:
     shell = scene.build_shell()
     load, note = scene.largest_load(shell)
     motion = scene.motion
+    if motion is not None and motion.modal_damping:
+        raise OptionError(f"{scene.file}: motion.modal_damping: rungs without modes cannot take it; give damping")
     rule = scene.model.options.get("integrator") if scene.model.spec.on_modes else None
     return Case(
         scene.name,
         shell,
         load,
         motion.dt if motion else _FRAME,
-        Damping(*motion.damping) if motion else Damping(),
+        build_damping(motion) if motion else Damping(),
         scene_coarse_meshes(scene.mesh, scene.material, shell),
         note,
         None if rule == ImplicitEuler.key else rule,

@@ -4,24 +4,72 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import final
 
 import numpy as np
 
 from modalshell.errors import SolverError
 from modalshell.models import DiscreteShell, Equilibrium
+from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.modes import lowest_tangent_eigenvalue, solve_modes
 from modalshell.shell import Shell
+from modalshell.statics.bifurcation import LIMIT
 from modalshell.typing import Array
 from modalshell.work import counted
 
 _SINGULAR = 0.03
 """Lowest eigenvalue about a deformed state, over that at rest, below which the tangent counts as singular."""
 _SHIFT = 0.1
-"""Movement between neighbouring loads, in lengths, above which the load step is halved to look for a jump."""
-_BISECTIONS = 7
-"""Halvings of the load step in which a snap is located."""
+"""Movement between neighbouring loads, in lengths, above which the path between them is looked at."""
+_STEPS, _POINTS = 4, 150
+"""Steps at least, and points at most, of the path on which a snap is located."""
 
 
+@final
+@dataclass(frozen=True)
+class Marks:
+    """Load factors of what happens along a path of equilibria.
+
+    Attributes
+    ----------
+    bifurcation : float or None
+        Where the path from rest turns unstable aside, before any limit point.
+    limit : float or None
+        Limit point at which the stable states end: of the path, or of the branch that leaves it at the bifurcation.
+    stable_again : float or None
+        Where the path turns stable again after it.
+    """
+
+    bifurcation: float | None = None
+    limit: float | None = None
+    stable_again: float | None = None
+    smooth: bool = True
+    """Whether stable states go on to the path's end."""
+
+    @classmethod
+    def of(cls, path: EquilibriumPath) -> Marks:
+        """Those of a path, followed with one of its branches at least where it has a bifurcation."""
+        if not path.events:
+            return cls(smooth=path.converged)
+        kind, _, factor = path.events[0]
+        again = [event.factor for event in path.events[1:] if path.stable[event[1] + 1 :][:1].all()]
+        stable_again = again[0] if again and path.stable[-1] else None
+        if kind == LIMIT:
+            return cls(None, factor, stable_again, False)
+        stable = [branch for branch in path.branches if branch.stable[:2].all()]
+        ends = [event.factor for branch in stable for event in branch.events[:1] if event.kind == LIMIT]
+        smooth = any(branch.converged and not branch.events for branch in stable)
+        return cls(factor, max(ends, default=None), stable_again, smooth)
+
+    @property
+    def snap(self) -> float | None:
+        """Load factor from which no stable state is near; None where the states go on."""
+        if self.smooth:
+            return None
+        return self.bifurcation if self.limit is None else self.limit
+
+
+@final
 @dataclass(frozen=True)
 class Snap:
     """Where the shell leaves its branch.
@@ -29,17 +77,22 @@ class Snap:
     Attributes
     ----------
     low, high : float
-        Shares of the load between which it happens.
+        Shares of the load between which it happens; one and the same where it was located.
     reason : str
         What shows it.
+    marks : Marks
+        What happens along the path of equilibria there.
     """
 
     low: float
     high: float
     reason: str
+    marks: Marks = field(default_factory=Marks)
 
     def __str__(self) -> str:
         """Where it snaps, to stand after "the shell"."""
+        if self.low == self.high:
+            return f"snaps at {self.low:.4g} of the load: {self.reason}"
         return f"snaps between {self.low:.3g} and {self.high:.3g} of the load: {self.reason}"
 
 
@@ -94,7 +147,7 @@ def follow_loads(
         tangents.append(tangent_ratio(shell, answer, lowest))
         if answer.converged:
             if snap is None:
-                snap = find_jump(model, load, last, last_factor, answer.positions, factor, missed)
+                snap = find_snap(model, load, last, last_factor, answer.positions, factor, missed)
             tangent = tangents[-1]
             if snap is None and tangent is not None and tangent < _SINGULAR:
                 snap = Snap(last_factor, factor, f"the lowest eigenvalue of DS falls to {tangent:.2g} of that at rest")
@@ -118,10 +171,10 @@ def tangent_ratio(shell: Shell, answer: Equilibrium, lowest: float) -> float | N
         return 0.0
 
 
-def find_jump(
+def find_snap(
     model: DiscreteShell, load: Array, before: Array, low: float, after: Array, high: float, missed: bool = False
 ) -> Snap | None:
-    """Bracket a jump between two shares of ``load`` by halving: a smooth path moves less with each, a jump does not.
+    """Look for a snap between two shares of ``load`` whose states are far apart, along the path of equilibria.
 
     ``missed`` says that DS found no answer at some load in between.
     """
@@ -130,17 +183,24 @@ def find_jump(
     def apart(one: Array, other: Array) -> float:
         return float(np.linalg.norm(one - other, axis=1).max()) / size
 
-    for _ in range(_BISECTIONS):
-        if apart(before, after) < _SHIFT:
+    jump = apart(before, after)
+    if jump < _SHIFT:
+        return None
+    between = ", and DS finds no equilibrium on the way" if missed else ""
+    try:
+        path = equilibrium_path(
+            model, force=load, begin=low, start=before, until=high, steps=_STEPS, points=_POINTS, branches=1
+        )
+    except SolverError:  # nothing to begin from: an answer that the path's solver does not confirm
+        return Snap(low, high, f"DS jumps by {jump:.2g} lengths{between}")
+    marks = Marks.of(path)
+    if marks.snap is None:
+        routes = [one.positions[-1] for one in (path, *path.branches) if one.converged]
+        if any(apart(route, after) < _SHIFT for route in routes):
             return None
-        middle = 0.5 * (low + high)
-        answer = model.equilibrium(force=middle * load, start=before if low else None)
-        if not answer.converged:
-            missed = True
-            break
-        if apart(answer.positions, before) > apart(answer.positions, after):
-            after, high = answer.positions, middle
-        else:
-            before, low = answer.positions, middle
-    between = ", and finds no equilibrium on the way" if missed else ""
-    return Snap(low, high, f"DS jumps by {apart(before, after):.2g} lengths{between}")
+        return Snap(low, high, f"DS comes to another branch, {jump:.2g} lengths away{between}", marks)
+    what = "a limit point" if marks.limit is not None else "a bifurcation without stable branches"
+    twisted = (
+        "" if None in (marks.bifurcation, marks.limit) else f", on a branch that begins at {marks.bifurcation:.4g}"
+    )
+    return Snap(marks.snap, marks.snap, f"{what}{twisted}; DS jumps by {jump:.2g} lengths{between}", marks)

@@ -5,34 +5,32 @@ Both parts of the energy are quadratic forms with constant matrices, of fold ang
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from modalshell.kernels.generated.flexure import PRODUCTS, UNKNOWNS, convex_rows, first_derivatives, second_derivatives
+from modalshell.kernels.compiler import njit
+from modalshell.kernels.elements import (
+    OPTIONS,
+    add_block,
+    add_change,
+    add_forces,
+    fill_block,
+    pack_products,
+    principal,
+)
+from modalshell.kernels.generated.flexure import (
+    PRODUCTS,
+    UNKNOWNS,
+    VERTICES,
+    convex_rows,
+    first_derivatives,
+    relative,
+    second_derivatives,
+)
 
-_options: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 
-
-@njit(**_options)
-def _relative(x: Any, hinge: Any) -> Any:
-    e, f, a, b = x[hinge[0]], x[hinge[1]], x[hinge[2]], x[hinge[3]]
-    return (
-        f[0] - e[0],
-        f[1] - e[1],
-        f[2] - e[2],
-        a[0] - e[0],
-        a[1] - e[1],
-        a[2] - e[2],
-        b[0] - e[0],
-        b[1] - e[1],
-        b[2] - e[2],
-    )
-
-
-@njit(**_options)
+@njit(**OPTIONS)
 def colour_triangles(neighbours: Any, colours: Any) -> None:
     """Colour triangles 0 and 1 so that few neighbours (T, 3; -1 where there is none) share theirs; colours start at -1.
 
@@ -55,51 +53,33 @@ def colour_triangles(neighbours: Any, colours: Any) -> None:
             break
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def fold_angles(x: Any, hinges: Any, rest: Any, change: Any, slopes: Any) -> None:
     """Write theta - theta0 in (-pi, pi] into ``change`` (H,) and d theta / d x_1, x_2, x_3 into ``slopes`` (H, 9)."""
     for hinge in range(hinges.shape[0]):
-        value = first_derivatives(*_relative(x, hinges[hinge]), slopes[hinge]) - rest[hinge]
-        if value > math.pi:
-            value -= 2.0 * math.pi
-        elif value <= -math.pi:
-            value += 2.0 * math.pi
-        change[hinge] = value
+        change[hinge] = principal(first_derivatives(*relative(x, hinges, hinge), slopes[hinge]) - rest[hinge])
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def add_fold_forces(hinges: Any, slopes: Any, couples: Any, gradient: Any) -> None:
     """Add ``sum couple grad theta`` to ``gradient``."""
     for hinge in range(hinges.shape[0]):
-        couple = couples[hinge]
-        for axis in range(3):
-            g1 = couple * slopes[hinge, axis]
-            g2 = couple * slopes[hinge, 3 + axis]
-            g3 = couple * slopes[hinge, 6 + axis]
-            gradient[hinges[hinge, 0], axis] -= g1 + g2 + g3
-            gradient[hinges[hinge, 1], axis] += g1
-            gradient[hinges[hinge, 2], axis] += g2
-            gradient[hinges[hinge, 3], axis] += g3
+        add_forces(hinges, hinge, VERTICES, couples[hinge], slopes[hinge], gradient)
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def fold_rates(step: Any, hinges: Any, slopes: Any, rates: Any) -> None:
     """Write ``grad theta . step`` into ``rates`` (H,)."""
     for hinge in range(hinges.shape[0]):
-        total = 0.0
-        for vertex in range(3):
-            for axis in range(3):
-                moved = step[hinges[hinge, 1 + vertex], axis] - step[hinges[hinge, 0], axis]
-                total += slopes[hinge, 3 * vertex + axis] * moved
-        rates[hinge] = total
+        rates[hinge] = add_change(hinges, hinge, VERTICES, 0.0, slopes[hinge], step)
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots: Any, strides: Any, data: Any) -> None:
     """Add ``sum couple Hess theta`` to the CSR values ``data``, or its positive semi-definite part if ``projected``."""
-    local = np.empty(UNKNOWNS)
+    local, none = np.empty(UNKNOWNS), np.zeros(UNKNOWNS)
     packed = np.empty(UNKNOWNS * (UNKNOWNS + 1) // 2)
-    block = np.empty((12, 12))
+    block = np.empty((3 * VERTICES, 3 * VERTICES))
     factors, squares = np.empty(0), np.empty((0, UNKNOWNS))
     firsts, seconds, rows = (
         np.empty((PRODUCTS, UNKNOWNS)),
@@ -110,48 +90,19 @@ def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots
         couple = couples[hinge]
         if couple == 0.0:
             continue
-        unknowns = _relative(x, hinges[hinge])
+        unknowns = relative(x, hinges, hinge)
         if projected:
             sign = 1.0 if couple > 0.0 else -1.0
             convex_rows(*unknowns, sign, factors, squares, firsts, seconds, rows)
-            packed[:] = 0.0
-            for form in range(PRODUCTS):
-                entry = 0
-                for row in range(UNKNOWNS):
-                    for column in range(row + 1):
-                        packed[entry] += rows[form, row] * rows[form, column]
-                        entry += 1
+            pack_products(rows, PRODUCTS, UNKNOWNS, packed)
             couple = abs(couple)
         else:
             second_derivatives(*unknowns, local, packed)
-        entry = 0
-        for row in range(UNKNOWNS):
-            for column in range(row + 1):
-                value = couple * packed[entry]
-                block[3 + row, 3 + column] = value
-                block[3 + column, 3 + row] = value
-                entry += 1
-        # Translation invariance gives the rows and columns of x0.
-        for row in range(3, 12):
-            for axis in range(3):
-                value = -block[row, 3 + axis] - block[row, 6 + axis] - block[row, 9 + axis]
-                block[row, axis] = value
-                block[axis, row] = value
-        for row in range(3):
-            for axis in range(3):
-                block[row, axis] = -block[row, 3 + axis] - block[row, 6 + axis] - block[row, 9 + axis]
-        for first in range(4):
-            for second in range(4):
-                slot = slots[hinge, first, second]
-                if slot < 0:
-                    continue
-                stride = strides[hinges[hinge, first]]
-                for row in range(3):
-                    for axis in range(3):
-                        data[slot + row * stride + axis] += block[3 * first + row, 3 * second + axis]
+        fill_block(VERTICES, 0.0, none, couple, packed, block)
+        add_block(hinges, hinge, VERTICES, block, slots, strides, data)
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def add_bending(
     slopes: Any,
     triangles: Any,
@@ -223,7 +174,7 @@ def add_bending(
                         data[slot + axis] += share * stressed[k, vertex, axis]
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def half_squares(x: Any, edges: Any, rest: Any, out: Any) -> None:
     """Write ``l^2 / 2 - rest`` of every edge into ``out`` (E,)."""
     for edge in range(edges.shape[0]):
@@ -234,7 +185,7 @@ def half_squares(x: Any, edges: Any, rest: Any, out: Any) -> None:
         out[edge] = 0.5 * total - rest[edge]
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def half_square_rates(x: Any, step: Any, edges: Any, rates: Any) -> None:
     """Write the derivative of ``l^2 / 2`` along ``step`` into ``rates`` (E,)."""
     for edge in range(edges.shape[0]):
@@ -245,7 +196,7 @@ def half_square_rates(x: Any, step: Any, edges: Any, rates: Any) -> None:
         rates[edge] = total
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def add_edge_forces(x: Any, edges: Any, tensions: Any, gradient: Any) -> None:
     """Add ``sum tension grad (l^2 / 2)`` to ``gradient``."""
     for edge in range(edges.shape[0]):
@@ -256,7 +207,7 @@ def add_edge_forces(x: Any, edges: Any, tensions: Any, gradient: Any) -> None:
             gradient[b, axis] += force
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def add_edge_curvatures(edges: Any, tensions: Any, positive: Any, slots: Any, strides: Any, data: Any) -> None:
     """Add ``sum tension Hess (l^2 / 2)`` to ``data``; of edges in tension alone if ``positive``."""
     for edge in range(edges.shape[0]):
@@ -271,7 +222,7 @@ def add_edge_curvatures(edges: Any, tensions: Any, positive: Any, slots: Any, st
                     data[slots[edge, first, second] + axis * stride] += value
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def add_membrane(x: Any, stencils: Any, pairs: Any, matrices: Any, slots: Any, strides: Any, data: Any) -> None:
     """Add ``sum J^T Q J`` to ``data``, J the derivatives of half squared lengths of the stencil's edges ``pairs``."""
     count, size = pairs.shape[0], stencils.shape[1]
@@ -299,10 +250,4 @@ def add_membrane(x: Any, stencils: Any, pairs: Any, matrices: Any, slots: Any, s
                         entry = edge[p, row] * stressed[p, vertex, axis]
                         block[pairs[p, 0], row, vertex, axis] -= entry
                         block[pairs[p, 1], row, vertex, axis] += entry
-        for first in range(size):
-            stride = strides[stencils[element, first]]
-            for second in range(size):
-                slot = slots[element, first, second]
-                for row in range(3):
-                    for axis in range(3):
-                        data[slot + row * stride + axis] += block[first, row, second, axis]
+        add_block(stencils, element, size, block.reshape(3 * size, 3 * size), slots, strides, data)

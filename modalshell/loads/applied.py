@@ -9,6 +9,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.kernels.surface_loads import surface_forces
 from modalshell.typing import Array, Index
 
 _STEP = 1e-30
@@ -18,6 +19,40 @@ Corners = NDArray[Any]
 """Corners (E, k, 3) of elements, real, or complex where a derivative is taken."""
 Forces = Callable[[Corners, Corners, float, Index], Corners]
 """Forces (E, k, 3) [N] at corners [m], velocities [m/s] and a time [s] of the elements of some numbers (E,)."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class SurfaceForm:
+    """A load on triangles in numbers, from which kernels make its forces: see :class:`modalshell.Wind`.
+
+    Attributes
+    ----------
+    pressure : float
+        Along the normals [Pa].
+    by_normal, by_tangent : float
+        Half the density of the air times the coefficients of its velocity across and along [kg/m^3].
+    velocity : ndarray, shape (3,), or callable, or None
+        Of the air [m/s]: everywhere, or ``velocity(points, time)``.
+    """
+
+    pressure: float = 0.0
+    by_normal: float = 0.0
+    by_tangent: float = 0.0
+    velocity: Array | Callable[[Array, float], Array] | None = None
+
+    @property
+    def sizes(self) -> Array:
+        """Pressure and both coefficients (3,)."""
+        return np.array([self.pressure, self.by_normal, self.by_tangent])
+
+    def air(self, x: Array, faces: Index, time: float) -> Array:
+        """Velocity of the air [m/s] at the centres of triangles (k, 3) at positions x (n, 3): (k, 3), or (1, 3)."""
+        if self.velocity is None:
+            return np.zeros((1, 3))
+        if callable(self.velocity):
+            return np.ascontiguousarray(self.velocity(x[faces].mean(axis=1), time), dtype=np.float64)
+        return np.array(self.velocity)[None]
 
 
 @final
@@ -40,6 +75,10 @@ class AppliedLoad:
         What the forces depend on.
     factor : callable, optional
         Factor on the forces at a time [s].
+    surface : SurfaceForm, optional
+        The load in numbers, if it is one on triangles.
+    constant : ndarray, shape (n, 3), optional
+        Its forces [N], if they depend on nothing but the factor.
     times : tuple of float
         Times [s] at one of which the factor is at its largest, as far as that is known.
     """
@@ -51,6 +90,8 @@ class AppliedLoad:
     by_position: bool = True
     by_velocity: bool = False
     factor: Callable[[float], float] | None = None
+    surface: SurfaceForm | None = None
+    constant: Array | None = None
     times: tuple[float, ...] = (0.0,)
 
     @property
@@ -82,6 +123,17 @@ class AppliedLoad:
         for axis in range(3):
             total[:, axis] = np.bincount(self.stencils.ravel(), forces[:, :, axis].ravel(), len(x))
         return total
+
+    def add_force(self, x: Array, before: Array, rate: float, time: float, total: Array) -> None:
+        """Add the forces (n, 3) [N] at positions x (n, 3) [m] and velocities ``rate (x - before)`` to ``total``."""
+        factor, form = self.factor_at(time), self.surface
+        if self.constant is not None:
+            total += factor * self.constant
+        elif form is None:
+            total += self.force(x, rate * (x - before) if self.by_velocity else None, time)
+        else:
+            air = form.air(x, self.stencils, time)
+            surface_forces(x, before, rate, self.stencils, factor * form.sizes, air, total)
 
     def value(self, x: Array, time: float) -> float:
         """Potential [J]; 0 where there is none."""

@@ -113,4 +113,6 @@ def constant_load(mesh: TriangleMesh, force: Array) -> AppliedLoad:
     def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
         return acting[chosen].astype(corners.dtype)
 
-    return AppliedLoad(vertices[:, None], forces, lambda x: -float(np.vdot(force, x - rest)), by_position=False)
+    return AppliedLoad(
+        vertices[:, None], forces, lambda x: -float(np.vdot(force, x - rest)), by_position=False, constant=force
+    )

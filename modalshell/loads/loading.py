@@ -91,6 +91,13 @@ class Loading:
             total += one.force(x, velocity, time)
         return total
 
+    def moving_force(self, dead: Array, x: Array, before: Array, rate: float, time: float) -> Array:
+        """Forces (n, 3) [N] at x (n, 3) [m] and velocities ``rate (x - before)``, with ``dead`` ones (n, 3) [N]."""
+        total = dead.copy()
+        for one in self.live:
+            one.add_force(x, before, rate, time, total)
+        return total
+
     def force(self, x: Array, velocity: Array | None = None, time: float = 0.0) -> Array:
         """Forces (n, 3) [N] of all loads at positions (n, 3) [m] and velocities (n, 3) [m/s]."""
         return self.dead + self.live_force(x, velocity, time) if self.live else self.dead

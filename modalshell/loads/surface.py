@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import as_array, checked_number, checked_vectors
 from modalshell.errors import LoadError, OptionError
-from modalshell.loads.applied import AppliedLoad, Corners, length
+from modalshell.loads.applied import AppliedLoad, Corners, SurfaceForm, length
 from modalshell.loads.base import LiveLoad
 from modalshell.mesh import TriangleMesh
 from modalshell.selection import Selection, selected
@@ -77,7 +77,7 @@ class Pressure(LiveLoad, key="pressure"):
             one, two, three = np.moveaxis(x[faces], 1, 0)
             return -p / 6.0 * float(np.vdot(one, np.cross(two, three)))
 
-        return AppliedLoad(faces, forces, energy, held=_boundary(faces))
+        return AppliedLoad(faces, forces, energy, held=_boundary(faces), surface=SurfaceForm(pressure=p))
 
 
 def _boundary(faces: Index) -> Index:
@@ -162,4 +162,5 @@ class Wind(LiveLoad, key="wind"):
             force = by_normal * size * across * areas + by_tangent * area * slip * tangent
             return np.repeat(force[:, None] / 3.0, 3, axis=1)
 
-        return AppliedLoad(selected_faces(mesh, self.sel), forces, by_velocity=True)
+        form = SurfaceForm(0.0, by_normal, by_tangent, self.velocity_at if callable(self.velocity) else self.velocity)
+        return AppliedLoad(selected_faces(mesh, self.sel), forces, by_velocity=True, surface=form)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import warnings
 from typing import Any
 
-from modalshell.errors import MeshError
+from modalshell.errors import MeshError, ModalShellWarning
 
 _LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
 """glTF extensions that change how a surface looks, not its shape."""
+_MANY_INSTANCES = 4000
+"""Nodes with a mesh that take longer than a few seconds to put together."""
 
 
 def check_stl(data: bytes) -> None:
@@ -40,6 +43,7 @@ def check_gltf(data: bytes) -> None:
     """
     if data.startswith(b"glTF"):
         data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+    instances = 0
     try:
         document: Any = json.loads(data)
         required = [name for name in document.get("extensionsRequired", ()) if not name.startswith(_LOOKS)]
@@ -48,9 +52,17 @@ def check_gltf(data: bytes) -> None:
         used = [part["attributes"].get("POSITION") for part in primitives] + [
             part.get("indices") for part in primitives
         ]
+        instances = sum("mesh" in node for node in document.get("nodes", ()))
         sparse = [index for index in used if index is not None and "sparse" in accessors[index]]
     except (ValueError, TypeError, AttributeError, LookupError, RecursionError):
         return
+    if instances > _MANY_INSTANCES:
+        warnings.warn(
+            f"the glTF places {instances} meshes, which takes about {1e-3 * instances:.0f} s to read; join them into "
+            "one mesh to be faster",
+            ModalShellWarning,
+            stacklevel=4,
+        )
     if required:
         raise MeshError(f"the glTF requires {', '.join(map(str, required))}, which is not read; export it without")
     if sparse:

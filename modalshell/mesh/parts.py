@@ -18,6 +18,8 @@ Component = Literal["largest", "all"] | int
 """Which part of a mesh is taken: that of the largest area, all, or the N-th, counted from 0 by falling area."""
 _NEAR = 1e-3
 """Gap between parts, as a share of the mesh's size, up to which joining them is proposed."""
+_MOST_NEIGHBOURS = 64
+"""Vertices of its own part that may lie nearer to a vertex than another part, for the gap to be found."""
 
 
 def chosen_part(mesh: TriangleMesh, component: Component | None = None, join: float | None = None) -> TriangleMesh:
@@ -61,7 +63,7 @@ def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_]) -> str:
     return (
         f"{loose.size} of {count} parts of the mesh are not held (one of them has vertex {first}, counted from 0) and "
         "would only fall; take one part (component 'largest', or its number from 0 by falling area), "
-        f"{_joining(mesh)}hold each of them, or ask for all as they are (component 'all')"
+        f"{_joining(mesh)}hold each of them, or ask for all as they are (component 'all', in Python loose_parts=True)"
     )
 
 
@@ -73,10 +75,9 @@ def _by_area(mesh: TriangleMesh) -> IntArray:
 
 def _joining(mesh: TriangleMesh) -> str:
     """The distance to join parts by, in words, if one is small, is enough, and leaves a valid mesh; else nothing."""
-    labels = mesh.components
-    gaps = [_gap(mesh.vertices, labels == part) for part in range(int(labels.max()) + 1)]
-    distance = 1.01 * max(gaps) + 1e-12 * float(np.ptp(mesh.vertices, axis=0).max())
-    if distance > _NEAR * np.ptp(mesh.vertices, axis=0).max():
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    distance = 1.01 * float(_gaps(mesh, _NEAR * size).max()) + 1e-12 * size
+    if not distance <= _NEAR * size:
         return ""
     distance = float(f"{1.1 * distance:.1e}")
     try:
@@ -85,6 +86,18 @@ def _joining(mesh: TriangleMesh) -> str:
         return ""
 
 
-def _gap(vertices: FloatArray, inside: NDArray[np.bool_]) -> float:
-    """Distance from a part to the nearest vertex of another."""
-    return float(np.min(cKDTree(vertices[~inside]).query(vertices[inside])[0]))
+def _gaps(mesh: TriangleMesh, limit: float) -> FloatArray:
+    """Distance from each part to the nearest vertex of another, infinite from ``limit`` on (or in a dense cluster)."""
+    labels, vertices = mesh.components, mesh.vertices
+    tree, open_ones = cKDTree(vertices), np.arange(len(vertices))
+    gaps = np.full(int(labels.max()) + 1, np.inf)
+    count = 2
+    while open_ones.size and count <= _MOST_NEIGHBOURS:
+        count = min(2 * count, len(vertices))
+        distances, others = tree.query(vertices[open_ones], k=count, distance_upper_bound=limit)
+        known = np.isfinite(distances)
+        foreign = known & (labels[np.where(known, others, 0)] != labels[open_ones][:, None])
+        nearest = np.where(foreign, distances, np.inf).min(axis=1)
+        np.minimum.at(gaps, labels[open_ones], nearest)
+        open_ones = open_ones[known[:, -1] & ~np.isfinite(nearest)] if count < len(vertices) else open_ones[:0]
+    return gaps

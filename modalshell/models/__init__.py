@@ -6,6 +6,7 @@ from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.coarse_shell import CoarseMesh, coarse_shell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.hybrid_stress import HybridStress
 from modalshell.models.linear import LinearModal
 from modalshell.models.modal_derivatives import ModalDerivatives
 from modalshell.models.reduced_rotation_strain import ReducedRotationStrain
@@ -20,6 +21,7 @@ __all__ = [
     "Damping",
     "DiscreteShell",
     "Equilibrium",
+    "HybridStress",
     "LinearModal",
     "ModalDerivatives",
     "ModalWarping",

@@ -229,8 +229,10 @@ class Model(ABC):
         """Whether the smallest push leads away from a state that is at rest under a dead load."""
         return False
 
-    def check_step(self, dt: float, damping: Damping) -> None:  # noqa: B027 (most rungs take any step)
-        """Raise OptionError if this model cannot step by ``dt``."""
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Raise OptionError if this model cannot step by ``dt``, or with this ``damping``."""
+        if damping.ratios:
+            raise OptionError(f"{self.name} has no modes to damp one by one: leave out ratios, or take a modal model")
 
 
 def rigid_share(shell: Shell, load: Array) -> float:

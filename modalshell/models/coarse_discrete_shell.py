@@ -83,7 +83,7 @@ class CoarseDiscreteShell(Model):
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static equilibrium of the coarse shell, prolonged; a start (n, 3) is sampled to begin from."""
-        begin = None if start is None else self._sampled(start)
+        begin = None if start is None else self.sampled(start)
         answer = self.coarse.equilibrium(force=self._prolongation.restrict(load), start=begin)
         return replace(answer, positions=self._prolonged(answer.positions), coordinates=answer.positions)
 
@@ -110,7 +110,7 @@ class CoarseDiscreteShell(Model):
         fine[self.shell.clamped] = self.shell.rest_positions[self.shell.clamped]
         return fine
 
-    def _sampled(self, positions: Array) -> Array:
+    def sampled(self, positions: Array) -> Array:
         """Coarse positions (k, 3) [m] where the fine surface has its displacement there."""
         moved = (positions - self.shell.rest_positions)[self.shell.mesh.faces[self._above]]
         return self.coarse.shell.rest_positions + np.einsum("kc,kcx->kx", self._shares, moved)
@@ -118,7 +118,7 @@ class CoarseDiscreteShell(Model):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State of the coarse shell at rest."""
         return self.coarse.start_motion(
-            None if positions is None else self._sampled(self.shell.checked_positions(positions))
+            None if positions is None else self.sampled(self.shell.checked_positions(positions))
         )
 
     def step(

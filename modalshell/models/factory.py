@@ -82,20 +82,26 @@ class ModelFactory:
             if "modes" in rest:
                 rest["count"] = rest.pop("modes")
             return spec.builder(self.shell, **rest)
-        if spec.needs == "coarse mesh":
+        if spec.on_coarse_mesh:
             cells = rest.pop("cells", None)
             if coarse is None:
                 if self._coarse is None:
                     raise OptionError(f"{spec.name} needs a coarser mesh of the surface: give one")
                 coarse = self._coarse(cells)
-            return spec.builder(self.shell, coarse_shell(self.shell, coarse.mesh, coarse.material), **rest)
+            given = self.shell, coarse_shell(self.shell, coarse.mesh, coarse.material)
+            if spec.needs == "coarse training":
+                return spec.builder(*given, self._training_load(spec), **rest)
+            return spec.builder(*given, **rest)
         basis = self.basis(rest.pop("modes", MODE_COUNT))
         if spec.needs == "basis":
             return spec.builder(basis, **rest)
+        load = self._training_load(spec)
+        return spec.builder(basis, np.array([share * load for share in TRAINING_SHARES]), **rest)
+
+    def _training_load(self, spec: ModelSpec) -> Array:
         if self._load is None:
             raise OptionError(f"{spec.name} is trained on the load: give one")
-        load = self._load()
-        return spec.builder(basis, np.array([share * load for share in TRAINING_SHARES]), **rest)
+        return self._load()
 
     def timed(
         self, spec: ModelSpec, options: Mapping[str, Any], coarse: CoarseMesh | None = None

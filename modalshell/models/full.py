@@ -22,6 +22,7 @@ from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
+from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import lead
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.live_loads import LiveLoads
@@ -32,6 +33,7 @@ from modalshell.statics.verdict import verdict
 from modalshell.timings import Timings
 from modalshell.typing import Array, Index
 
+_ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
 _LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
 _ROUNDING = 1e-10
 """Share of the mean diagonal entry of a Hessian below which an eigenvalue counts as zero."""
@@ -44,7 +46,8 @@ class FullModel(Model):
     (a cheaper model's answer, say) the whole load is tried at once, and where that fails the potential is minimised
     from there. Without a start the load is applied in steps that grow and shrink with the solver's success; where a
     step ends at no minimum (the shell snaps) the potential is minimised from the last stable state instead, as the
-    shell would move in a thick fluid. A saddle on the way is left along its unstable mode, to the lower of both sides,
+    shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch, which is
+    located on the path of equilibria. A saddle on the way is left along its unstable mode, to the lower of both sides,
     and ``message`` says so. Patches under constraints are led to their targets
     as moving boundaries; ``residual`` there is relative to load and reactions.
 
@@ -104,7 +107,8 @@ class FullModel(Model):
             else:
                 problem = model._statics(load, live)
                 result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
-        note = _LEFT if result.left_saddle else ""
+        notes = [f"a stable branch ends at a {_ENDS[kind]} at {share:.4g} of the load" for kind, share in result.jumps]
+        note = "; ".join(notes + [_LEFT] * result.left_saddle)
         if not result.converged and not patches:
             note = left_free(self.shell) or note
         return Equilibrium(
@@ -186,6 +190,7 @@ class FullModel(Model):
 
     def check_step(self, dt: float, damping: Damping) -> None:
         """Refuse an explicit step above the stability estimate."""
+        super().check_step(dt, damping)
         if self.integrator.explicit and not self.allow_unstable_step and dt > (stable := self.stable_step(damping)):
             raise OptionError(
                 f"{self.integrator.name} needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): "

@@ -6,7 +6,9 @@ from typing import final
 
 import numpy as np
 
+from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
+from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.least_potential import Statics
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
@@ -44,6 +46,10 @@ class LinearModal(ModalModel):
     def turned_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices."""
         return self._patch_rows(self.basis.modes, vertices)
+
+    def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
+        """The loads on the surface of a fine mesh by patches."""
+        return LoadQuadrature.of(self.basis, loading, turned=False)
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         rigid = self.basis.rigid_modes

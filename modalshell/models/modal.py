@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import cast
 
 import numpy as np
-import scipy.linalg
+import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -23,6 +23,7 @@ from modalshell.models.distortion import distortion, judged
 from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
+from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.dense import WorkPotential
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
 from modalshell.statics.modal_balance import balance
@@ -63,6 +64,8 @@ class ModalModel(Model):
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
         self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
+        self._identity = np.eye(basis.count)
+        self._unit_step: tuple[tuple[float, Damping], tuple[Array, Array]] | None = None
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
 
@@ -239,12 +242,34 @@ class ModalModel(Model):
     ) -> MotionState:
         """The modal forces' fall ``-D (v - v_n)``, D the drag in the turned modes, taken at the step's end."""
         rows = self.turned_rows(before.coordinates, vertices)
-        matrix = np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
-        eigenvalues = self.basis.eigenvalues
-        rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)
-        moved, sped = self.integrator.step(rest, rest, np.ones_like, eigenvalues, damp, dt)
-        gain = np.linalg.solve(np.eye(rest.size) + sped[:, None] * matrix, state.rates - before.rates)
-        force = -matrix @ gain
+        return self._slowed(state, before, dt, damping, np.tensordot(rows, drag @ rows, ((0, 1), (0, 1))))
+
+    def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
+        """A cheap sum of the loads that change, for steps of this model, if there is one."""
+        return None
+
+    def step_by_quadrature(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, pushed: tuple[Array, Array]
+    ) -> MotionState:
+        """One step under a dead load (n, 3) [N] and what a :class:`LoadQuadrature` says of the others."""
+        (push, drag), q, v, eigenvalues = pushed, state.coordinates, state.rates, self.basis.eigenvalues
+        damp = damping.of_modes(eigenvalues)
+        after = self.integrator.step(q, v, lambda q: self.modal_force(q, load) + push, eigenvalues, damp, dt)
+        return self._slowed(MotionState(*after), state, dt, damping, drag) if drag.any() else MotionState(*after)
+
+    def _slowed(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, matrix: Array
+    ) -> MotionState:
+        """``state`` with modal forces ``-matrix (v - v_n)`` besides, taken at the step's end."""
+        if self._unit_step is None or self._unit_step[0] != (dt, damping):
+            eigenvalues = self.basis.eigenvalues
+            rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)
+            self._unit_step = (dt, damping), self.integrator.step(rest, rest, np.ones_like, eigenvalues, damp, dt)
+        moved, sped = self._unit_step[1]
+        # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
+        whole = self._identity + sped[:, None] * matrix
+        gain = scipy.linalg.lapack.dgesv(whole, state.rates - before.rates)[2]
+        force = -(matrix @ gain)
         return MotionState(state.coordinates + moved * force, state.rates + sped * force)
 
     def turned_rows(self, q: Array, vertices: Index) -> Array:
@@ -252,6 +277,10 @@ class ModalModel(Model):
         rows = self._patch_rows(self.basis.modes, vertices)
         turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
         return np.asarray(turns @ rows)
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Refuse ratios that are not those of the modes."""
+        damping.of_modes(self.basis.eigenvalues)
 
     def decay_rate(self, dt: float, damping: Damping) -> float:
         """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""

@@ -12,6 +12,7 @@ from modalshell.errors import OptionError
 from modalshell.models.base import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.models.hybrid_stress import trained_on_load
 from modalshell.models.linear import LinearModal
 from modalshell.models.modal_derivatives import ModalDerivatives
 from modalshell.models.reduced_rotation_strain import trained_on_loads
@@ -21,9 +22,9 @@ from modalshell.models.spring_sheet import SpringSheet
 from modalshell.models.warping import ModalWarping, consistent_warping
 from modalshell.plugins import load_plugins
 
-Needs = Literal["shell", "basis", "training", "coarse mesh"]
+Needs = Literal["shell", "basis", "training", "coarse mesh", "coarse training"]
 Response = Literal["rigid", "linear", "nonlinear"]
-_GIVEN: dict[Needs, int] = {"shell": 1, "basis": 1, "training": 2, "coarse mesh": 2}
+_GIVEN: dict[Needs, int] = {"shell": 1, "basis": 1, "training": 2, "coarse mesh": 2, "coarse training": 3}
 _KEY = "[a-z][a-z0-9-]*"
 
 
@@ -40,10 +41,11 @@ class ModelSpec:
         Its name in tables and legends.
     builder : callable
         Makes the model from what it ``needs``, in this order: the shell; a basis; a basis and loads (k, n, 3) [N] to
-        train on; the shell and the same surface as a coarse shell. Its further parameters are the keys of a scene's
-        ``[model]`` table, with their types and defaults, as far as TOML can state them. A parameter ``count`` of modes
-        is the key ``modes``, which models on a basis have besides.
-    needs : {"shell", "basis", "training", "coarse mesh"}
+        train on; the shell and the same surface as a coarse shell; the same with a load (n, 3) [N] to train on.
+        Its further parameters are the keys of a scene's ``[model]`` table, with their types and defaults, as
+        far as TOML can state them. A parameter ``count`` of modes is the key ``modes``, which models on a basis
+        have besides.
+    needs : {"shell", "basis", "training", "coarse mesh", "coarse training"}
         What the builder takes.
     cost : float
         Cost class: place on the ladder, cheapest and simplest first. DS has 100.
@@ -81,6 +83,11 @@ class ModelSpec:
     def given(self) -> int:
         """How many of the builder's first parameters are what the model needs."""
         return _GIVEN[self.needs]
+
+    @property
+    def on_coarse_mesh(self) -> bool:
+        """Whether it needs a coarse shell."""
+        return self.needs in ("coarse mesh", "coarse training")
 
     @property
     def on_modes(self) -> bool:
@@ -132,6 +139,7 @@ for _spec in (
     ),
     ModelSpec("rsw", "RSW", RotationStrain, "basis", 50, True, True, "#7b2d8e", "^"),
     ModelSpec("md-rom", "MD-ROM", ModalDerivatives, "shell", 60, color="#d98200", marker="P", most_modes=8),
+    ModelSpec("hybrid", "hybrid", trained_on_load, "coarse training", 65, color="#e7298a", marker="p"),
     ModelSpec("coarse-ds", "coarse DS", CoarseDiscreteShell, "coarse mesh", 70, color="#66c2a5"),
     ModelSpec(
         "springs", "springs", SpringSheet, "shell", 80, constraints=True, color="#a6761d", marker="*", bends=False

@@ -10,9 +10,11 @@ import scipy.linalg
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
+from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
+from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
@@ -145,6 +147,10 @@ class ModalWarping(ModalModel):
     def largest_turn(self, q: Array) -> float:
         """Largest rotation of a vertex [rad] at q."""
         return float(rotations.largest_angle(self.rotation_vectors(q)))
+
+    def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
+        """The loads on the surface of a fine mesh by patches; of the paper's modal force alone."""
+        return None if self.consistent_force else LoadQuadrature.of(self.basis, loading, turned=True)
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         if self.consistent_force:

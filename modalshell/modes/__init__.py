@@ -8,12 +8,14 @@ from modalshell.modes.eigenpairs import (
     nearest_tangent_mode,
 )
 from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
+from modalshell.modes.loaded import LoadedModes
 
 __all__ = [
     "BACKENDS",
     "Basis",
     "Factor",
     "Factoriser",
+    "LoadedModes",
     "condensed_factor",
     "largest_eigenvalue",
     "lowest_tangent_eigenvalue",

@@ -8,18 +8,22 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_npz
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
-from modalshell.errors import FileFormatError, ModalShellWarning
+from modalshell.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
+from modalshell.loads import Load
+from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
+from modalshell.modes.attachments import attached_forces, with_attachments
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
+from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.page import Page, modal_page
 from modalshell.plugins import load_plugins
@@ -31,6 +35,8 @@ from modalshell.typing import Array
 
 _FORMAT = 1
 """Version of the saved file."""
+_COPIES, _RIGID_COPIES = 6, 6
+"""Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +82,20 @@ class Basis(ReadOnlyArrays):
     def count(self) -> int:
         """Number of modes m."""
         return int(self.eigenvalues.size)
+
+    @property
+    def participation_factors(self) -> Array:
+        """How much each mode is moved by accelerations of the supports along x, y and z (m, 3) [sqrt(kg)].
+
+        ``Phi^T M e``: supports with acceleration a make ``q'' + lambda q = -a Phi^T M e`` [clough1993, 12-6].
+        """
+        mass = self.shell.mass[:, None, None]
+        return np.asarray((mass * self.modes.reshape(-1, 3, self.count)).sum(axis=0).T)
+
+    @property
+    def effective_masses(self) -> Array:
+        """Mass that moves with each mode along x, y and z (m, 3) [kg]; of all modes together the mass that can move."""
+        return self.participation_factors**2
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the basis with its shell to an ``.npz`` file (no pickle)."""
@@ -177,8 +197,32 @@ class Basis(ReadOnlyArrays):
         return cls(shell, values, modes, rotations, *counts)
 
 
-def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> Basis:
-    """Lowest vibration modes of a shell about its rest shape, with their modal rotations.
+@overload
+def solve_modes(
+    shell: Shell,
+    count: int = 8,
+    *,
+    attachments: Sequence[Load | ArrayLike] | None = None,
+    about: None = None,
+    backend: str | None = None,
+) -> Basis: ...
+
+
+@overload
+def solve_modes(
+    shell: Shell, count: int = 8, *, about: State | ArrayLike, backend: str | None = None
+) -> LoadedModes: ...
+
+
+def solve_modes(
+    shell: Shell,
+    count: int = 8,
+    *,
+    attachments: Sequence[Load | ArrayLike] | None = None,
+    about: State | ArrayLike | None = None,
+    backend: str | None = None,
+) -> Basis | LoadedModes:
+    """Lowest vibration modes of a shell about its rest shape, with their modal rotations, or about a loaded state.
 
     Parameters
     ----------
@@ -186,31 +230,63 @@ def solve_modes(shell: Shell, count: int = 8, *, backend: str | None = None) -> 
         Shell with its supports.
     count : int
         Number of modes m, rigid ones counted in.
+    attachments : sequence of Load or array_like, shape (n, 3), optional
+        Loads, or forces [N], under which the shell's linear answer shall be in the basis, too: for each that the modes
+        do not hold already a vector follows them, so that vectors stay orthonormal and eigenvalues ascend.
+    about : Equilibrium or array_like, shape (n, 3), optional
+        A stable state under dead loads, or its positions [m]: small vibrations are those about it.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
     Returns
     -------
+    LoadedModes
+        With ``about``: frequencies and modes alone, as the modal models start from rest.
     Basis
         Modes with a fixed start vector and sign convention, so that results repeat. None is missing, of repeated
         eigenvalues neither; where ``count`` cuts such an eigenvalue in two, a ModalShellWarning says so, and as many
-        orthonormal modes of its eigenspace are returned as there is room for. A ModalShellWarning says where a mesh in
-        several parts has some that nothing holds: six modes each are their rigid motions.
+        orthonormal modes of its eigenspace are returned as there is room for. Where loose parts are asked for
+        (``Shell(..., loose_parts=True)``), a ModalShellWarning says that six modes each are their rigid motions.
 
     Raises
     ------
+    SupportError
+        If the mesh is in several parts of which no support holds some.
     OptionError
-        If ``count`` is not between 1 and the number of free unknowns.
+        If ``count`` is not between 1 and the number of free unknowns, the modes do not fit into memory, ``about`` is no
+        stable state, or ``attachments`` are asked for with it, or of a shell that its supports leave free.
+    LoadError
+        For attachments or positions of the wrong shape or not finite.
     SolverError
         If the stiffness is singular beyond its rigid motions, or a mode fails the residual check.
     """
     checked_kind("shell", shell, Shell)
     count = checked_count("count", count)
-    if fault := loose_parts_fault(shell.mesh, shell.clamped):
+    if fault := loose_parts_fault(shell.mesh, shell.unknowns.supported):
+        if not shell.loose_parts:
+            raise SupportError(fault)
         warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
     Factoriser(backend)  # refuses an unknown back end before any work
+    _demand_memory(shell, count)
+    if about is not None:
+        if attachments is not None:
+            raise OptionError("attachments are shapes about rest: leave them out, or about=")
+        return loaded_modes(shell, about, count, backend)
+    forces = attached_forces(shell, attachments)
     eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
+    if forces.shape[1]:
+        eigenvalues, free_modes = with_attachments(shell, eigenvalues, free_modes, forces, backend)
     modes = np.asarray(shell.unknowns.prolong(free_modes))
     rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
     finite_answer("the modes", eigenvalues, modes, rotations)
     return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name)
+
+
+def _demand_memory(shell: Shell, count: int) -> None:
+    """OptionError if ``count`` modes need more memory than there is; the factor is counted with the shell."""
+    vertices, parts = len(shell.rest_positions), int(shell.mesh.components.max()) + 1
+    loose = 6 * (parts - np.unique(shell.mesh.components[shell.unknowns.supported]).size)
+    columns = _COPIES * count + _RIGID_COPIES * loose
+    size = 8.0 * 3 * vertices * columns + 8.0 * (3.0 * min(count, 3 * vertices)) ** 2
+    told = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")
+    demand_memory(told, size, "take fewer modes, a coarser mesh, or one part of it")

@@ -82,14 +82,14 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         wanted = min(elastic + 1, size - rigid.shape[1])
         if size <= max(_DENSE_BELOW, 3 * wanted):
             dense = np.asarray(mass_scaled(shell, data) @ np.eye(size))
-            values, vectors = _dense(0.5 * (dense + dense.T), root[:, None] * rigid, wanted)
+            values, vectors = dense_pairs(0.5 * (dense + dense.T), root[:, None] * rigid, wanted)
         else:
             # The factor is the peak of memory: no matrix but its own stands beside it.
             solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid, mass, backend)
             name = solver.factor.backend
-            values, vectors = _lanczos(solver, root, root[:, None] * rigid, wanted)
+            values, vectors = lanczos_pairs(solver, root, root[:, None] * rigid, wanted)
             del solver
-        values, vectors = _canonical(values, vectors, elastic)
+        values, vectors = canonical_pairs(values, vectors, elastic)
     scaled = mass_scaled(shell, data)
     norm = _norm(shell, data) or 1.0
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm
@@ -233,7 +233,7 @@ def _nearest(factor: Factor, root: Array, shift: float = 0.0) -> tuple[float, Ar
     return float(values[0]), np.asarray(vectors[:, 0] / root)
 
 
-def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
+def dense_pairs(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
     """Eigenpairs of a small matrix on the complement of the (orthonormal) rigid motions."""
     basis = scipy.linalg.null_space(rigid.T) if rigid.shape[1] else np.eye(matrix.shape[0])
     reduced = basis.T @ matrix @ basis
@@ -247,7 +247,7 @@ def _dense(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
     return 1.0 / inverse[::-1][:wanted], basis @ (vectors / np.linalg.norm(vectors, axis=0))
 
 
-def _lanczos(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
+def lanczos_pairs(solver: RigidFreeSolver, root: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
     """Shift-invert at zero in the mass-scaled problem, whose mass matrix is the identity.
 
     A Krylov space holds one vector of each eigenspace: it sees further copies of a repeated eigenvalue by rounding
@@ -354,7 +354,7 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
 
 
-def _canonical(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
+def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
     """The first ``count`` pairs in a form that repeats: a fixed basis in each repeated eigenspace, fixed signs."""
     groups = np.concatenate([[0], np.cumsum(np.diff(values) > _REPEATED * np.abs(values[1:]))])
     fixed = vectors.copy()

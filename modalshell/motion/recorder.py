@@ -204,7 +204,7 @@ class Recorder:
     def _cycles(self) -> bool:
         """Whether kinetic energy has stopped falling although damping, under a constant load, must have eaten it."""
         motion = self.motion
-        damped = motion.damping.mass_factor > 0.0 or motion.damping.stiffness_factor > 0.0
+        damped = motion.damping.any
         if not self._steady or not damped or len(self.times) < 40:
             return False
         rate = motion.model.decay_rate(motion.dt, motion.damping)

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, DTypeLike
 from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.constraints import Constraint
 from modalshell.loads import Load
-from modalshell.models import Model
+from modalshell.memory import demand_memory
+from modalshell.models import Damping, Model
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.stepping import Motion, checked_step
@@ -27,7 +28,7 @@ def simulate(
     gravity: ArrayLike | None = None,
     force: ArrayLike | None = None,
     loads: Sequence[Load] | None = None,
-    damping: tuple[float, float] = (0.0, 0.0),
+    damping: tuple[float, float] | Damping = (0.0, 0.0),
     start: ArrayLike | None = None,
     supports: SupportPath | None = None,
     constraints: Sequence[Constraint] | None = None,
@@ -52,7 +53,7 @@ def simulate(
         Further force on every vertex [N].
     loads : sequence of Load, optional
         Further loads, such as :class:`~modalshell.PointForce`.
-    damping : (float, float)
+    damping : (float, float) or Damping
         Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity in
         the model's own frame: relative to the supports for modal models, absolute for full ones.
     start : array_like, shape (n, 3), optional
@@ -107,5 +108,9 @@ def simulate(
         constraints=constraints,
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
+    stored = recorder.total // store_every + 2
+    # The frames one by one, then together.
+    size = 2.0 * stored * model.shell.rest_positions.size * dtype.itemsize
+    demand_memory(f"a trajectory of {stored} frames", size, "store fewer (store_every), or in float32 (dtype)")
     frames = [motion.positions().astype(dtype) for _ in recorder.frames(on_step)]
     return with_fields(recorder.trajectory(np.array(frames)), model.shell, chosen)

@@ -17,7 +17,9 @@ from modalshell.errors import OptionError, SupportError
 from modalshell.loads import Load
 from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget
+from modalshell.models.modal import as_modal
 from modalshell.motion.supports import Pose, SupportPath
+from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.typing import Array, Index
 
@@ -66,14 +68,15 @@ class Motion:
         gravity: ArrayLike | None = None,
         force: ArrayLike | None = None,
         loads: Sequence[Load] | None = None,
-        damping: tuple[float, float] = (0.0, 0.0),
+        damping: tuple[float, float] | Damping = (0.0, 0.0),
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
         constraints: Sequence[Constraint] | None = None,
     ) -> None:
         self.dt = checked_step(dt)
-        factors = checked_vectors("damping", damping, (2,), OptionError).tolist()
-        self.damping = Damping(*(checked_number("each damping factor", factor, at_least=0.0) for factor in factors))
+        if not isinstance(damping, Damping):
+            damping = Damping(*checked_vectors("damping", damping, (2,), OptionError).tolist())
+        self.damping = damping
         self.loading = model.shell.loading(gravity, force, loads)
         self.load = self.loading.dead
         model.check_step(self.dt, self.damping)
@@ -97,6 +100,9 @@ class Motion:
             self.state = model.placed(self.state, self._pose(supports, 0.0))
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
+        self._quadrature: LoadQuadrature | None = None
+        if (modal := as_modal(model)) is not None and supports is None:
+            self._quadrature = modal.load_quadrature(self.loading)
         self.count, self.unconverged, self.finite = 0, 0, True
         self.constraint_residuals = np.zeros(len(self.constraints))
 
@@ -144,9 +150,10 @@ class Motion:
         """Take one step."""
         model, dt, time = self.model, self.dt, (self.count + 1) * self.dt
         load, held, pose, changing = self.load, None, None, self.loading.live
-        lagging = bool(changing) and not model.takes_live_loads
+        quadrature = self._quadrature
+        lagging = bool(changing) and not model.takes_live_loads and quadrature is None
         if lagging:
-            load = load + self.loading.live_force(self.positions(), self._velocities(), time)
+            load = self.loading.moving_force(load, *self._last_positions(), 1.0 / dt, time)
         if self.supports is not None:
             pose = self._pose(self.supports, time)
             if model.in_shell_frame:
@@ -156,7 +163,11 @@ class Motion:
         if self._patches or (pose is not None and not model.in_shell_frame):
             held = self._held_positions(time, pose)
         with np.errstate(over="ignore", invalid="ignore"):
-            if changing and model.takes_live_loads:
+            if quadrature is not None and (modal := as_modal(model)) is not None:
+                own, before = self._own(self.state), self._own(self._before)
+                pushed = quadrature.push(self.state.coordinates, own, before, 1.0 / dt, time)
+                state, converged = modal.step_by_quadrature(self.state, dt, load, self.damping, pushed), True
+            elif changing and model.takes_live_loads:
                 live = LiveLoads(self.loading, time, self._origin)
                 state, converged = model.step_live(self.state, dt, load, self.damping, held, live)
             else:
@@ -173,19 +184,17 @@ class Motion:
         self._before, self.state = self.state, state
         self.count += 1
 
-    def _velocities(self) -> Array:
-        """Velocities (n, 3) [m/s] in the world over the last step."""
-        if self.count == 0:
-            return np.zeros_like(self.load)
-        now, before = self._own(self.state), self._own(self._before)
+    def _last_positions(self) -> tuple[Array, Array]:
+        """Positions (n, 3) [m] in the world now and a step earlier; at the start both are the same."""
+        now, before = self.positions(), self._own(self._before)
         if self.supports is not None and self.model.in_shell_frame:
-            now = self.supports.at(self.time).to_world(now)
-            before = self.supports.at(self.time - self.dt).to_world(before)
-        return (now - before) / self.dt
+            before = self._pose(self.supports, max(self.count - 1, 0) * self.dt).to_world(before)
+        return now, before + self._origin if self._origin.any() else before
 
     def _drag(self, time: float, pose: Pose | None) -> tuple[Index, Array]:
         """Drag of the loads at some vertices, in the model's frame; see :meth:`Loading.drag`."""
-        vertices, blocks = self.loading.drag(self.positions(), self._velocities(), time)
+        now, before = self._last_positions()
+        vertices, blocks = self.loading.drag(now, (now - before) / self.dt, time)
         return vertices, blocks if pose is None else pose.rotation.T @ blocks @ pose.rotation
 
     def snapshot(self) -> dict[str, Array]:

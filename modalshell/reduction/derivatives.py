@@ -5,20 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from modalshell.errors import OptionError, SolverError
+from modalshell.memory import demand_memory
 from modalshell.modes.basis import Basis
 from modalshell.modes.factorisation import Factoriser, condensed_factor
+from modalshell.modes.orthonormal import orthonormal_extension
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.typing import Array
 
 _STEP = 5e-4
 """Difference step: the largest change of an edge vector over its length."""
-
-_DEPENDENT = 1e-6
-"""Share of a derivative that must be new to the basis for it to get a vector of its own."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +62,10 @@ class DerivativeBasis:
         return float(_edge_changes(self.shell, (self.vectors @ z).reshape(-1, 3, 1)).max())
 
 
+_DERIVATIVE_BYTES = 40.0
+"""For each pair of modes and unknown: the forces, their transpose, the answers and their orthonormal basis."""
+
+
 def modal_derivatives(modes: Basis, *, backend: str | None = None) -> DerivativeBasis:
     """Solve ``K psi_ij = -(dK/dq_j) phi_i`` for all pairs of modes with one factor of K.
 
@@ -84,6 +86,8 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
         If K is too ill-conditioned for its inverse to have a meaning.
     """
     shell = modes.shell
+    size = _DERIVATIVE_BYTES * modes.count**2 * shell.rest_positions.size
+    demand_memory(f"the derivatives of {modes.count} modes", size, "take fewer modes")
     if loose := left_free(shell):
         raise OptionError(
             f"modal derivatives need supports that hold the shell, but {loose}: a linear basis cannot turn; hold more "
@@ -112,24 +116,6 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     vectors[:, count:] = new @ turned
     eigenvalues = np.concatenate([modes.eigenvalues, further])
     return DerivativeBasis(modes, derivatives, vectors, eigenvalues, difference_error, asymmetry)
-
-
-def orthonormal_extension(leading: Array, further: Array, mass: Array) -> Array:
-    """``leading`` (N, m), mass-orthonormal, followed by what is new in ``further`` (N, k), orthonormalised.
-
-    QR with column pivoting on unit columns; a column whose new part is below :data:`_DEPENDENT` gets no vector.
-    """
-    root = np.sqrt(mass)[:, None]
-    known, new = root * leading, root * further
-    size = np.linalg.norm(new, axis=0)
-    new = new[:, size > 0.0] / size[size > 0.0]
-    for _ in range(2):  # once more for the digits that cancellation took
-        new -= known @ (known.T @ new)
-    orthonormal, triangle, _ = scipy.linalg.qr(new, mode="economic", pivoting=True)
-    rank = int(np.count_nonzero(np.abs(np.diagonal(triangle)) > _DEPENDENT))
-    found = orthonormal[:, :rank]
-    found, _ = np.linalg.qr(found - known @ (known.T @ found))
-    return np.hstack([leading, found / root])
 
 
 def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:

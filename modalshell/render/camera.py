@@ -30,8 +30,6 @@ class Camera:
         Tangent of half the vertical view angle.
     aspect : float
         Width over height of the picture.
-    parallel : bool
-        Parallel projection, with half the picture's height `distance * slope`.
     """
 
     axes: NDArray[np.float64]
@@ -39,7 +37,6 @@ class Camera:
     distance: float
     slope: float
     aspect: float
-    parallel: bool
 
     @property
     def target(self) -> NDArray[np.float64]:
@@ -54,13 +51,11 @@ class Camera:
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Map points (n, 3) [m] to picture coordinates in [-1, 1] and the height towards the camera [m], (n, 3)."""
         local = points @ self.axes.T - self.center
-        reach = self.slope * (self.distance if self.parallel else np.maximum(self.distance - local[:, 2], 1e-9))
+        reach = self.slope * np.maximum(self.distance - local[:, 2], 1e-9)
         return np.column_stack([local[:, 0] / (reach * self.aspect), local[:, 1] / reach, local[:, 2]])
 
     def facing(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the directions from points (n, 3) to the camera, shape (n, 3), not normalised."""
-        if self.parallel:
-            return np.broadcast_to(self.axes[2], points.shape)
         return np.asarray(self.position - points, dtype=np.float64)
 
 
@@ -93,7 +88,7 @@ def look_at(position: ArrayLike, target: ArrayLike, view_angle: float, aspect: f
     if not distance > 0.0:
         raise OptionError(f"a camera needs a target away from its position (got {position!r} for both)")
     axes = camera_axes(backward)
-    return Camera(axes, axes @ goal, distance, math.tan(0.5 * view_angle), aspect, False)
+    return Camera(axes, axes @ goal, distance, math.tan(0.5 * view_angle), aspect)
 
 
 def frame_points(
@@ -101,9 +96,7 @@ def frame_points(
     direction: ArrayLike,
     aspect: float,
     *,
-    zoom: float = 1.0,
     margin: float = 0.06,
-    parallel: bool = False,
 ) -> Camera:
     """
     Place a camera so that the points just fill the picture but for a margin.
@@ -116,12 +109,8 @@ def frame_points(
         From target to camera.
     aspect : float
         Width over height of the picture.
-    zoom : float
-        Magnification over this framing.
     margin : float
         Free part of the picture at each side.
-    parallel : bool
-        Parallel instead of perspective projection.
 
     Returns
     -------
@@ -135,12 +124,6 @@ def frame_points(
     span = max(float(np.max(high - low)), 1e-9 * max(1.0, float(np.abs(local).max())), 1e-12)
     slope = math.tan(0.5 * VIEW_ANGLE)
     free = 1.0 - 2.0 * margin
-    if parallel:
-        half = 0.5 * (high - low) / free
-        half_height = max(half[0] / aspect, half[1], 1e-3 * span)
-        # Far enough for the whole scene to lie in front of the camera.
-        distance = 4.0 * span + half_height
-        return Camera(axes, center, distance, half_height / distance / zoom, aspect, True)
     # Smallest distance at which every point lies in the cone; the best offset across has a closed form.
     needed = [float(high[2]) + 0.05 * span]
     for axis, tangent in ((0, free * slope * aspect), (1, free * slope)):
@@ -148,4 +131,4 @@ def frame_points(
         minus = float(np.max(local[:, 2] - local[:, axis] / tangent))
         center[axis] = 0.5 * tangent * (plus - minus)
         needed.append(0.5 * (plus + minus))
-    return Camera(axes, center, max(needed) - float(center[2]), slope / zoom, aspect, False)
+    return Camera(axes, center, max(needed) - float(center[2]), slope, aspect)

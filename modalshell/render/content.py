@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from modalshell.atomic_io import make_folder
 from modalshell.checks import shown
 from modalshell.errors import OptionError
 
-Style = Literal["surface", "wireframe", "outline"]
+Style = Literal["surface", "outline"]
 Color = str | tuple[float, float, float]
 
 # From target to camera: a three-quarter view with the x axis across the picture and z up.
@@ -46,7 +45,7 @@ class ShadedSurface:
     smooth : bool
         Shade with averaged vertex normals; leave off for folded shells, whose ridges it would blur.
     style : str
-        ``"surface"``, ``"wireframe"`` (triangle sides only) or ``"outline"`` (border, creases and contour only).
+        ``"surface"``, or ``"outline"`` (border, creases and contour only).
     lined : bool
         Draw border, creases and contour over the style ``"surface"``; leave off for small things and shadows.
     """
@@ -93,15 +92,12 @@ class View:
         Text above the cell.
     camera : tuple of float
         Direction from the target to the camera, of any length; z points up in the picture.
-    zoom : float
-        Magnification over the framing that shows everything: 1 fits, 2 is twice as large.
     """
 
     surfaces: Sequence[ShadedSurface]
     title: str | None = None
     subtitle: str | None = None
     camera: tuple[float, float, float] = DEFAULT_CAMERA
-    zoom: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the cell."""
@@ -109,8 +105,6 @@ class View:
         if not self.surfaces or not all(isinstance(surface, ShadedSurface) for surface in self.surfaces):
             raise OptionError("a View needs at least one ShadedSurface, and nothing else, in its surfaces")
         self.camera = checked_direction(self.camera)
-        if not (math.isfinite(self.zoom) and self.zoom > 0.0):
-            raise OptionError(f"zoom must be a positive number (got {self.zoom!r})")
 
 
 def checked_positions(values: ArrayLike, name: str, frames: bool = False) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +33,19 @@ class Curve:
     marker: str = "o"
 
 
+Style = Literal["-", ":", "--"]
+"""Line styles of matplotlib."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A vertical line at ``x``, with a label."""
+
+    x: float
+    label: str
+    style: Style = "-"
+
+
 @dataclass(frozen=True)
 class Panel:
     """One pair of axes.
@@ -48,6 +62,10 @@ class Panel:
         Stretch of the x axis to shade from its middle to the right end, with ``band_label`` (where models break).
     x_ticks : mapping of float to str, optional
         The only ticks of the x axis, and their texts.
+    lines : sequence of Line
+        Vertical lines.
+    legend_inside : bool
+        Whether the legend stands within the axes however many curves there are.
     """
 
     curves: Sequence[Curve]
@@ -59,6 +77,8 @@ class Panel:
     band: tuple[float, float] | None = None
     band_label: str = ""
     x_ticks: Mapping[float, str] | None = None
+    lines: Sequence[Line] = ()
+    legend_inside: bool = False
 
 
 def draw_curves(
@@ -96,11 +116,13 @@ def draw_curves(
         if panel.band is not None:
             right = max(float(np.max(curve.x)) for curve in panel.curves)
             axes.axvspan(0.5 * sum(panel.band), right, color="0.85", zorder=0, label=panel.band_label)
+        for line in panel.lines:
+            axes.axvline(line.x, color="0.25", linestyle=line.style, linewidth=1.2, label=line.label)
         axes.set_title(panel.title, fontsize=11)
         axes.set_xlabel(panel.x_label)
         axes.set_ylabel(panel.y_label)
         axes.grid(alpha=0.3)
-        if len(panel.curves) > _INSIDE:
+        if len(panel.curves) + len(panel.lines) > _INSIDE and not panel.legend_inside:
             axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
         else:
             axes.legend(frameon=False, fontsize=9)

@@ -41,8 +41,6 @@ def write_film(
     size: tuple[int, int] = (960, 720),
     title: str | None = None,
     camera: tuple[float, float, float] | Camera = DEFAULT_CAMERA,
-    zoom: float = 1.0,
-    parallel: bool = False,
     colormap: str = "viridis",
     scalars: Sequence[ArrayLike | None] = (),
     scalar_range: tuple[float, float] | None = None,
@@ -72,10 +70,6 @@ def write_film(
     camera : tuple of float or Camera
         Direction from target to camera, the framing holding the whole motion; or a camera that stands somewhere (see
         `look_at`), which iterables need.
-    zoom : float
-        Magnification over the framing.
-    parallel : bool
-        Parallel instead of perspective projection of the framing.
     colormap : str
         Matplotlib colour map for scalars.
     scalars : sequence of array_like or None
@@ -102,8 +96,6 @@ def write_film(
     size = checked_size(size, even=True)
     if not (math.isfinite(fps) and 0.0 < fps <= 1000.0):
         raise OptionError(f"fps must lie in (0, 1000] (got {fps!r})")
-    if not (math.isfinite(zoom) and zoom > 0.0):
-        raise OptionError(f"zoom must be a positive number (got {zoom!r})")
     target = checked_path(path, ".mp4")
     values = _checked_scalars(shown, scalars, count)
     if scalar_range is None and (known := [one for one in values if one is not None]):
@@ -120,7 +112,7 @@ def write_film(
             for surface, motion in zip(shown, moves, strict=True)
         ]
         aspect = page.cell[0] / page.cell[1]
-        view = frame_points(np.concatenate(seen), checked_direction(camera), aspect, zoom=zoom, parallel=parallel)
+        view = frame_points(np.concatenate(seen), checked_direction(camera), aspect)
 
     def pictures() -> Iterator[NDArray[np.uint8]]:
         canvas = page.paint([np.full((page.cell[1], page.cell[0], 3), 255, dtype=np.uint8)])

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.atomic_io import write_atomically
 from modalshell.errors import OptionError
+from modalshell.render.curves import Style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,7 +35,7 @@ class Boundary:
 
     at: Sequence[Sequence[float]]
     label: str
-    style: Literal["-", ":"] = "-"
+    style: Style = "-"
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from modalshell.memory import demand_memory
 from modalshell.render.backend import choose_backend
 from modalshell.render.painter import Painter
 
+_PIXEL_BYTES = 200
+"""For each pixel of an image, drawn twice as large each way and averaged."""
+
 
 def open_painter(size: tuple[int, int]) -> Painter:
-    """Open the back end that draws here, for images of `size` (width, height) in pixels."""
+    """Open the back end that draws here, for images of `size` (width, height) in pixels; refused without the memory."""
+    told, needed = f"a picture of {size[0]} x {size[1]} pixels", _PIXEL_BYTES * size[0] * size[1]
+    demand_memory(told, needed, "make it smaller")
     if choose_backend() == "pyvista":
         from modalshell.render.pyvista_painter import PyvistaPainter
 

@@ -39,13 +39,7 @@ def add_faces(plotter: Any, mesh: Any, surface: ShadedSurface, **look: Any) -> A
 def set_camera(plotter: Any, camera: Camera) -> None:
     """Look through a camera."""
     plotter.camera_position = [camera.position, camera.target, camera.axes[1]]
-    view = plotter.camera
-    if camera.parallel:
-        view.enable_parallel_projection()
-        view.parallel_scale = camera.distance * camera.slope
-    else:
-        view.disable_parallel_projection()
-        view.view_angle = math.degrees(2.0 * math.atan(camera.slope))
+    plotter.camera.view_angle = math.degrees(2.0 * math.atan(camera.slope))
 
 
 def close_plotter(plotter: Any) -> None:

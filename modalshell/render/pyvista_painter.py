@@ -71,7 +71,6 @@ class _Shown:
     ) -> None:
         self._surface, self._scalar_colors = surface, scalar_colors
         vertices, self._faces = np.array(surface.vertices), np.asarray(surface.faces)
-        self._table = EdgeTable.of(vertices, self._faces)
         self._mesh = self._lines = None
         if surface.style == "surface":
             self._mesh = pyvista.PolyData.from_regular_faces(vertices, self._faces)
@@ -94,13 +93,13 @@ class _Shown:
         if surface.style == "surface" and not surface.lined:
             self.move(vertices, camera)
             return
+        self._table = EdgeTable.of(vertices, self._faces)
         self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(vertices, camera))
-        width = MESH_LINE_WIDTH if surface.style == "wireframe" else LINE_WIDTH
         plotter.add_mesh(
             self._lines,
             color=tuple(line_color(surface)),
             opacity=line_opacity(surface),
-            line_width=width * SUPERSAMPLING,
+            line_width=LINE_WIDTH * SUPERSAMPLING,
             lighting=False,
             reset_camera=False,
             copy_mesh=False,
@@ -123,7 +122,5 @@ class _Shown:
             self._mesh.point_data["colors"] = np.round(255.0 * self._scalar_colors(scalars)).astype(np.uint8)
 
     def _line_cells(self, vertices: NDArray[np.float64], camera: Camera) -> NDArray[np.int64]:
-        edges = self._table.edges
-        if self._surface.style != "wireframe":
-            edges = edges[self._table.outline(vertices, self._faces, camera)]
+        edges = self._table.edges[self._table.outline(vertices, self._faces, camera)]
         return np.column_stack([np.full(len(edges), 2), edges]).ravel()

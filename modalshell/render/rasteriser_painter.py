@@ -40,7 +40,7 @@ class RasteriserPainter:
         self._size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
         self._surfaces: list[ShadedSurface] = []
         self._vertices: list[NDArray[np.float64]] = []
-        self._tables: list[EdgeTable] = []
+        self._tables: dict[int, EdgeTable] = {}
         self._camera: Camera | None = None
         self._scalar_colors: ScalarColors | None = None
 
@@ -48,7 +48,11 @@ class RasteriserPainter:
         """Replace everything shown."""
         self._surfaces = list(surfaces)
         self._vertices = [np.asarray(surface.vertices) for surface in surfaces]
-        self._tables = [EdgeTable.of(np.asarray(surface.vertices), np.asarray(surface.faces)) for surface in surfaces]
+        self._tables = {
+            index: EdgeTable.of(np.asarray(surface.vertices), np.asarray(surface.faces))
+            for index, surface in enumerate(surfaces)
+            if surface.lined or surface.edges or surface.style != "surface"
+        }
         self._camera, self._scalar_colors = camera, scalar_colors
 
     def move(self, index: int, vertices: NDArray[np.float64], scalars: NDArray[np.float64] | None = None) -> None:
@@ -72,20 +76,23 @@ class RasteriserPainter:
 
     def _pieces(self, index: int, camera: Camera) -> list[Triangles]:
         """Return the faces, then the lines, as triangles in the picture."""
-        surface, vertices, table = self._surfaces[index], self._vertices[index], self._tables[index]
+        surface, vertices = self._surfaces[index], self._vertices[index]
         faces = np.asarray(surface.faces)
         pixels, nearness = self._place(vertices, camera, 0.0)
         pieces = []
         if surface.style == "surface":
             shades = self._shade(surface, vertices, faces, camera)
             pieces.append(Triangles(pixels[faces], nearness[faces], shades, surface.opacity))
+        if index not in self._tables:
+            return pieces
+        table = self._tables[index]
         # Lines float a little above the faces so that they are never half hidden.
         pixels, nearness = self._place(vertices, camera, 0.004 * float(np.ptp(vertices, axis=0).max()))
         color = line_color(surface)
-        if surface.style == "wireframe" or (surface.edges and surface.style == "surface"):
+        if surface.edges and surface.style == "surface":
             opacity = surface.opacity
             pieces.append(_lines(pixels, nearness, table.edges, color, MESH_LINE_WIDTH * SUPERSAMPLING, opacity))
-        if surface.style != "wireframe" and (surface.lined or surface.style == "outline"):
+        if surface.lined or surface.style == "outline":
             edges = table.edges[table.outline(vertices, faces, camera)]
             pieces.append(_lines(pixels, nearness, edges, color, LINE_WIDTH * SUPERSAMPLING, line_opacity(surface)))
         return pieces
@@ -98,7 +105,7 @@ class RasteriserPainter:
         pixels = 0.5 * (projected[:, :2] * (1.0, -1.0) + 1.0) * np.array(self._size)
         height = projected[:, 2] + lift
         # In perspective not the height but one over the distance is linear over the picture.
-        return pixels, height if camera.parallel else 1.0 / np.maximum(camera.distance - height, 1e-9)
+        return pixels, 1.0 / np.maximum(camera.distance - height, 1e-9)
 
     def _shade(
         self, surface: ShadedSurface, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera
@@ -120,7 +127,7 @@ class RasteriserPainter:
 
     def close(self) -> None:
         """Forget the surfaces."""
-        self._surfaces, self._vertices, self._tables = [], [], []
+        self._surfaces, self._vertices, self._tables = [], [], {}
 
 
 def _lines(

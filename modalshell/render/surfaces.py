@@ -37,7 +37,7 @@ class ScalarColors:
 
 
 def scalar_colors(
-    surfaces: Sequence[ShadedSurface], colormap: str, limits: tuple[float, float] | None = None
+    surfaces: Sequence[ShadedSurface], colormap: str = "viridis", limits: tuple[float, float] | None = None
 ) -> ScalarColors | None:
     """Return the colours common to all scalars of some surfaces; None without scalars."""
     import matplotlib

@@ -27,7 +27,6 @@ def draw_views(
     link_cameras: bool = True,
     legend: bool = True,
     title: str | None = None,
-    parallel: bool = False,
     colormap: str = "viridis",
     scalar_range: tuple[float, float] | None = None,
     scalar_label: str | None = None,
@@ -51,8 +50,6 @@ def draw_views(
         Name the colours of labelled surfaces, once each, below the cells.
     title : str, optional
         Text above all cells.
-    parallel : bool
-        Parallel instead of perspective projection.
     colormap : str
         Matplotlib colour map for scalars.
     scalar_range : tuple of float, optional
@@ -90,20 +87,18 @@ def draw_views(
     with closing(open_painter(page.cell)) as painter:
         for view, cloud in zip(cells, clouds, strict=True):
             aspect = page.cell[0] / page.cell[1]
-            camera = frame_points(cloud, view.camera, aspect, zoom=view.zoom, parallel=parallel)
+            camera = frame_points(cloud, view.camera, aspect)
             painter.start(view.surfaces, camera, colors)
             images.append(painter.image())
     save_picture(page.paint(images), target)
     return target
 
 
-def draw_surface(
-    path: str | Path, surface: ShadedSurface, camera: Camera, *, size: tuple[int, int], colormap: str = "viridis"
-) -> Path:
+def draw_surface(path: str | Path, surface: ShadedSurface, camera: Camera, *, size: tuple[int, int]) -> Path:
     """Draw a surface as a placed camera sees it (see `look_at`) into a PNG file, as a frame of a film."""
     target, size = checked_path(path, ".png"), checked_size(size)
     with closing(open_painter(size)) as painter:
-        painter.start([surface], camera, scalar_colors([surface], colormap))
+        painter.start([surface], camera, scalar_colors([surface]))
         save_picture(painter.image(), target)
     return target
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from modalshell.atomic_io import write_npz
 from modalshell.crowd import Flight
+from modalshell.memory import demand_disk, demand_memory
 from modalshell.motion.recorder import step_count
 from modalshell.outcome import Outcome
 from modalshell.render import ShadedSurface, draw_surface, look_at, write_film
@@ -28,6 +29,8 @@ from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
 from modalshell.typing import Progress
 
+_BIRD_BYTES, _DRAWN_BYTES = 60, 240
+"""For each vertex of each bird: as it is stepped, and as it is drawn."""
 _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "levels")
 
 
@@ -81,7 +84,10 @@ class FlockRun(SceneRun[FlightResult]):
         self._flight: Flight
         self._records: NDArray[Any]
         steps = step_count(scene.motion.duration, scene.motion.dt)
-        self._steps, self._drawn = steps, -(-steps // scene.motion.store_every) + 1 if "mp4" in self.formats else 0
+        drawn = -(-steps // scene.motion.store_every) + 1 if "mp4" in self.formats else 0
+        self._steps, self._drawn = steps, drawn + ("png" in self.formats)
+        self._warm_up = step_count(scene.flock.warm_up, scene.motion.dt) if scene.flock.warm_up else 0
+        self._total = self._warm_up + self._steps + self._drawn
 
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
         """Take up the report if every file is whole: none can be made from the others."""
@@ -94,10 +100,14 @@ class FlockRun(SceneRun[FlightResult]):
         """Step to the end from the start or from the last stored frame."""
         scene, table = self._scene, self._scene.motion
         self._camera = _camera(scene)
+        self._demand_memory()
         flight = self._flight = scene.build_flight(self.shell)
         film = FlightFilm(scene.flock, flight)
         start = flight.snapshot()
         fields: list[tuple[Any, ...]] = [(name, array.dtype.str, array.shape) for name, array in start.items()]
+        frames = self._steps // table.store_every + 2
+        size = 2 * frames * np.dtype([*fields, ("seconds", "<f8")]).itemsize
+        demand_disk(f"a flight of {frames} frames", size, self.folder, "store fewer (store_every)")
         file.begin(self.identity, [*fields, ("seconds", "<f8")], restart)
         resumed, watch, before = file.count, Stopwatch(), 0.0
         if resumed:
@@ -105,9 +115,11 @@ class FlockRun(SceneRun[FlightResult]):
             flight.restore({name: last[name] for name in start})
             before = float(last["seconds"])
         else:
-            for _ in range(step_count(scene.flock.warm_up, table.dt) if scene.flock.warm_up else 0):
+            for step in range(1, self._warm_up + 1):
                 flight.advance(table.dt)
                 film.choose_levels()
+                if on_step is not None:
+                    on_step(step, self._total)
             flight.flock.time = 0.0
             file.append({**flight.snapshot(), "seconds": 0.0})
             watch = Stopwatch()
@@ -117,16 +129,22 @@ class FlockRun(SceneRun[FlightResult]):
             if step % table.store_every == 0 or step == self._steps:
                 file.append({**flight.snapshot(), "seconds": before + watch()})
             if on_step is not None:
-                on_step(step, self._steps + self._drawn)
+                on_step(self._warm_up + step, self._total)
         self._records, self.frames = file.records(), file.count
         return resumed
+
+    def _demand_memory(self) -> None:
+        """OptionError where the birds do not fit into memory."""
+        birds, vertices = self._scene.flock.count, len(self.shell.rest_positions)
+        told, each = f"a flock of {birds} birds of {vertices} vertices", _DRAWN_BYTES if self._drawn else _BIRD_BYTES
+        demand_memory(told, float(each) * birds * vertices, "take fewer birds, or a coarser mesh")
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:
         """Draw the film and the picture, with the report that comes from it, and write the arrays."""
 
         def advance(done: int, _total: int) -> None:
             if on_step is not None:
-                on_step(self._steps + done, self._steps + self._drawn)
+                on_step(self._warm_up + self._steps + done, self._total)
 
         self._report = self._draw(formats, advance)
         arrays = {name: self._records[name] for name in _KEPT} | {"faces": np.asarray(self.shell.mesh.faces)}
@@ -171,6 +189,7 @@ class FlockRun(SceneRun[FlightResult]):
         if "png" in formats:
             at = -1 if table.still is None else int(np.abs(records["time"] - table.still).argmin())
             draw_surface(self.path("png"), surface(at), self._camera, size=table.size)
+            on_frame(self._drawn, self._drawn)
         return report
 
 

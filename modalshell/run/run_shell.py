@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
+from modalshell.memory import demand_disk
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count, take_steps
@@ -135,7 +136,12 @@ def _move(
     """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
     motion = built.start_motion()
     recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
-    file.begin(identity, _record_fields(motion, built.scene.output.positions), restart, _constants(built))
+    fields = _record_fields(motion, built.scene.output.positions)
+    frames = recorder.total // table.store_every + 2
+    # The stored frames, and the results that are made of them.
+    size = (1 + len(built.scene.output.formats)) * frames * np.dtype(fields).itemsize
+    demand_disk(f"a run of {frames} frames", size, file.path.parent, "store fewer (store_every)")
+    file.begin(identity, fields, restart, _constants(built))
     resumed = file.count
     if resumed:
         _resume(recorder, file.records(), file.path)

@@ -51,6 +51,9 @@ class FlockScene(Scene):
             ),
             "loads: a flock takes gravity alone": bool(loads and (loads.forces or any(load_entries(loads)))),
             "supports.times: a bird's supports move with its boid": bool(self.supports and self.supports.times),
+            "motion.modal_damping: a flock takes damping alone": bool(
+                self.motion.damping_ratios or self.motion.modal_damping
+            ),
             f"output.formats: those of a flock are {', '.join(_FORMATS)}": (
                 not set(self.output.formats) <= set(_FORMATS)
             ),

@@ -21,7 +21,8 @@ from modalshell.scene.signatures import energies_table, loads_table, support_tab
 
 _NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
-_TABLES = ("name", *_REQUIRED, "supports", "energies", "loads", "constraints", "motion", "path", "flock", "output")
+_OPTIONAL = ("supports", "energies", "loads", "constraints", "motion", "path", "flock", "output", "units")
+_TABLES = ("name", *_REQUIRED, *_OPTIONAL)
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -66,6 +67,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             ("energies", energies_table()),
             ("loads", loads_table()),
             ("motion", tables.MotionTable),
+            ("units", tables.Units),
             ("path", tables.PathTable),
             ("flock", FlockTable),
             ("output", tables.Output),

@@ -42,7 +42,7 @@ def _table(spec: ModelSpec) -> type[ModelTable]:
     builder: Any = spec.builder
     hints = get_type_hints(builder.__init__ if inspect.isclass(builder) else builder, include_extras=True)
     fields: dict[str, tuple[Any, Any]] = {"modes": (Count, MODE_COUNT)} if spec.on_modes else {}
-    if spec.needs == "coarse mesh":
+    if spec.on_coarse_mesh:
         fields["cells"] = (Cells | None, None)
     for name, parameter in list(inspect.signature(builder).parameters.items())[spec.given :]:
         if name == "count":

@@ -13,6 +13,8 @@ from modalshell.page import Page
 from modalshell.provenance import repository_file
 from modalshell.scene.flock_scene import FlockScene
 from modalshell.scene.load import load_scene
+from modalshell.scene.parts import build_damping
+from modalshell.scene.read import located
 from modalshell.scene.scene import Scene
 from modalshell.typing import Progress
 
@@ -45,13 +47,17 @@ def scene_page(scene: Scene) -> Page:
         if model.spec.builder not in (LinearModal, ModalWarping)
         else []
     )
+    left += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
     if left:
         warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)
     basis = solve_modes(shell, model.options.get("modes", MODE_COUNT))
     if motion is None:
         return basis.page(title=scene.name, gravity=gravity, force=force)
-    return basis.page(title=scene.name, gravity=gravity, force=force, damping=motion.damping, dt=motion.dt)
+    with located(scene.file, "motion", motion):
+        damping = build_damping(motion)
+    factors = damping.mass_factor, damping.stiffness_factor
+    return basis.page(title=scene.name, gravity=gravity, force=force, damping=factors, dt=motion.dt)
 
 
 def write_pages(folder: Path, on_step: Progress | None = None) -> list[Path]:

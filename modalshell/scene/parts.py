@@ -18,6 +18,7 @@ from modalshell.errors import ModalShellWarning, OptionError
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
+from modalshell.models import Damping
 from modalshell.motion import SupportPath
 from modalshell.provenance import repository_file
 from modalshell.reading import read_regular
@@ -26,6 +27,7 @@ from modalshell.scene.tables import (
     Constrained,
     Force,
     MeshFile,
+    MotionTable,
     PhysicalSheet,
     Stiffnesses,
     SupportList,
@@ -122,6 +124,16 @@ def build_path(declared: Supports | SupportList) -> SupportPath | None:
     still = np.zeros((len(table.times), 3))
     moved = still if table.translations is None else table.translations
     return SupportPath(table.times, moved, table.rotations, pivot=table.pivot or (0.0, 0.0, 0.0))
+
+
+def build_damping(table: MotionTable) -> Damping:
+    """The damping of a motion, by its factors or by measured ratios; OptionError where it is declared twice."""
+    given = [key for key in ("damping_ratios", "modal_damping") if getattr(table, key) is not None]
+    if len(given) + any(table.damping) > 1:
+        raise OptionError(f"{given[-1]} takes the place of other damping: leave one of them out")
+    if table.damping_ratios is not None:
+        return Damping.from_ratios(*table.damping_ratios)
+    return Damping(*table.damping, tuple(table.modal_damping or ()))
 
 
 def spread_force(table: Force, mesh: TriangleMesh) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ import numpy as np
 from modalshell.checks import checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
-from modalshell.errors import OptionError, SceneError
+from modalshell.errors import ModalShellWarning, OptionError, SceneError
 from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import refuse_loose_parts
@@ -30,6 +31,7 @@ from modalshell.scene.models import ModelTable
 from modalshell.scene.parts import (
     Shape,
     build_constraint,
+    build_damping,
     build_material,
     build_mesh,
     build_path,
@@ -38,6 +40,7 @@ from modalshell.scene.parts import (
 )
 from modalshell.scene.read import located
 from modalshell.scene.signatures import energy_entries, load_entries
+from modalshell.scene.units import odd_values
 from modalshell.selection import selected
 from modalshell.shell import Shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
@@ -55,7 +58,7 @@ class Scene(ABC):
         Name of the results' files: ``name`` in the file, or the file's own.
     file : Path
         Where it was read from.
-    mesh, material, model, supports, energies, loads, motion, output
+    mesh, material, model, supports, energies, loads, motion, output, units
         The tables; see :mod:`modalshell.scene.tables`. None where not declared.
     """
 
@@ -69,6 +72,7 @@ class Scene(ABC):
     loads: tables.Loads | None = None
     motion: tables.MotionTable | None = None
     output: tables.Output = field(default_factory=tables.Output)
+    units: tables.Units | None = None
 
     @abstractmethod
     def require_shell(self) -> ShellScene:
@@ -77,7 +81,8 @@ class Scene(ABC):
     def content(self) -> dict[str, Any]:
         """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
         declared = {
-            name: getattr(self, name) for name in ("material", "model", "supports", "energies", "loads", "motion")
+            name: getattr(self, name)
+            for name in ("material", "model", "supports", "energies", "loads", "motion", "units")
         }
         content = {name: table.plain() for name, table in declared.items() if table is not None}
         if isinstance(self.material, tables.PhysicalSheet):
@@ -103,10 +108,13 @@ class Scene(ABC):
         SceneError where one of them is refused.
         """
         mesh = mesh or self.build_mesh()
+        for remark in odd_values(self.material, self.units or tables.Units(), mesh.size):
+            warnings.warn(f"{self.file}: {remark}", ModalShellWarning, stacklevel=2)
         with located(self.file, "material", self.material):
             material = build_material(self.material, mesh, self.file.parent)
         supports, unknowns = self._build_supports(mesh)
-        if isinstance(self.mesh, tables.MeshFile) and self.mesh.component != "all":
+        all_parts = isinstance(self.mesh, tables.MeshFile) and self.mesh.component == "all"
+        if isinstance(self.mesh, tables.MeshFile) and not all_parts:
             with located(self.file, "supports", self.mesh):
                 refuse_loose_parts(mesh, unknowns.supported)
         energies = []
@@ -114,7 +122,7 @@ class Scene(ABC):
             with located(self.file, path, entry):
                 energies.append(entry.build())
         with located(self.file, "material", self.material):
-            return Shell(mesh, material, supports=supports, energies=energies)
+            return Shell(mesh, material, supports=supports, energies=energies, loose_parts=all_parts)
 
     def _build_supports(self, mesh: TriangleMesh) -> tuple[list[Support], Unknowns]:
         """The supports on ``mesh``, and what they leave free; SceneError where one is refused."""
@@ -293,7 +301,7 @@ class BuiltScene:
                 gravity=self.gravity,
                 force=self.force,
                 loads=self.loads,
-                damping=table.damping,
+                damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,
             )

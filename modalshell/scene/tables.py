@@ -86,6 +86,17 @@ class Supports(Table, frozen=True):
     pivot: Vector | None = None
 
 
+class Units(Table, frozen=True):
+    """``[units]``: the units of a scene's numbers, which must be of one system: forces follow from the three.
+
+    With mm, t and s forces are in N and stresses in MPa. Numbers are not converted.
+    """
+
+    length: Literal["m", "cm", "mm", "um", "km", "in", "ft"] = "m"
+    mass: Literal["kg", "g", "mg", "t", "lb"] = "kg"
+    time: Literal["s", "ms", "us", "min"] = "s"
+
+
 class Path(Table, frozen=True, tag_field="kind", tag="path"):
     """``[[supports]]`` of ``kind = "path"``: keyframes of the path along which all supports move."""
 
@@ -147,12 +158,21 @@ class MotionTable(Table, frozen=True):
     """``[motion]``: motion from rest; a scene without it asks for the equilibrium.
 
     ``duration`` and ``dt`` [s], Rayleigh ``damping`` of mass [1/s] and stiffness [s], ``store_every`` so many steps.
+    In place of ``damping``: ``damping_ratios``, shares of critical damping measured at two frequencies, each ``[Hz,
+    share]``; or, for modal models, ``modal_damping``, such a share for each mode or one for all.
     """
 
     duration: Positive
     dt: Positive = 1.0 / 30.0
     damping: tuple[NotNegative, NotNegative] = (0.0, 0.0)
     store_every: Count = 1
+    damping_ratios: tuple[tuple[Positive, NotNegative], tuple[Positive, NotNegative]] | None = None
+    modal_damping: Annotated[list[NotNegative], Meta(min_length=1)] | None = None
+
+    def plain(self) -> Any:
+        """The table without the keys that are not there, as results of scenes from before them were stored."""
+        later = ("damping_ratios", "modal_damping")
+        return {key: value for key, value in super().plain().items() if key not in later or value is not None}
 
 
 class PathTable(Table, frozen=True):

@@ -17,6 +17,7 @@ import numpy as np
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse.csgraph import dijkstra
 
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
@@ -202,16 +203,10 @@ def _least_solution(matrix: Array, right_sides: Array) -> Array:
 
 def _rings(graph: sps.csr_array, sources: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number of edges from each vertex to the nearest source; the number of vertices where there is none."""
-    count = graph.shape[0]
-    distance = np.full(count, count, dtype=np.int64)
-    front = sources
-    step = 0
-    while front.size:
-        distance[front] = step
-        step += 1
-        neighbours = np.unique(graph[front].indices)
-        front = neighbours[distance[neighbours] == count]
-    return distance
+    if not sources.size:
+        return np.full(graph.shape[0], graph.shape[0], dtype=np.int64)
+    edges = dijkstra(graph, indices=sources, unweighted=True, min_only=True)
+    return np.where(np.isfinite(edges), edges, graph.shape[0]).astype(np.int64)
 
 
 def _cantilever(mesh: TriangleMesh, axis: Array) -> tuple[float, ...]:

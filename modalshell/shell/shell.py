@@ -15,6 +15,7 @@ from modalshell.loads import Load, Loading
 from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
+from modalshell.shell.calibration_range import warn_of_two_way_bending
 from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
 from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
@@ -52,6 +53,9 @@ class Shell(ReadOnlyArrays):
         Further supports, such as :class:`Pin`, :class:`Roller` or :class:`Symmetry`.
     energies : sequence of Energy, optional
         Further energies besides those of the material.
+    loose_parts : bool
+        Whether parts of a mesh in several may be left without support; :func:`solve_modes` refuses them otherwise, as
+        six modes each would be their rigid motions.
 
     Attributes
     ----------
@@ -87,7 +91,9 @@ class Shell(ReadOnlyArrays):
         supports: Sequence[Support] = (),
         *,
         energies: Sequence[Energy] = (),
+        loose_parts: bool = False,
     ) -> None:
+        self.loose_parts = checked_kind("loose_parts", loose_parts, bool)
         self.mesh = checked_kind("mesh", mesh, TriangleMesh)
         if not isinstance(material, Material | Isotropic):
             raise OptionError(f"material must be a Material or an Isotropic (got {shown(material)})")
@@ -108,6 +114,8 @@ class Shell(ReadOnlyArrays):
         if isinstance(material, Isotropic):
             self._energy = SplitFoldEnergy(mesh, material, self._slopes, further, unknowns.held)
         else:
+            if material.correct_clamp:  # it is calibrated, by from_physical
+                warn_of_two_way_bending(mesh, unknowns.supported)
             self._energy = ElementSum(
                 [*element_sets(mesh, material, unknowns.held, self._slopes), *further], len(mesh.vertices)
             )

@@ -139,7 +139,7 @@ class ImplicitSprings:
         load : array_like, shape (n, 3) or (3,)
             Force on every particle [N]; for (3,), acceleration [m/s^2].
         drag : float
-            Deceleration over velocity [1/s]; wind of velocity w is the load ``drag mass w``.
+            Deceleration over velocity [1/s].
         stiffness_damping : float
             Dashpot of each spring over its stiffness [s], beside its own.
         held : array_like, shape (h, 3), optional

@@ -10,7 +10,7 @@ from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import Shell
 from modalshell.springs.springs import Springs
-from modalshell.typing import Array, Index
+from modalshell.typing import Array
 
 REFERENCE_FOLD = 0.2
 """Change of a fold angle [rad] at which a spring across a hinge shall hold as much energy as the hinge."""
@@ -51,7 +51,9 @@ def mesh_springs(mesh: TriangleMesh, structural: ArrayLike, flexion: ArrayLike, 
     if len(unique) < len(pairs):
         order = np.argsort(first)
         pairs = unique[order]
-        stiffness, dampers = (_summed(inverse, values, len(unique))[order] for values in (stiffness, dampers))
+        stiffness, dampers = (
+            np.bincount(inverse.ravel(), values).astype(np.float64)[order] for values in (stiffness, dampers)
+        )
     lengths = np.linalg.norm(mesh.vertices[pairs[:, 1]] - mesh.vertices[pairs[:, 0]], axis=1)
     return Springs(pairs, lengths, stiffness, dampers)
 
@@ -86,12 +88,6 @@ def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Sprin
     energy = weights["flexure"].weight * fold**2
     change = np.mean((distances[1:] - distances[0]) ** 2, axis=0)
     return mesh_springs(shell.mesh, 2.0 * weights["shear"].weight, 2.0 * energy / change)
-
-
-def _summed(groups: Index, values: Array, count: int) -> Array:
-    total = np.zeros(count)
-    np.add.at(total, groups.ravel(), values)
-    return total
 
 
 def _far_distances(mesh: TriangleMesh, change: float) -> Array:

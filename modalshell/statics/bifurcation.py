@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.errors import SolverError
 from modalshell.shell import EXACT
 from modalshell.statics.bordered import Plane
-from modalshell.statics.newton import Matrix
+from modalshell.statics.newton import Matrix, Problem
 from modalshell.statics.path import PathPoint, Tracer
 from modalshell.typing import Array, Progress
 
@@ -19,6 +19,8 @@ LIMIT, BIFURCATION = "limit", "bifurcation"
 """Kinds of events: the load factor turns back, or another branch crosses."""
 _CROSSED = 1e-6
 """Share of the critical eigenvalue at a step's ends at which a bifurcation counts as found."""
+_NEARBY, _SMALLEST_LOAD, _POINTS = 0.02, 1e-3, 20
+"""Longest step of the load in which the end of a branch is looked for, its share and least one; points at most."""
 _AWAY = 5
 """Points after which a branch has left the bifurcation that it begins at."""
 _FAR = 1e9
@@ -177,6 +179,18 @@ def events_between(
 def critical_mode(tracer: Tracer[Matrix], point: PathPoint) -> tuple[float, Array]:
     """Eigenvalue of the Hessian nearest to zero at a point of a path, and its direction (N,)."""
     return tracer.problem.critical_mode(tracer.problem.loaded(point.factor).linearise(point.x, EXACT)[1])
+
+
+def branch_end(problem: Problem[Matrix], x: Array, factor: float) -> PathEvent | None:
+    """What ends the stable branch through ``x`` at a load factor, shortly above it; None where nothing is found."""
+    tracer = Tracer(problem, max(_NEARBY * factor, _SMALLEST_LOAD))
+    try:
+        first = tracer.first(x, factor, 1.0)
+    except SolverError:
+        return None
+    span = Range(np.inf, -np.inf, np.inf, _POINTS)
+    events = follow(tracer, first, span, stop=lambda _: True).events
+    return events[0] if events else None
 
 
 def switched(tracer: Tracer[Matrix], point: PathPoint, side: float) -> PathPoint | None:

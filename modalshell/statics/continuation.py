@@ -8,6 +8,7 @@ import numpy as np
 
 from modalshell.errors import SolverError
 from modalshell.shell import EXACT
+from modalshell.statics.bifurcation import branch_end
 from modalshell.statics.newton import GOAL, Matrix, NewtonResult, Problem, is_minimum, mixed_newton
 from modalshell.typing import Array
 
@@ -48,6 +49,7 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
     """
     x, factor, trust, iterations, steps, snaps, left = whole.origin, 0.0, 1.0, 0, 0, 0, False
     path: list[tuple[float, Array]] = []
+    jumps: list[tuple[str, float]] = []
     tangent: Array | None = None
     while True:
         steps += 1
@@ -72,6 +74,8 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
             trust = min(1.0, 2.0 * trust)
         else:
             snaps += 1
+            if whole.is_dead and whole.snaps and (end := branch_end(whole, x, factor)) is not None:
+                jumps.append((end.kind, end.factor))
             stop = snaps > whole.snaps or steps > _LOAD_STEPS
             target = 1.0 if stop else min(1.0, max(_BEYOND * factor, _SMALLEST_LOAD))
             result = whole.loaded(target).descend(x, scale)
@@ -84,6 +88,6 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
         x, factor = result.point, target
         path.append((factor, x))
         if target == 1.0:
-            return replace(result, iterations=iterations, left_saddle=left, path=path)
+            return replace(result, iterations=iterations, left_saddle=left, path=path, jumps=jumps)
         # A dead load leaves the Hessian alone: the minimum's serves the next step.
         tangent = None if result.factor is None or not whole.is_dead else whole.step(result.factor, -whole.push)

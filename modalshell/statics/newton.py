@@ -63,6 +63,8 @@ class NewtonResult:
         Whether the way there led over a saddle, left along its unstable mode to the lower of both sides.
     path : list
         Shares of the load, and unknowns, of the states on the way from rest.
+    jumps : list
+        What ended the branches that the way from rest left by a jump, and at which shares of the load.
     """
 
     point: Array
@@ -74,6 +76,7 @@ class NewtonResult:
     limited: bool = False
     left_saddle: bool = False
     path: list[tuple[float, Array]] = field(default_factory=list)
+    jumps: list[tuple[str, float]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

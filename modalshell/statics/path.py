@@ -33,6 +33,8 @@ _OFF = 0.4
 """Largest distance of a point from its prediction, as a share of the step."""
 _GROWTH = 1.7
 """Longest step over the one before."""
+_RESOLUTION = 0.15
+"""Longest step as a share of the distance from the rest shape, unless it is no longer than the first one."""
 _SMALLEST = 1e-5
 """Share of the longest step below which a path is given up."""
 _LOCATED = 1e-6
@@ -126,7 +128,7 @@ class Tracer(Generic[Matrix]):
         self.iterations = 0
         self._weights = problem.weights
         self._largest = longest
-        self._trust, self._last = 1.0, np.inf
+        self._trust, self._last, self._first = 1.0, np.inf, np.inf
 
     # ---- points
 
@@ -226,7 +228,8 @@ class Tracer(Generic[Matrix]):
             guess, _, share = problem.moved(point.x, whole * point.tangent, reach)
             # No step is much longer than the one before: short of a limit point a share of the load would lead past it.
             length = abs(share * whole) * self._length(point.tangent)
-            step = share * whole * min(1.0, _GROWTH * self._last / max(length, 1e-300))
+            far = max(self._first, _RESOLUTION * self._length(problem.difference(point.x, problem.origin)))
+            step = share * whole * min(1.0, min(_GROWTH * self._last, far) / max(length, 1e-300))
             if step != share * whole:
                 guess = problem.moved(point.x, step * point.tangent)[0]
             found = self.stepped(point, step)
@@ -234,6 +237,8 @@ class Tracer(Generic[Matrix]):
                 self._trust *= 0.3
                 continue
             self._last = self._length(problem.difference(found.x, point.x))
+            if not np.isfinite(self._first):
+                self._first = self._last
             if found.iterations <= _FEW:
                 self._trust = min(1.0, 1.7 * self._trust)
             elif found.iterations >= _MANY:

@@ -11,6 +11,7 @@ from typing import ClassVar, Self, final
 
 import numpy as np
 import scipy.sparse as sps
+import scipy.sparse.linalg as spla
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
@@ -32,6 +33,10 @@ _DESCENT = 150
 _NEAR = 0.3
 """Out-of-balance force, as a share of the load, from which a descent tries to end by Newton's method."""
 _SADDLES = 4
+_LOWEST = 6
+"""Eigenvalues of an unsymmetric Hessian that are looked at."""
+_REAL = 1e-6
+"""Imaginary part, as a share of an eigenvalue, that rounding explains."""
 _SETTLING = 20
 """Descents under dead loads at most in place of one under loads without a potential."""
 _EPSILON = float(np.finfo(np.float64).eps)
@@ -60,8 +65,8 @@ class Potential(Problem[sps.csc_array]):
         Entries of Q on the shell's pattern.
     live : LiveLoads, optional
         Loads besides b that change with x. Their stiffness enters the Hessian. Without a potential it is unsymmetric:
-        Newton's steps then take the whole of it, by an unsymmetric factorisation, and what asks for a definite Hessian
-        takes its symmetric half.
+        Newton's steps then take the whole of it, by an unsymmetric factorisation. Such a state is stable if the
+        symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
     """
 
     shell: Shell
@@ -142,12 +147,13 @@ class Potential(Problem[sps.csc_array]):
             if led is not None and led.any():
                 total += self.shell.pattern.product(data, led.ravel()).reshape(-1, 3)
             matrix = self.shell.pattern.free_matrix(data)
-            if self._unsymmetric:
+            if self.unsymmetric:
                 matrix = sps.csc_array(matrix.T)  # its arrays are those of CSR
             return self.shell.unknowns.restrict(total.ravel()), matrix
 
     @property
-    def _unsymmetric(self) -> bool:
+    def unsymmetric(self) -> bool:
+        """Whether the Hessian is unsymmetric, as loads have no potential."""
         return self.live is not None and not self.live.conservative
 
     def dragged(self, x: Array, drag: float) -> Potential:
@@ -159,18 +165,41 @@ class Potential(Problem[sps.csc_array]):
     def factor(self, hessian: sps.csc_array) -> Factor:
         """Factor of a Hessian, definite or not; SolverError if it is singular."""
         with self.costs.part("factorisation"):
-            if self._unsymmetric:
+            if self.unsymmetric:
                 return self._condensed(self.factoriser.general(hessian))
             return self._condensed(self.factoriser.symmetric(hessian))
 
     def definite_factor(self, hessian: sps.csc_array) -> Factor | None:
-        """Factor of a positive definite Hessian, None for any other."""
+        """Factor of a positive definite Hessian, None for any other.
+
+        An unsymmetric one is taken for definite, too, where small motion about x neither diverges nor flutters.
+        """
         with self.costs.part("factorisation"):
             try:
-                factor = self.factoriser.definite(_symmetric_half(hessian) if self._unsymmetric else hessian)
+                factor = self.factoriser.definite(_symmetric_half(hessian) if self.unsymmetric else hessian)
+                if factor.is_definite():
+                    return self._condensed(factor)
+                if self.unsymmetric and self._oscillates(whole := self._condensed(self.factoriser.general(hessian))):
+                    return whole
             except SolverError:
-                return None
-            return self._condensed(factor) if factor.is_definite() else None
+                pass
+            return None
+
+    def _oscillates(self, factor: Factor) -> bool:
+        """Whether the lowest eigenvalues of a factorised Hessian over the mass are real and positive."""
+        mass = self.shell.unknowns.masses(self.shell.mass)
+        count = min(_LOWEST, mass.size - 2)
+        if count < 1:
+            return False
+        inverse = spla.LinearOperator(
+            (mass.size, mass.size), matvec=lambda y: factor.solve(mass * y.ravel()), dtype=np.float64
+        )
+        start = np.random.default_rng(0).standard_normal(mass.size)
+        try:
+            found = spla.eigs(inverse, count, which="LM", return_eigenvectors=False, v0=start)
+        except spla.ArpackError:
+            return False
+        return bool((found.real > 0.0).all() and (np.abs(found.imag) <= _REAL * np.abs(found)).all())
 
     def _condensed(self, factor: Factor) -> Factor:
         """A factor for the positions' unknowns: the gradient by internal ones is zero, as the energy is least there."""
@@ -204,7 +233,7 @@ class Potential(Problem[sps.csc_array]):
         does not feel the membrane; the drag falls with success, down to plain Newton steps, and grows where a step
         fails.
         """
-        if self._unsymmetric:
+        if self.unsymmetric:
             return self._settle(start, scale)
         shell = self.shell
         x, value = start, self.value(start)
@@ -337,7 +366,7 @@ def solve(
     result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
     if result.converged:
         # The first Hessian may have been without its geometric part, and says nothing of a minimum.
-        late = result.factor is not None and result.iterations > 1
+        late = result.factor is not None and result.iterations > 1 and not problem.unsymmetric
         if result.factor.is_definite() if late and result.factor is not None else is_minimum(problem, result):
             return result
     fallback = problem.descend(start, scale)

@@ -72,6 +72,7 @@ def run_sweep(
     certificates: Sequence[str | os.PathLike[str]] | None = None,
     time_limit: float | None = None,
     retry: bool = False,
+    on_check: Progress | None = None,
     on_step: Progress | None = None,
 ) -> SweepResult:
     """Run all cases of a sweep that are not stored yet, and sum up what each found.
@@ -97,6 +98,8 @@ def run_sweep(
         Seconds after which a case is given up and recorded as stopped (not on a cluster).
     retry : bool
         Whether to compute again the stored cases that failed or were stopped by the time limit.
+    on_check : callable, optional
+        Called with the scenes checked before the first case is run, and their total.
     on_step : callable, optional
         Called with the cases stored and their total.
 
@@ -131,7 +134,7 @@ def run_sweep(
     value = checked_value(declared.output.value, declared.truth is not None, MEASURES, declared.file)
     if "parquet" in declared.output.formats:
         refuse_parquet_without_pyarrow()
-    plan = Plan(declared)
+    plan = Plan(declared, on_check)
     with CaseFolder(folder / f"{declared.name}_cases") as store:
         found = {digest: result for digest in plan.tasks if (result := store.read(digest)) is not None}
         if retry:

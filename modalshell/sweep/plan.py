@@ -14,6 +14,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.scene import Scene, parse_scene
 from modalshell.sweep.case import Task, case_digest
 from modalshell.sweep.grid import Sweep
+from modalshell.typing import Progress
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,8 @@ class GridCase:
 class Plan:
     """The cases of a sweep and the tasks that they come to.
 
-    SceneError at the first scene that is refused: names the case and the key's path.
+    SceneError at the first scene that is refused: names the case and the key's path. ``on_check`` is called with the
+    cases checked and their total.
 
     Attributes
     ----------
@@ -51,7 +53,7 @@ class Plan:
         What is to be computed, by digest: the cases' own, and their truths where they are asked for.
     """
 
-    def __init__(self, sweep: Sweep) -> None:
+    def __init__(self, sweep: Sweep, on_check: Progress | None = None) -> None:
         self.cases: list[GridCase] = []
         self.tasks: dict[str, Task] = {}
         self._meshes: dict[str, tuple[TriangleMesh, bytes, bytes]] = {}
@@ -64,6 +66,8 @@ class Plan:
                 at = ", ".join(f"{axis.key} = {shown(value)}" for axis, value in zip(sweep.axes, values, strict=True))
                 raise SceneError(f"{sweep.file}: case {number} of {sweep.count} ({shortened(at)}): {error}") from error
             self.cases.append(GridCase(values, digest, truth, mesh))
+            if on_check is not None:
+                on_check(number, sweep.count)
 
     def _add(self, sweep: Sweep, raw: dict[str, Any]) -> tuple[str, TriangleMesh]:
         """Check a scene and take it up; return its digest and mesh."""

@@ -90,16 +90,14 @@ def generate(energy: Energy) -> Kernel:
         loads.append(f"v{vertex} = stencils[element, {vertex}]")
     for vertex in range(1, count):
         relative += [f"x[v{vertex}, {axis}] - x[v0, {axis}]" for axis in range(3)]
-    call = ",\n            ".join(relative)
+    call = ",\n        ".join(relative)
     fields = {
         "NAME": energy.name,
         "FORMULA": energy.formula,
         "MEASURE_NAME": energy.measure_name,
         "STENCIL": energy.stencil,
         "UNKNOWNS": str(len(energy.unknowns)),
-        "PACKED": str(len(hessian)),
         "VERTICES": str(count),
-        "SIZE": str(3 * count),
         "PERIODIC": str(energy.periodic),
         "FIRST_OPERATIONS": str(first_operations),
         "SECOND_OPERATIONS": str(second_operations),
@@ -110,7 +108,7 @@ def generate(energy: Energy) -> Kernel:
         "SPLIT_BODY": split_body,
         "SQUARES": str(len(energy.squares)),
         "PRODUCTS": str(len(energy.products)),
-        "LOADS": "\n        ".join(loads),
+        "LOADS": "\n    ".join(loads),
         "RELATIVE": call,
     }
     source = _TEMPLATE.read_text(encoding="utf-8")

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from modalshell.models.modal import ModalModel, as_modal
 from modalshell.motion import Motion
 from modalshell.typing import Array
 
-_ROUNDS = 10
-"""Gauss-Newton rounds at most."""
-_HALVINGS = 3
-"""Halvings of a step that brings the shape no nearer."""
-_WORTH_IT = 0.99
-"""Share of the misfit that a round may leave for another to be worth it."""
-_DIFFERENCE = 1e-6
-"""Change of a coordinate over which displacements are differenced, as a share of the largest coordinate."""
+_WORTH_IT = 0.02
+"""Share by which a round must lessen the squared misfit for another to be worth it."""
 
 
 def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tuple[Array, Array]:
@@ -41,7 +36,7 @@ def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tup
 
 
 def nearest_coordinates(model: ModalModel, positions: Array) -> Array:
-    """Coordinates (m,) whose shape is nearest to ``positions`` (n, 3) in the norm of the mass: Gauss-Newton.
+    """Coordinates (m,) whose shape is nearest to ``positions`` (n, 3) in the norm of the mass.
 
     The projection of a large bend on the modes alone, when warped, is another bend.
     """
@@ -51,22 +46,4 @@ def nearest_coordinates(model: ModalModel, positions: Array) -> Array:
     def misfit(coordinates: Array) -> Array:
         return weight * (model.raw_displacement(coordinates) - wanted).ravel()
 
-    q = model.coordinates_of(positions)
-    left = misfit(q)
-    for _ in range(_ROUNDS):
-        size, change = float(np.linalg.norm(left)), _DIFFERENCE * float(np.abs(q).max())
-        if change == 0.0:
-            break
-        jacobian = np.column_stack([(misfit(q + change * unit) - left) / change for unit in np.eye(q.size)])
-        step = np.linalg.lstsq(jacobian, -left, rcond=None)[0]
-        for _ in range(_HALVINGS):
-            trial = misfit(q + step)
-            if np.linalg.norm(trial) < size:
-                break
-            step = 0.5 * step
-        else:
-            break
-        q, left = q + step, trial
-        if np.linalg.norm(left) > _WORTH_IT * size:
-            break
-    return q
+    return least_squares(misfit, model.coordinates_of(positions), method="lm", ftol=_WORTH_IT).x

@@ -19,6 +19,7 @@ from modalshell.motion.recorder import take_steps
 from modalshell.outcome import Outcome
 from modalshell.scene import Scene
 from modalshell.scene.models import model_tables
+from modalshell.scene.parts import build_damping
 from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
@@ -303,7 +304,7 @@ class ViewSession:
             gravity=self.gravity,
             force=self._built.force,
             loads=self._built.loads,
-            damping=self._table.damping,
+            damping=build_damping(self._table),
             start=start,
             supports=path,
             constraints=self._built.constraints,

@@ -11,7 +11,7 @@ from modalshell.cli import main
 from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
-from modalshell.compare.path import find_jump
+from modalshell.compare.path import Marks, find_snap
 from modalshell.compare.runs import static_answers, turn_at
 from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
@@ -183,7 +183,9 @@ def test_advice_says_when_none_meets_it(bent):
 def test_rungs_without_a_snap_are_refused_where_it_snaps(snapping):
     path = snapping.path
     assert path.snap is not None
-    assert path.snap.low < path.snap.high
+    assert path.snap.low == path.snap.high
+    whole = ms.equilibrium_path(snapping.case.shell, force=snapping.case.load, branches=1)
+    assert path.snap.low == pytest.approx(Marks.of(whole).snap, rel=1e-6)
     advice = choose(timed(snapping), 1.5, 1.0)
     assert advice.chosen is not None
     assert {row.label for row in advice.rows if row.candidate.spec.quadratic} <= set(advice.refused)
@@ -195,7 +197,7 @@ def test_a_smooth_path_is_no_jump(bent):
     model, load = ms.DiscreteShell(bent.case.shell), bent.case.load
     after = model.equilibrium(force=4.0 * load).positions
     assert np.abs(after - bent.case.shell.rest_positions).max() > 0.3
-    assert find_jump(model, 4.0 * load, bent.case.shell.rest_positions, 0.0, after, 1.0) is None
+    assert find_snap(model, 4.0 * load, bent.case.shell.rest_positions, 0.0, after, 1.0) is None
     assert bent.path.snap is None
 
 
@@ -238,7 +240,7 @@ def test_moving_supports_load_by_their_inertia(scene_file):
 
 def test_rungs_that_a_case_does_not_allow_are_named():
     found, left_out = candidates(Case("x", beam(), beam().gravity_force((0, 0, -1))), (4, 10**6))
-    assert set(left_out) == {"coarse DS", "more modes"}
+    assert set(left_out) == {"coarse DS", "hybrid", "more modes"}
     assert found[0].label == "rigid"
     assert found[-1].label == "DS"
 

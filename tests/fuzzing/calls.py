@@ -28,10 +28,12 @@ Build = Callable[..., Any]
 RECORDS = {
     "Advice",
     "Basis",
+    "Buckling",
     "Damping",
     "Equilibrium",
     "EquilibriumPath",
     "FlightResult",
+    "LoadedModes",
     "Model",
     "Outcome",
     "ModelSpec",
@@ -211,6 +213,13 @@ def _shells() -> list[Target]:
         Target("WarpFrame", lambda **given: ms.WarpFrame(**given).positions(np.zeros(3)), {"threads": 1},
                {"dtype": ("float64", "float32", "int")}, {"basis": world_["basis"]}),
         Target("solve_modes", ms.solve_modes, {"count": 3}, {"backend": (None, "superlu", "x", 3)}, {"shell": shell}),
+        Target("solve_modes, about", ms.solve_modes, {"count": 3, "about": np.array(shell.rest_positions)}, {},
+               {"shell": shell}, ("about",)),
+        Target("solve_modes, attached", lambda force, **given: ms.solve_modes(attachments=[force], **given),
+               {"count": 3, "force": np.array(shell.rest_positions)}, {}, {"shell": shell}, ("force",)),
+        Target("buckling_factors", ms.buckling_factors, {"count": 1, "gravity": np.array([0.0, 0.0, -1.0]),
+               "force": np.array(shell.rest_positions)}, {}, {"shell": shell}),
+        Target("Damping.from_ratios", ms.Damping.from_ratios, {"first": (1.0, 0.02), "second": (5.0, 0.03)}),
     ]  # fmt: skip
 
 
@@ -240,6 +249,7 @@ def _models() -> list[Target]:
         return call
 
     coordinates = np.random.default_rng(0).standard_normal((6, 3)) * 0.01
+    coarse = ms.CoarseDiscreteShell(shell, shell)
     made = [
         Target("LinearModal", answered(ms.LinearModal), {}, integrators, {"basis": basis}),
         Target("ModalWarping", answered(ms.ModalWarping), {}, integrators, {"basis": basis}),
@@ -258,6 +268,8 @@ def _models() -> list[Target]:
                {"shell": shell, "springs": masses.shell_springs(shell)}),
         Target("RigidShell", answered(ms.RigidShell), {}, {}, {"shell": shell}),
         Target("coarse_shell", ms.coarse_shell, {}, {}, {"shell": shell, "mesh": mesh, "material": world_["material"]}),
+        Target("CoarseDiscreteShell.prolong", coarse.prolong, {"positions": start}),
+        Target("CoarseDiscreteShell.restrict", coarse.restrict, {"load": force}),
         Target("CoarseDiscreteShell", answered(ms.CoarseDiscreteShell), {}, {}, {"shell": shell, "coarse": shell}),
         Target("EnergyFunction", _followed_well, {"rest": np.array([-1.0]), "size": 1.0}),
         Target("equilibrium_path", ms.equilibrium_path,

@@ -142,13 +142,15 @@ def _parts(places: list[tuple[int, int, int]], held: list[bool], component: Any)
         clamped[count * index : count * index + 6] = is_held
     parts = mesh.components
     loose = parts.max() > 0 and any(not clamped[parts == part].any() for part in range(int(parts.max()) + 1))
-    shell = ms.Shell(mesh, world()["material"], clamped if clamped.any() else None)
+    given = (mesh, world()["material"], clamped if clamped.any() else None)
+    shell = ms.Shell(*given, loose_parts=True)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         basis = ms.solve_modes(shell, 4)
     if loose and not any("rigid motion" in str(warning.message) for warning in caught):
         raise Unsaid("modes of loose parts without a word")
     refuse_loose_parts(mesh, clamped)
+    ms.solve_modes(ms.Shell(*given), 4)
     if loose:
         raise Unsaid("loose parts are not refused")
     return basis

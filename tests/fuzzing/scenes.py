@@ -49,6 +49,7 @@ BASES: tuple[dict[str, Any], ...] = (
     {key: table for key, table in BASE.items() if key != "motion"}
     | {
         "material": {"young": 1e6, "poisson": 0.3, "thickness": 0.01, "density": 1e3},
+        "units": {"length": "m", "mass": "kg", "time": "s"},
         "model": {"name": "mwts", "modes": 3, "consistent_force": True},
         "constraints": [{"kind": "position", "nearest": [1.0, 0.0, 0.0], "target": [0.9, 0.0, 0.1], "relative": False}],
     },

@@ -6,6 +6,8 @@ from scenes import PLAIN, held, leaf, strip
 
 import modalshell as ms
 from modalshell.models.base import NO_POTENTIAL
+from modalshell.motion.stepping import Motion
+from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.live_loads import LiveLoads
 
 LEAF = leaf(clamped=[0, 1])
@@ -173,6 +175,22 @@ def test_newton_converges_fast_under_follower_loads():
     assert again.residual < 1e-8
 
 
+@pytest.mark.parametrize(
+    ("load", "stable"), [(19.0, True), pytest.param(21.0, False, marks=pytest.mark.slow)], ids=["below", "above"]
+)
+def test_becks_column_flutters_at_twenty_and_never_buckles(load, stable):
+    """A follower force along the axis: stable up to 20.05 EI / L^2, eight times Euler's load [beck1952]."""
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(20, 2))
+    shell = ms.Shell(mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, DENSITY), mesh.vertices[:, 0] < 1e-6)
+    end = np.flatnonzero(mesh.vertices[:, 0] > 0.999)
+    push = ms.FollowerForce(end, (-load * 0.1 * RIGIDITY / len(end), 0.0, 0.0))
+    state = ms.DiscreteShell(shell).equilibrium(loads=[push])
+    assert state.stable is stable
+    if stable:
+        assert state.converged
+        assert np.abs(state.positions[:, 2]).max() < 1e-12
+
+
 def disc(rings):
     """A disc of radius 1 m, its vertices on rings."""
     points, faces = [(0.0, 0.0, 0.0)], []
@@ -327,3 +345,57 @@ def test_bad_loads_are_refused(make, error, message):
         return
     with pytest.raises(error, match=message):
         make()
+
+
+# ---- fine meshes, where patches stand for all triangles
+
+
+@pytest.mark.parametrize("rung", ["LMA", "MWTS"])
+@pytest.mark.parametrize(
+    ("load", "bound"),
+    [
+        (ms.Pressure(0.05), 1e-3),
+        (ms.Wind((0.0, 0.3, 0.8)), 0.01),
+        (ms.Scaled(ms.Wind(lambda points, _: np.array([0.0, 0.0, 0.5]) * (1.0 + points[:, :1])), np.cos), 0.01),
+    ],
+)
+def test_patches_stand_for_all_triangles_of_a_fine_mesh(rung, load, bound):
+    mesh = ms.leaf(cells=(32, 24))
+    x = mesh.vertices[:, 0]
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 100.0), x < x.min() + 0.05 * mesh.size)
+    model = RUNGS[rung](shell)
+    motions = [Motion(model, dt=0.02, loads=[load], damping=(5.0, 0.0)) for _ in range(2)]
+    assert motions[0]._quadrature is not None
+    motions[1]._quadrature = None
+    for motion in motions:
+        for _ in range(25):
+            motion.advance()
+    found, exact = (motion.positions() for motion in motions)
+    assert np.abs(exact - mesh.vertices).max() > 1e-3 * mesh.size
+    assert ms.measure.displacement_error(found, exact, shell) < bound
+
+
+@pytest.mark.parametrize("load", [ms.Pressure(2.0), ms.Wind((1.0, 2.0, 3.0), tangential=0.5)])
+def test_kernels_make_the_forces_that_the_definition_does(load):
+    loading = LEAF.loading(loads=[load])
+    x, velocity, _ = scattered(LEAF)
+    dead = np.ones_like(x)
+    found = loading.moving_force(dead, x, x - 0.01 * velocity, 100.0, 0.0)
+    np.testing.assert_allclose(found - dead, loading.live_force(x, velocity), atol=1e-13)
+
+
+def test_drag_is_the_fall_of_the_modal_force_with_the_rates():
+    mesh = ms.leaf(cells=(32, 24))
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 100.0), [0, 1, 2])
+    basis = ms.solve_modes(shell, 4)
+    quadrature = LoadQuadrature.of(basis, shell.loading(loads=[ms.Wind((0.0, 1.0, 5.0), tangential=0.5)]), turned=False)
+    x, rates, q = mesh.vertices, np.full(4, 1e-4), np.zeros(4)
+
+    def pushed(rates):
+        return quadrature.push(q, x, x - (basis.modes @ rates).reshape(-1, 3), 1.0, 0.0)
+
+    drag = pushed(rates)[1]
+    ahead, behind = (pushed(rates + side * 1e-6 * np.eye(4)[0])[0] for side in (1.0, -1.0))
+    # The drag is summed over an eighth of the patches.
+    assert (behind - ahead)[0] / 2e-6 == pytest.approx(drag[0, 0], rel=0.3)
+    assert (np.linalg.eigvalsh(0.5 * (drag + drag.T)) >= 0.0).all()

@@ -59,13 +59,21 @@ def test_the_repairs_that_a_refusal_names_work():
     refuse_loose_parts(far, far.vertices[:, 0] < 0.1)
 
 
-def test_modes_of_loose_parts_are_said():
+def test_modes_of_loose_parts_are_refused_unless_asked_for():
     mesh = parts([0.0, 0.0, 0.0], [0.0, 2.0, 0.0])
     shell = ms.Shell(
         mesh, ms.Material(20.0, 20.0, 0.05, 0.2), (mesh.vertices[:, 0] < 0.4) & (mesh.vertices[:, 1] < 1.5)
     )
+    with pytest.raises(ms.SupportError, match=r"1 of 2 parts .* in Python loose_parts=True"):
+        ms.solve_modes(shell, 8)
+    asked = ms.Shell(mesh, shell.material, shell.clamped, loose_parts=True)
     with pytest.warns(ms.ModalShellWarning, match="modes are spent on rigid motion: 1 of 2 parts"):
-        assert ms.solve_modes(shell, 8).rigid_modes == 6
+        assert ms.solve_modes(asked, 8).rigid_modes == 6
+    with pytest.raises(ms.OptionError, match="loose_parts"):
+        ms.Shell(mesh, shell.material, loose_parts=1)
+    # A support of single components holds a part, too.
+    rolling = ms.Shell(mesh, shell.material, shell.clamped, [ms.Fix("y > 1.5", axes="z")])
+    assert ms.solve_modes(rolling, 4).rigid_modes == 3
 
 
 @pytest.fixture

@@ -340,7 +340,7 @@ def two_leaves(clamped=None):
     one = leaf(cells=(8, 6))
     count = len(one.vertices)
     vertices = np.vstack([one.vertices, one.vertices + np.array([0.1, 0.2, 1.0])])
-    return Shell(TriangleMesh(vertices, np.vstack([one.faces, one.faces + count])), PLAIN, clamped)
+    return Shell(TriangleMesh(vertices, np.vstack([one.faces, one.faces + count])), PLAIN, clamped, loose_parts=True)
 
 
 def shells_with_rigid_modes():

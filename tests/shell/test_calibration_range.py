@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from modalshell import Material, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, v_beam
+from modalshell import Isotropic, Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, v_beam
 from modalshell.errors import ModalShellWarning
 
 
@@ -35,8 +35,23 @@ THIN = flat_beam(length=1.0, width=0.25, cells=(18, 4), family="union-jack")
             1e-2,
             r"rows at the ends are not straight.*\d+ % too soft or too stiff",
         ),
+        (
+            flat_beam(length=1.0, width=0.2, cells=(20, 2), family="equilateral"),
+            0.0,
+            1e-3,
+            r"'equilateral' lattice .*17 %",
+        ),
+        (flat_beam(length=1.0, width=0.2, cells=(40, 4), family="equilateral"), 0.3, 5e-3, r"quality 0\.87"),
     ],
-    ids=["in its plane", "in its plane, low ratio", "thin", "stretched cells", "crooked end row"],
+    ids=[
+        "in its plane",
+        "in its plane, low ratio",
+        "thin",
+        "stretched cells",
+        "crooked end row",
+        "not equilateral",
+        "thick",
+    ],
 )
 def test_what_the_calibration_misses_is_said(mesh, poisson, thickness, words):
     with warnings.catch_warnings(record=True) as caught:
@@ -78,3 +93,29 @@ def test_one_thin_triangle_that_rules_the_constants_is_said():
     with pytest.warns(ModalShellWarning) as caught:
         calibrate(TriangleMesh(np.vstack((mesh.vertices, point)), faces), 0.3, 1e-2)
     assert any("long and low" in str(warning.message) and "--repair" in str(warning.message) for warning in caught)
+
+
+@pytest.mark.parametrize(
+    ("held", "said"),
+    [
+        (lambda x: (np.abs(x[:, :2]) > 0.499).any(axis=1), True),
+        (lambda x: (x[:, 0] < -0.449) | (x[:, 1] < -0.449), True),
+        (lambda x: x[:, 0] < -0.449, False),
+        (lambda x: np.abs(x[:, 0]) > 0.449, False),
+        (lambda x: np.zeros(len(x), dtype=bool), False),
+    ],
+    ids=["all around", "two neighbours", "one edge", "two opposite edges", "free"],
+)
+def test_supports_that_bend_a_plate_two_ways_are_said(held, said):
+    mesh = sheet(cells=(20, 20), family="union-jack")
+    mesh = TriangleMesh(mesh.vertices - mesh.vertices.mean(axis=0), mesh.faces)
+    material = calibrate(mesh)
+    clamped = held(mesh.vertices)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ModalShellWarning)
+        Shell(mesh, material, clamped)
+        Shell(mesh, Isotropic(1e9, 0.3, 1e-3, 1e3), clamped)
+        Shell(mesh, Material(20.0, 20.0, 0.05, 0.2), clamped)
+    assert [("two directions" in str(warning.message), warning.filename) for warning in caught] == said * [
+        (True, __file__)
+    ]

@@ -82,3 +82,14 @@ def test_a_straight_column_leaves_its_saddle_and_says_so():
     assert answer.stable
     assert "symmetry was broken" in answer.message
     assert np.abs(answer.positions[tip, 2]).max() > 0.3
+
+
+def test_a_jump_on_the_way_from_rest_is_named():
+    """The V-beam whose fold flattens: statics says where its branch ends, as the path of equilibria does."""
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.075)
+    limit = ms.equilibrium_path(shell, gravity=(0, 0, -1), until=70.0).events[0].factor
+    answer = ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -70.0))
+    assert answer.converged
+    assert f"ends at a limit point at {limit / 70.0:.4g} of the load" in answer.message
+    assert not ms.DiscreteShell(shell).equilibrium(gravity=(0, 0, -35.0)).message

@@ -19,8 +19,8 @@ from pathlib import Path
 import pytest
 
 from modalshell.atomic_io import write_text
-from modalshell.reproduce import studies
 from modalshell.study import StudyResult
+from studies.reproduce import studies
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 TOLERANCES = ("relative", "absolute")

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 import modalshell as ms
 from modalshell.errors import OptionError
 from modalshell.render import ShadedSurface, View, draw_views, write_film
-from modalshell.render.glyphs import arrow, axes, joined, rod, sphere
 from modalshell.study import StudyResult
+from paper_figures.glyphs import arrow, axes, joined, rod, sphere
 from studies import dancing_character as study
 
 CORNERS = np.array([[0.0, -0.1, 0.0], [1.0, -0.1, 0.0], [1.0, 0.1, 0.0], [0.0, 0.1, 0.0]])

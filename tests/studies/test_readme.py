@@ -1,8 +1,8 @@
 import pytest
 
-from modalshell.reproduce import studies
 from studies import readme
 from studies.pages import number, numbers, read_tables
+from studies.reproduce import studies
 
 PAGE = """# Title
 

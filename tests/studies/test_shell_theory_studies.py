@@ -108,3 +108,17 @@ def test_symmetric_snap_of_a_v_beam(quick_study):
     whole = [row for row in findings["rows"] if row["model"] == "ds" and row["beam"].endswith("10 mm, down")]
     assert {row["status"] for row in whole} == {"converged"}
     assert max(row["error"] for row in whole) < 0.07
+
+
+def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
+    rows = StudyResult.load(quick_study("large_deflection_benchmarks"), "large_deflection_benchmarks").findings["rows"]
+    tolerances = {"3.1": 0.01, "3.3": 0.02, "3.4": 0.06, "3.5": 0.06}
+    for row in rows:
+        assert row["status"] == "converged"
+        assert row["error"] < tolerances[row["problem"]]
+
+
+def test_strips_buckle_sideways_where_finite_elements_do(quick_study):
+    for row in StudyResult.load(quick_study("lateral_buckling"), "lateral_buckling").findings["rows"]:
+        error = abs(row["found"] / row["gamma"] - 1.0)
+        assert error < 0.02 if row["energy"] == "Isotropic" else error > 0.2

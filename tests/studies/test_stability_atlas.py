@@ -14,10 +14,11 @@ from modalshell.integrators.modal import ModalIntegrator
 from modalshell.models import Damping, MotionState
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import MODELS
-from modalshell.motion import Trajectory, stability
+from modalshell.motion import Trajectory
 from modalshell.outcome import Outcome
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.scene.models import model_tables
+from studies import modal_steps
 from studies import stability_atlas as atlas
 from studies import stability_page as page
 
@@ -162,7 +163,7 @@ def test_step_matrix_is_the_derivative_of_a_step(kind, integrator):
     gravity, damping, dt = replace(models.BASE, gamma=20.0).gravity, Damping(2.0, 1e-3), 0.1
     q = model.equilibrium(gravity=gravity).coordinates
     load = model.shell.gravity_force(gravity)
-    matrix = stability.step_matrix(model, q, load, dt, damping)
+    matrix = modal_steps.step_matrix(model, q, load, dt, damping)
     direction = np.random.default_rng(0).standard_normal(2 * q.size) * 0.1
     remainders = []
     for size in (0.02, 0.01, 0.005):
@@ -182,15 +183,15 @@ def test_amplification_is_the_decay_rate_of_a_mode_that_oscillates():
     factor = (1.0 + dt * (0.5 + 0.01 * stiffness) + dt**2 * stiffness) ** -0.5
     assert float(-2.0 * np.log(factor[0]) / dt) == pytest.approx(model.decay_rate(dt, damping))
     load, rest = np.zeros_like(model.shell.rest_positions), np.zeros(1)
-    assert stability.step_radius(model, rest, load, dt, damping) == pytest.approx(float(factor[0]))
+    assert modal_steps.step_radius(model, rest, load, dt, damping) == pytest.approx(float(factor[0]))
 
 
 def test_radius_at_long_steps_is_that_of_the_iteration():
     model = ms.ModalWarping(ms.solve_modes(models.shell_of(1e2, 1.0, 0.0), 4))
     gravity = replace(models.BASE, gamma=20.0).gravity
     q, load = model.equilibrium(gravity=gravity).coordinates, model.shell.gravity_force(gravity)
-    radius = stability.iteration_radius(model, q, load)
-    assert stability.step_radius(model, q, load, 1e6, Damping(1.0, 0.0)) == pytest.approx(radius, rel=1e-4)
+    radius = modal_steps.iteration_radius(model, q, load)
+    assert modal_steps.step_radius(model, q, load, 1e6, Damping(1.0, 0.0)) == pytest.approx(radius, rel=1e-4)
     assert radius > 1.0
 
 

@@ -9,8 +9,8 @@ from modalshell.atomic_io import write_atomically
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.provenance import repository_module, run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.reproduce import chosen_studies, studies
 from modalshell.study import StudyResult
+from studies.reproduce import chosen_studies, studies
 
 
 @pytest.fixture(scope="module")
@@ -59,11 +59,20 @@ def test_snap_is_found_and_marked(results):
     findings = StudyResult.load(results, "v_beam_accuracy").findings
     assert findings["soft"]["snap"] is None
     snap = findings["stiff"]["snap"]
-    assert snap["gravity"][0] < snap["gravity"][1]
+    assert snap["stable_again"] < snap["limit"] == snap["gamma"]
     marked = [row["gamma"] for row in findings["stiff"]["rows"] if row["after_snap"]]
     assert marked
-    assert min(marked) >= snap["gamma"][1]
+    assert min(marked) >= snap["gamma"]
     assert all(row["mwts_error"] > 0.5 for row in findings["stiff"]["rows"] if row["after_snap"])
+
+
+def test_paths_meet_their_references(results):
+    checks = StudyResult.load(results, "snap").findings["checks"]
+    limits = {"Lee's frame": 0.02, "tape spring, opposite sense": 0.05, "tape spring, equal sense": 0.05}
+    assert limits.keys() <= {one["case"] for one in checks}
+    assert all(one["off"] <= limits.get(one["case"], 0.025) for one in checks), checks
+    curves = StudyResult.load(results, "snap").findings["curves"]
+    assert all(one["converged"] for one in curves if one["case"].startswith(("V", "roof", "Lee")))
 
 
 def test_missing_and_damaged_results_are_named(results, tmp_path):
@@ -129,7 +138,7 @@ def test_studies_and_figures_are_imported_without_any_extra():
     program = """
 import importlib, sys
 sys.modules.update(dict.fromkeys(sys.argv[1:]))  # None: an import of it fails
-from modalshell.reproduce import studies
+from studies.reproduce import studies
 for study in studies().values():
     for figure in study.FIGURES:
         importlib.import_module(f"paper_figures.{figure}")

@@ -95,7 +95,7 @@ def test_a_refusal_stays_short_whatever_the_axis_is_called(write):
         ('"supports.clamped" = ["x < 0.13", "x < -9"]', "", "", r"case 2 .*supports\.clamped: selects no vertex"),
         ('"mesh.fold" = [150, 500]', "", "", r"case 2 .*mesh\.fold"),
         ('mesh = [{ file = "none.obj" }]', "", "", r"case 1 .*none\.obj"),
-        ('"loads.wind" = [1]', "", "", r"case 1 .*loads\.wind: unknown key"),
+        ('"loads.rain" = [1]', "", "", r"case 1 .*loads\.rain: unknown key"),
         (GRAVITIES, 'truth = { name = "dss" }', "", r"case 1 .*model\.name: must be one of"),
     ],
 )

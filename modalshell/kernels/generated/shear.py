@@ -7,9 +7,8 @@ Unknowns of one element: the components of x_k - x0, k = 1, 2, ... (3).
 Operations of one element: 11 (g, gradient), 32 (g, gradient, Hessian).
 """
 
-import math
-
 import numpy as np
+from modalshell.kernels import elements
 from modalshell.kernels.compiler import njit
 
 VERTICES = 2
@@ -75,150 +74,86 @@ def _split(e_x, e_y, e_z, factors, squares, firsts, seconds):
     squares[2, 2] = 0
 
 
-_options = {"error_model": "numpy", "fastmath": {"contract"}}
-measure = njit(**_options)(_measure)
-first_derivatives = njit(**_options)(_first)
-second_derivatives = njit(**_options)(_second)
-split_hessian = njit(**_options)(_split)
+measure = njit(**elements.OPTIONS)(_measure)
+first_derivatives = njit(**elements.OPTIONS)(_first)
+second_derivatives = njit(**elements.OPTIONS)(_second)
+split_hessian = njit(**elements.OPTIONS)(_split)
 
 
-@njit(**_options)
-def convex_rows(e_x, e_y, e_z, sign, factors, squares, firsts, seconds, rows):
-    """Rows r (SQUARES + PRODUCTS, UNKNOWNS) whose ``sum r r^T`` is the part of ``sign Hess g`` to keep.
-
-    Squares are kept where ``sign`` is positive. A product ``m n^T + n m^T`` of orthogonal forms is
-    ``((p m + n / p)^2 - (p m - n / p)^2) / 2`` for any p; its projection takes ``p = sqrt(|n| / |m|)``.
-    """
-    split_hessian(e_x, e_y, e_z, factors, squares, firsts, seconds)
-    for form in range(SQUARES):
-        for k in range(UNKNOWNS):
-            rows[form, k] = math.sqrt(factors[form]) * squares[form, k] if sign > 0.0 else 0.0
-    for form in range(PRODUCTS):
-        first_size = 0.0
-        second_size = 0.0
-        for k in range(UNKNOWNS):
-            first_size += firsts[form, k] * firsts[form, k]
-            second_size += seconds[form, k] * seconds[form, k]
-        balance = math.sqrt(0.5 * math.sqrt(second_size / first_size))
-        for k in range(UNKNOWNS):
-            rows[SQUARES + form, k] = balance * firsts[form, k] + 0.5 * sign / balance * seconds[form, k]
+@njit(inline="always", **elements.OPTIONS)
+def relative(x, stencils, element):
+    """The unknowns of one element at the positions ``x`` (n, 3)."""
+    v0 = stencils[element, 0]
+    v1 = stencils[element, 1]
+    return (
+        x[v1, 0] - x[v0, 0],
+        x[v1, 1] - x[v0, 1],
+        x[v1, 2] - x[v0, 2],
+    )
 
 
-@njit(**_options)
+@njit(inline="always", **elements.OPTIONS)
 def _deviation(value, rest):
     """g - g0; an angle is taken in (-pi, pi]."""
-    deviation = value - rest
-    if PERIODIC:
-        if deviation > math.pi:
-            deviation -= 2.0 * math.pi
-        elif deviation <= -math.pi:
-            deviation += 2.0 * math.pi
-    return deviation
+    return elements.principal(value - rest) if PERIODIC else value - rest
 
 
-@njit(**_options)
+@njit(**elements.OPTIONS)
+def convex_rows(e_x, e_y, e_z, sign, factors, squares, firsts, seconds, rows):
+    """Rows r (SQUARES + PRODUCTS, UNKNOWNS) whose ``sum r r^T`` is the part of ``sign Hess g`` to keep."""
+    split_hessian(e_x, e_y, e_z, factors, squares, firsts, seconds)
+    elements.keep_rows(sign, (SQUARES, PRODUCTS), factors, squares, firsts, seconds, rows)
+
+
+@njit(**elements.OPTIONS)
 def measures(x, stencils, out):
     """Write g of every element into ``out`` (elements,)."""
     for element in range(stencils.shape[0]):
-        v0 = stencils[element, 0]
-        v1 = stencils[element, 1]
-        out[element] = measure(
-            x[v1, 0] - x[v0, 0],
-            x[v1, 1] - x[v0, 1],
-            x[v1, 2] - x[v0, 2],
-        )
+        out[element] = measure(*relative(x, stencils, element))
 
 
-@njit(**_options)
+@njit(**elements.OPTIONS)
 def energy(x, stencils, rest, weight):
     """Sum of w (g - g0)^2."""
     total = 0.0
     for element in range(stencils.shape[0]):
-        v0 = stencils[element, 0]
-        v1 = stencils[element, 1]
-        value = measure(
-            x[v1, 0] - x[v0, 0],
-            x[v1, 1] - x[v0, 1],
-            x[v1, 2] - x[v0, 2],
-        )
-        deviation = _deviation(value, rest[element])
+        deviation = _deviation(measure(*relative(x, stencils, element)), rest[element])
         total += weight[element] * deviation * deviation
     return total
 
 
-@njit(**_options)
+@njit(**elements.OPTIONS)
 def add_gradient(x, stencils, rest, weight, gradient):
     """Add the energy's gradient to ``gradient`` (n, 3); return the energy."""
     total = 0.0
     local = np.empty(UNKNOWNS)
     for element in range(stencils.shape[0]):
-        v0 = stencils[element, 0]
-        v1 = stencils[element, 1]
-        value = first_derivatives(
-            x[v1, 0] - x[v0, 0],
-            x[v1, 1] - x[v0, 1],
-            x[v1, 2] - x[v0, 2],
-            local,
-        )
-        deviation = _deviation(value, rest[element])
+        deviation = _deviation(first_derivatives(*relative(x, stencils, element), local), rest[element])
         total += weight[element] * deviation * deviation
-        stress = 2.0 * weight[element] * deviation
-        for vertex in range(1, VERTICES):
-            for axis in range(3):
-                entry = stress * local[3 * (vertex - 1) + axis]
-                gradient[stencils[element, vertex], axis] += entry
-                gradient[v0, axis] -= entry
+        elements.add_forces(stencils, element, VERTICES, 2.0 * weight[element] * deviation, local, gradient)
     return total
 
 
-@njit(**_options)
+@njit(**elements.OPTIONS)
 def linear_stress(x, step, stencils, rest, weight, stress):
     """Write 2 w (g - g0 + grad g . step) into ``stress`` (elements,): the stress that a linearised step predicts."""
     local = np.empty(UNKNOWNS)
     for element in range(stencils.shape[0]):
-        v0 = stencils[element, 0]
-        v1 = stencils[element, 1]
-        value = first_derivatives(
-            x[v1, 0] - x[v0, 0],
-            x[v1, 1] - x[v0, 1],
-            x[v1, 2] - x[v0, 2],
-            local,
-        )
-        deviation = _deviation(value, rest[element])
-        for vertex in range(1, VERTICES):
-            for axis in range(3):
-                difference = step[stencils[element, vertex], axis] - step[v0, axis]
-                deviation += local[3 * (vertex - 1) + axis] * difference
-        stress[element] = 2.0 * weight[element] * deviation
+        deviation = _deviation(first_derivatives(*relative(x, stencils, element), local), rest[element])
+        stress[element] = 2.0 * weight[element] * elements.add_change(stencils, element, VERTICES, deviation, local, step)
 
 
-@njit(**_options)
+@njit(**elements.OPTIONS)
 def add_damping(x, velocity, stencils, weight, force):
     """Add -2 w grad g (grad g . velocity) to ``force``: strain-rate damping, zero for every rigid motion."""
     local = np.empty(UNKNOWNS)
     for element in range(stencils.shape[0]):
-        v0 = stencils[element, 0]
-        v1 = stencils[element, 1]
-        first_derivatives(
-            x[v1, 0] - x[v0, 0],
-            x[v1, 1] - x[v0, 1],
-            x[v1, 2] - x[v0, 2],
-            local,
-        )
-        rate = 0.0
-        for vertex in range(1, VERTICES):
-            for axis in range(3):
-                difference = velocity[stencils[element, vertex], axis] - velocity[v0, axis]
-                rate += local[3 * (vertex - 1) + axis] * difference
-        factor = -2.0 * weight[element] * rate
-        for vertex in range(1, VERTICES):
-            for axis in range(3):
-                entry = factor * local[3 * (vertex - 1) + axis]
-                force[stencils[element, vertex], axis] += entry
-                force[v0, axis] -= entry
+        first_derivatives(*relative(x, stencils, element), local)
+        rate = elements.add_change(stencils, element, VERTICES, 0.0, local, velocity)
+        elements.add_forces(stencils, element, VERTICES, -2.0 * weight[element] * rate, local, force)
 
 
-@njit(**_options)
+@njit(**elements.OPTIONS)
 def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, data, gradient):
     """Add the Hessian to the CSR values ``data`` and the gradient to ``gradient``; return the energy.
 
@@ -229,87 +164,29 @@ def add_stiffness(x, stencils, rest, weight, stress, geometric, slots, strides, 
     """
     total = 0.0
     local = np.empty(UNKNOWNS)
-    packed = np.empty(6)
-    block = np.empty((6, 6))
+    packed = np.empty(UNKNOWNS * (UNKNOWNS + 1) // 2)
+    block = np.empty((3 * VERTICES, 3 * VERTICES))
     factors = np.empty(SQUARES)
     squares = np.empty((SQUARES, UNKNOWNS))
     firsts = np.empty((PRODUCTS, UNKNOWNS))
     seconds = np.empty((PRODUCTS, UNKNOWNS))
     rows = np.empty((SQUARES + PRODUCTS, UNKNOWNS))
     for element in range(stencils.shape[0]):
-        v0 = stencils[element, 0]
-        v1 = stencils[element, 1]
-        value = second_derivatives(
-            x[v1, 0] - x[v0, 0],
-            x[v1, 1] - x[v0, 1],
-            x[v1, 2] - x[v0, 2],
-            local,
-            packed,
-        )
-        deviation = _deviation(value, rest[element])
+        deviation = _deviation(second_derivatives(*relative(x, stencils, element), local, packed), rest[element])
         stiffness = 2.0 * weight[element]
         total += weight[element] * deviation * deviation
         tension = stiffness * deviation
-        for vertex in range(1, VERTICES):
-            for axis in range(3):
-                entry = tension * local[3 * (vertex - 1) + axis]
-                gradient[stencils[element, vertex], axis] += entry
-                gradient[v0, axis] -= entry
+        elements.add_forces(stencils, element, VERTICES, tension, local, gradient)
         if geometric == 0:
             tension = 0.0
         elif geometric == 2:
             tension = stress[element]
         elif geometric == 3:
-            size = abs(tension)
-            if size > 0.0:
-                convex_rows(
-                    x[v1, 0] - x[v0, 0],
-            x[v1, 1] - x[v0, 1],
-            x[v1, 2] - x[v0, 2],
-                    1.0 if tension > 0.0 else -1.0,
-                    factors,
-                    squares,
-                    firsts,
-                    seconds,
-                    rows,
-                )
-                for entry_index in range(6):
-                    packed[entry_index] = 0.0
-                for form in range(SQUARES + PRODUCTS):
-                    entry_index = 0
-                    for row in range(UNKNOWNS):
-                        for column in range(row + 1):
-                            packed[entry_index] += rows[form, row] * rows[form, column]
-                            entry_index += 1
-                tension = size
-        entry_index = 0
-        for row in range(UNKNOWNS):
-            for column in range(row + 1):
-                entry = stiffness * local[row] * local[column] + tension * packed[entry_index]
-                block[3 + row, 3 + column] = entry
-                block[3 + column, 3 + row] = entry
-                entry_index += 1
-        # Translation invariance gives the rows and columns of x0.
-        for row in range(3, 6):
-            for axis in range(3):
-                entry = 0.0
-                for vertex in range(1, VERTICES):
-                    entry -= block[row, 3 * vertex + axis]
-                block[row, axis] = entry
-                block[axis, row] = entry
-        for row in range(3):
-            for axis in range(3):
-                entry = 0.0
-                for vertex in range(1, VERTICES):
-                    entry -= block[row, 3 * vertex + axis]
-                block[row, axis] = entry
-        for first in range(VERTICES):
-            stride = strides[stencils[element, first]]
-            for second in range(VERTICES):
-                slot = slots[element, first, second]
-                if slot < 0:
-                    continue
-                for row in range(3):
-                    for axis in range(3):
-                        data[slot + row * stride + axis] += block[3 * first + row, 3 * second + axis]
+            sign = 1.0 if tension > 0.0 else -1.0
+            tension = abs(tension)
+            if tension > 0.0:
+                convex_rows(*relative(x, stencils, element), sign, factors, squares, firsts, seconds, rows)
+                elements.pack_products(rows, SQUARES + PRODUCTS, UNKNOWNS, packed)
+        elements.fill_block(VERTICES, stiffness, local, tension, packed, block)
+        elements.add_block(stencils, element, VERTICES, block, slots, strides, data)
     return total

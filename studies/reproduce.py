@@ -1,4 +1,4 @@
-"""Running the studies, drawing the paper's figures from their results, and running the benchmarks."""
+"""Running the studies, and drawing the paper's figures from their results."""
 
 from __future__ import annotations
 
@@ -75,12 +75,4 @@ def reproduce(
     for figure in study.FIGURES:
         drawn = repository_module(f"paper_figures.{figure}").draw(results, figures)
         written += drawn if isinstance(drawn, list) else [drawn]
-    return written
-
-
-def run_benchmarks(
-    out: Path, *, quick: bool = False, only: str | None = None, on_step: Progress | None = None
-) -> list[Path]:
-    """Run the benchmarks of ``studies.benchmarks``, or ``only`` one, into ``out``; return the files written."""
-    written: list[Path] = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     return written

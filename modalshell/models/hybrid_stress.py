@@ -1,0 +1,333 @@
+"""Hybrid rung: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import final
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sps
+from numpy.typing import ArrayLike
+
+from modalshell.atomic_io import read_npz, write_npz
+from modalshell.checks import checked_kind, checked_vectors, shortened
+from modalshell.constraints.constraints import Constraint
+from modalshell.errors import FileFormatError, OptionError, SupportError
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.linalg import ProfileAnalysis
+from modalshell.loads import Load
+from modalshell.models.base import Model
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
+from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.hybrid_training import Trained, train
+from modalshell.reduction import assumed_stress
+from modalshell.reduction.assumed_stress import ReducedStress, reduce_energy
+from modalshell.sharing import PerThread
+from modalshell.shell import Shell
+from modalshell.statics.newton import NewtonResult
+from modalshell.statics.trust_region import minimise
+from modalshell.statics.verdict import ACCEPTED, verdict
+from modalshell.typing import Array, Progress
+from modalshell.work import count_products
+
+_MISSED = 0.02
+"""Share of a load's linear compliance that the basis may miss."""
+_LOAD_STEPS = 12
+_STEP_GOAL = 1e-3
+"""Residual of a step, as a share of its load and inertia."""
+_LEFT = 0.01
+"""Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
+_ITERATIONS = 4
+"""Iterations of a step, for counts of work."""
+_FORMAT = 1
+
+
+@final
+@dataclass
+class _LastLoad:
+    """A load that has been checked, and whether the basis sees it: that of the next step is mostly the same."""
+
+    load: Array = field(default_factory=lambda: np.empty(0))
+    seen: bool = False
+
+
+@final
+class HybridStress(Model):
+    """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
+
+    Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
+    K = 2 m trained stress states, so a basis that misses positions by a little does not lock; see
+    :mod:`modalshell.reduction.assumed_stress`. Loads that the basis misses, states whose membrane the stresses do not
+    see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they may be. Damping by the
+    stiffness acts on the assumed stresses alone: where a frame turns the shell far it is weaker than that of DS.
+    ``residual`` of statics is the reduced gradient over the load's.
+
+    Use :meth:`trained` or :meth:`load`.
+
+    Attributes
+    ----------
+    held_out_error : float
+        90th percentile of the motions' errors against the coarse shell on loads that were not in training.
+    training : str
+        What it was trained on.
+
+    Raises
+    ------
+    OptionError
+        If the coarse shell has other energies than those of a :class:`Material`.
+    SupportError
+        If nothing holds the shell.
+    """
+
+    name = "hybrid"
+    in_shell_frame = True
+
+    def __init__(self, shell: Shell, coarse: Shell, trained: Trained) -> None:
+        self.shell = checked_kind("shell", shell, Shell)
+        self.coarse = CoarseDiscreteShell(shell, trainable(coarse))
+        self.held_out_error, self.training = trained.held_out_error, trained.description
+        self._trained, self._basis = trained, trained.basis
+        self._reduced: ReducedStress = reduce_energy(coarse, trained.basis, trained.stresses)
+        self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
+        stiffness = sps.csc_array(coarse.stiffness())
+        self._compliance = np.linalg.inv(trained.basis.T @ (stiffness @ trained.basis))
+        # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
+        modes, size = self._reduced.linear.shape
+        hinges = 4 * len(self._reduced.hinges)
+        self._products = (3 * modes + hinges + size) * size**2 + 3 * self._basis.size
+        self._last_load = PerThread(_LastLoad)
+        self._free = coarse.free_unknowns
+        part = sps.csc_array(stiffness[self._free][:, self._free])
+        part.sort_indices()
+        self._factor = ProfileAnalysis(part).factorise(part)
+
+    @classmethod
+    def trained(
+        cls,
+        shell: Shell,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
+        coarse: Shell | None = None,
+        modes: int = 32,
+        motions: int = 40,
+        seed: int = 0,
+        on_step: Progress | None = None,
+    ) -> HybridStress:
+        """Train on random loads about a given one.
+
+        Parameters
+        ----------
+        shell : Shell
+            The shell.
+        gravity, force, loads
+            The load about which to train, as in :meth:`equilibrium`.
+        coarse : Shell, optional
+            A coarse shell of the same surface, which is what is reduced; ``shell`` itself without one.
+        modes : int
+            Vectors m of the basis.
+        motions : int
+            Motions through the random loads, and back, to train on.
+        seed : int
+            Of the random loads.
+        on_step : callable, optional
+            Called with the motions done and their total.
+
+        Raises
+        ------
+        OptionError
+            For a load of zero, energies other than those of a :class:`Material`, or options out of range.
+        """
+        checked_kind("shell", shell, Shell)
+        load = shell.total_load(gravity, force, loads)
+        return trained_on_load(shell, coarse or shell, load, modes=modes, motions=motions, seed=seed, on_step=on_step)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write what training found to an ``.npz`` file (no pickle)."""
+        t = self._trained
+        write_npz(
+            path, modalshell_hybrid=np.array(_FORMAT), basis=t.basis, stresses=t.stresses,
+            numbers=np.array([t.held_out_error, t.strain_limit, t.energy]), description=np.array(t.description),
+            rest=self.coarse.coarse.shell.rest_positions,
+        )  # fmt: skip
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], shell: Shell, coarse: Shell | None = None) -> HybridStress:
+        """Read what :meth:`save` wrote, for the same shells; FileFormatError if it is damaged or of other shells."""
+        small = coarse or shell
+        try:
+            data = read_npz(path)
+            if int(data["modalshell_hybrid"]) != _FORMAT:
+                raise ValueError(f"format {data['modalshell_hybrid']} (this version reads {_FORMAT})")
+            if not np.array_equal(data["rest"], small.rest_positions):
+                raise ValueError("it was trained on another coarse shell")
+            size, elements = data["basis"].shape[1], sum(e.rest.size for e in trainable(small).elements[:2])
+            basis = checked_vectors("basis", data["basis"], (small.rest_positions.size, size))
+            stresses = checked_vectors("stresses", data["stresses"], (elements, data["stresses"].shape[1]))
+            error, limit, energy = checked_vectors("numbers", data["numbers"], (3,)).tolist()
+            found = Trained(basis, stresses, error, limit, energy, str(data["description"]))
+        except Exception as fault:  # zip, zlib, OS, key and value errors all mean the same to the user
+            text = shortened(str(fault))
+            raise FileFormatError(f"cannot read a trained hybrid from {os.fspath(path)}: {text}") from fault
+        return cls(shell, small, found)
+
+    def missed(self, load: Array) -> float:
+        """Share of the linear compliance under a coarse load (k, 3) [N] that the basis misses."""
+        push = load.ravel()[self._free]
+        whole = float(push @ self._factor.solve(push))
+        reduced = load.ravel() @ self._basis
+        return 0.0 if whole == 0.0 else 1.0 - float(reduced @ self._compliance @ reduced) / whole
+
+    def _unseen(self, z: Array) -> float:
+        """Membrane energy of the coarse elements that the stresses do not see, over the energy; see training."""
+        return self._trained.unseen(self.coarse.coarse.shell, self._reduced, z)
+
+    def _coarse_positions(self, z: Array) -> Array:
+        return self.coarse.coarse.shell.rest_positions + (self._basis @ z).reshape(-1, 3)
+
+    def _coordinates_of(self, coarse_positions: Array) -> Array:
+        rest = self.coarse.coarse.shell.rest_positions
+        return np.asarray(self._weighted @ (coarse_positions - rest).ravel())
+
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        down = self.coarse.restrict(load)
+        if (missed := self.missed(down)) > _MISSED:
+            return self._handed_over(load, start, f"the basis misses {100 * missed:.1f} % of the load's compliance")
+        push = down.ravel() @ self._basis
+        scale = float(np.linalg.norm(push)) or 1.0
+        z = np.zeros_like(push)
+        shares = np.linspace(0.0, 1.0, _LOAD_STEPS + 1)[1:]
+        if start is not None:
+            z, shares = self._coordinates_of(self.coarse.sampled(start)), shares[-1:]
+        iterations = 0
+        for share in shares:
+            found = self._minimum(share * push, z, scale)
+            z, iterations = found.point, iterations + found.iterations
+        if not found.converged or self._unseen(z) > self._trained.strain_limit:
+            return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
+        positions = self._fine(self._coarse_positions(z))
+        return Equilibrium(
+            positions, *verdict(found.residual, True, note=self._range()), iterations, found.residual, True,
+            coordinates=z,
+        )  # fmt: skip
+
+    def _minimum(self, push: Array, start: Array, scale: float) -> NewtonResult:
+        """Minimum of the energy less the work of ``push`` (m,) near ``start``."""
+
+        def value_gradient(z: Array) -> tuple[float, Array]:
+            value, gradient, _ = self._energy(z)
+            return value - float(push @ z), gradient - push
+
+        radius = 0.1 * (1.0 + float(np.linalg.norm(start)))
+        return minimise(value_gradient, lambda z: self._energy(z)[2], start, ACCEPTED, scale=scale, radius=radius)
+
+    def _handed_over(self, load: Array, start: Array | None, reason: str) -> Equilibrium:
+        answer = self.coarse.equilibrium(force=load, start=start)
+        message = "; ".join(part for part in (f"answered by {self.coarse.name}: {reason}", answer.message) if part)
+        return replace(answer, message=message, coordinates=None)
+
+    def _range(self) -> str:
+        return (
+            f"trained on {self.training}; error {100 * self.held_out_error:.1f} % on held-out loads (90th percentile)"
+        )
+
+    def _energy(self, z: Array) -> tuple[float, Array, Array]:
+        """Energy, gradient and Hessian, that of hinges with a rest angle without their second derivatives."""
+        count, size = self._reduced.linear.shape
+        strains, slopes = np.empty(count), np.empty((count, size))
+        gradient, hessian = np.empty(size), np.empty((size, size))
+        value = assumed_stress.energy_terms(self._reduced, z, strains, slopes, gradient, hessian)
+        return value, gradient, hessian + np.tensordot(strains, self._reduced.quadratic, 1)
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
+        """Lowest eigenvalue [1/s^2] of the reduced Hessian; None of answers by the coarse shell."""
+        if answer.coordinates is None:
+            return None
+        return float(scipy.linalg.eigvalsh(self._energy(answer.coordinates)[2], subset_by_index=(0, 0))[0])
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest, of coordinates (m,)."""
+        z = np.zeros(self._basis.shape[1])
+        if positions is not None:
+            z = self._coordinates_of(self.coarse.sampled(self.shell.checked_positions(positions)))
+        return MotionState(z, np.zeros_like(z))
+
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """One implicit Euler step in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
+        down = self.coarse.restrict(load)
+        last = self._last_load()
+        if not np.array_equal(last.load, down):
+            last.load, last.seen = down, self.missed(down) <= _MISSED
+        if last.seen and (reduced := self._taken_back(state)) is not None:
+            z, rates = reduced.coordinates, reduced.rates
+            factors = damping.mass_factor, damping.stiffness_factor
+            push = down.ravel() @ self._basis
+            count_products(_ITERATIONS * self._products)
+            moved, solved = assumed_stress.implicit_step(self._reduced, z, rates, push, dt, *factors, _STEP_GOAL)
+            if solved and self._unseen(moved) <= self._trained.strain_limit:
+                return MotionState(moved, (moved - z) / dt), True
+        if state.coordinates.ndim == 1:
+            rates = (self._basis @ state.rates).reshape(-1, 3)
+            state = MotionState(self._coarse_positions(state.coordinates), rates)
+        return self.coarse.step(state, dt, load, damping)
+
+    def _taken_back(self, state: MotionState) -> MotionState | None:
+        """The coordinates of a state; None where the basis does not hold a coarse one."""
+        if state.coordinates.ndim == 1:
+            return state
+        z, shell = self._coordinates_of(state.coordinates), self.coarse.coarse.shell
+        left = state.coordinates - self._coarse_positions(z)
+        moved = state.coordinates - shell.rest_positions
+        mass = shell.mass[:, None]
+        if np.sum(mass * left**2) > _LEFT**2 * np.sum(mass * moved**2) or self._unseen(z) > self._trained.strain_limit:
+            return None
+        return MotionState(z, self._weighted @ state.rates.ravel())
+
+    def positions(self, state: MotionState) -> Array:
+        """Fine positions (n, 3) [m]."""
+        x = state.coordinates
+        return self._fine(x if x.ndim == 2 else self._coarse_positions(x))
+
+    def _fine(self, coarse_positions: Array) -> Array:
+        return self.coarse.positions(MotionState(coarse_positions, coarse_positions))
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy [J], of the assumed stresses where the state is one of coordinates."""
+        x = state.coordinates
+        return self.coarse.elastic_energy(state) if x.ndim == 2 else self._energy(x)[0]
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J]."""
+        return self.coarse.kinetic_energy(state) if state.rates.ndim == 2 else float(0.5 * np.sum(state.rates**2))
+
+
+def trainable(coarse: Shell) -> Shell:
+    """``coarse`` itself; an error if no hybrid can be made of it."""
+    checked_kind("coarse", coarse, Shell)
+    _ = coarse.elements
+    if len(coarse.elements) != 3 or coarse.energies:
+        raise OptionError("the hybrid rung knows the energies of a Material alone: leave the further energies out")
+    if not coarse.clamped.any():
+        raise SupportError("the hybrid rung needs a shell that is held: clamp some vertices")
+    return coarse
+
+
+def trained_on_load(
+    shell: Shell,
+    coarse: Shell,
+    load: Array,
+    *,
+    modes: int = 32,
+    motions: int = 40,
+    seed: int = 0,
+    on_step: Progress | None = None,
+) -> HybridStress:
+    """The rung trained about a load (n, 3) [N]; see :meth:`HybridStress.trained`."""
+    down = CoarseDiscreteShell(shell, trainable(coarse)).restrict(load)
+    return HybridStress(shell, coarse, train(coarse, down, modes, motions, seed, on_step))

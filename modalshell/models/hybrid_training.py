@@ -1,0 +1,169 @@
+"""Training of the hybrid rung: random loads, motions of the coarse shell, POD, and errors on held-out loads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from modalshell.checks import checked_count
+from modalshell.errors import OptionError, SolverError
+from modalshell.integrators.state import Damping
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
+from modalshell.modes import solve_modes
+from modalshell.reduction import assumed_stress
+from modalshell.reduction.assumed_stress import ReducedStress, position_modes, reduce_energy, stress_modes
+from modalshell.shell import Shell
+from modalshell.typing import Array, Progress
+
+_LOADED, _RELEASED, _DT = 30, 15, 1.0 / 30.0
+"""Frames under the load and after it, and their length [s]."""
+_SIZES = (0.5, 1.2)
+_AROUND = np.radians(30.0)
+"""Sizes of the loads over the given one, and largest angle between half of them and it."""
+_POINT = 0.1
+"""Size of the point force, over the load's, that a third of them have besides."""
+_DRAG = (1.0, 3.0)
+"""Damping by the mass [1/s]."""
+_HELD_OUT = 6
+"""Motions on loads that are not in training."""
+_LINEAR, _STRESSED, _SHARE = 8, 10, 2
+"""Linear modes in the basis, those whose stresses are assumed, and stress modes over vectors."""
+_MOST_FRAMES = 900
+"""Snapshots at most."""
+_SMALL = 0.02
+"""Share of the largest energy in training that counts as small."""
+
+
+@final
+@dataclass(frozen=True)
+class Trained:
+    """What training found.
+
+    Attributes
+    ----------
+    basis : ndarray, shape (3k, m)
+        V, mass-orthonormal, of the coarse shell's displacements.
+    stresses : ndarray, shape (T + E, K)
+        Stress modes.
+    held_out_error : float
+        90th percentile of the motions' errors against the coarse shell on loads that were not in training.
+    strain_limit : float
+        Largest share of unseen membrane energy that counts as seen.
+    energy : float
+        Largest elastic energy in training [J].
+    description : str
+        The loads.
+    """
+
+    basis: Array
+    stresses: Array
+    held_out_error: float
+    strain_limit: float
+    energy: float
+    description: str
+
+    def unseen(self, coarse: Shell, reduced: ReducedStress, z: Array) -> float:
+        """Membrane energy of the elements that the stresses do not see, over the energy and a small one."""
+        count, size = reduced.linear.shape
+        strains, gradient = np.empty(count), np.empty(size)
+        whole = assumed_stress.energy_terms(
+            reduced, z, strains, np.empty((count, size)), gradient, np.empty((size, size))
+        )
+        x = coarse.rest_positions + (self.basis @ z).reshape(-1, 3)
+        membrane = sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in coarse.elements[:2])
+        seen = 0.5 * float(strains @ strains)
+        return float(abs(membrane - seen) / (whole + _SMALL * self.energy))
+
+
+def train(coarse: Shell, load: Array, modes: int, motions: int, seed: int, on_step: Progress | None = None) -> Trained:
+    """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N]."""
+    modes = checked_count("modes", modes, at_least=2)
+    motions = checked_count("motions", motions, at_least=4)
+    if not load.any():
+        raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
+    modes = min(modes, coarse.free_unknowns.size)
+    rng = np.random.default_rng(seed)
+    model = CoarseDiscreteShell(coarse, coarse)
+    total = motions + _HELD_OUT
+    runs = []
+    for done in range(total):
+        runs.append(_motion(model, _random_load(coarse, load, rng), rng.uniform(*_DRAG)))
+        if on_step is not None:
+            on_step(done + 1, total)
+    rest = coarse.rest_positions
+    frames = np.concatenate([frames for _, _, frames in runs[:motions]])
+    frames = frames[:: -(-len(frames) // _MOST_FRAMES)]
+    lowest = solve_modes(coarse, min(_STRESSED, coarse.free_unknowns.size)).modes
+    of = [_membrane(coarse, frame, np.zeros_like(frame)) for frame in frames]
+    leading = np.array([_membrane(coarse, rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
+    displacements = (frames - rest).reshape(len(frames), -1).T
+    basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
+    stresses = stress_modes(coarse, leading, np.array(of).T, _SHARE * modes)
+    energy = max(coarse.raw_energy(frame) for frame in frames[::5])
+    reduced = reduce_energy(coarse, basis, stresses)
+    found = Trained(basis, stresses, 0.0, 1.0, energy, "")
+    errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in runs[motions:]), strict=True)
+    size = float(np.linalg.norm(load.sum(axis=0)))
+    description = f"{motions} motions under loads of {_SIZES[0]} to {_SIZES[1]} times {size:.3g} N"
+    return Trained(basis, stresses, float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(unseen)), energy, description)
+
+
+def _random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
+    """The load turned, half of the time by at most 30 degrees, scaled, and a third of the time with a point force."""
+    given = load.sum(axis=0)
+    size = float(np.linalg.norm(given))
+    random = rng.standard_normal(3)
+    random /= np.linalg.norm(random)
+    if size == 0.0:  # a load without a resultant keeps its pattern
+        turned = load.copy()
+    else:
+        axis = given / size
+        direction = random
+        if rng.random() < 0.5:
+            aside = np.cross(axis, random)
+            aside /= np.linalg.norm(aside)
+            angle = _AROUND * np.sqrt(rng.random())
+            direction = np.cos(angle) * axis + np.sin(angle) * aside
+        turned = np.linalg.norm(load, axis=1)[:, None] * direction
+    total = float(np.linalg.norm(turned, axis=1).sum())
+    if rng.random() < 1.0 / 3.0:
+        turned[rng.choice(coarse.free)] += _POINT * total * random
+    return turned * rng.uniform(*_SIZES)
+
+
+def _motion(model: CoarseDiscreteShell, load: Array, drag: float) -> tuple[Array, float, Array]:
+    """The load, the damping and the frames (f, k, 3) of a motion under the load and after it."""
+    state, frames, damping = model.start_motion(), [], Damping(drag)
+    for frame in range(_LOADED + _RELEASED):
+        state, solved = model.step(state, _DT, load if frame < _LOADED else np.zeros_like(load), damping)
+        if not solved or not np.isfinite(state.coordinates).all():
+            raise SolverError("a training motion of the coarse shell failed: train about a smaller load")
+        frames.append(state.coordinates)
+    return load, drag, np.array(frames)
+
+
+def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
+    """Stresses (T + E,) of triangles and edges after ``step`` (k, 3), by the measures linearised at ``x``."""
+    return np.concatenate(coarse.predicted_stresses(x, step)[:2])
+
+
+def _held_out(
+    found: Trained, reduced: ReducedStress, coarse: Shell, load: Array, drag: float, truth: Array
+) -> tuple[float, float]:
+    """Error of a motion over its size, and its largest share of unseen membrane energy."""
+    push = load.ravel() @ found.basis
+    z = np.zeros_like(push)
+    rates, frames, unseen = np.zeros_like(z), [], 0.0
+    for frame in range(len(truth)):
+        force = push if frame < _LOADED else np.zeros_like(push)
+        moved, solved = assumed_stress.implicit_step(reduced, z, rates, force, _DT, drag, 0.0, 1e-3)
+        if not solved:
+            return np.inf, unseen
+        rates, z = (moved - z) / _DT, moved
+        unseen = max(unseen, found.unseen(coarse, reduced, z))
+        frames.append(coarse.rest_positions + (found.basis @ z).reshape(-1, 3))
+    mass = coarse.mass[:, None]
+    off = np.sum(mass * (np.array(frames) - truth) ** 2)
+    return float(np.sqrt(off / np.sum(mass * (truth - coarse.rest_positions) ** 2))), unseen

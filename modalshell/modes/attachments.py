@@ -1,0 +1,56 @@
+"""Attachment vectors: static shapes under named loads, which join the modes of a basis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.checks import shown
+from modalshell.errors import OptionError, SolverError
+from modalshell.loads import Load
+from modalshell.modes.factorisation import Factoriser, condensed_factor
+from modalshell.modes.orthonormal import orthonormal_extension
+from modalshell.modes.rigid import left_free
+from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.typing import Array
+
+
+def attached_forces(shell: Shell, attachments: Sequence[Load | ArrayLike] | None) -> Array:
+    """The loads as forces (3n, k) [N] on a shell that its supports must hold."""
+    if attachments is None:
+        return np.empty((shell.rest_positions.size, 0))
+    if not isinstance(attachments, list | tuple) or not attachments:
+        raise OptionError(f"attachments must be a list of loads or of forces (n, 3) (got {shown(attachments)})")
+    if loose := left_free(shell):
+        raise OptionError(f"attachments need a shell that its supports hold, but {loose}: hold more vertices")
+    forces = [
+        shell.total_load(loads=[entry]) if isinstance(entry, Load) else shell.total_load(force=entry)
+        for entry in attachments
+    ]
+    return np.stack([force.ravel() for force in forces], axis=1)
+
+
+def with_attachments(
+    shell: Shell, eigenvalues: Array, modes: Array, forces: Array, backend: str | None
+) -> tuple[Array, Array]:
+    """Eigenvalues (m,) and modes (N, m) of the free unknowns, followed by what is new in the answers to forces (3n, k).
+
+    New vectors are turned so that the stiffness is diagonal on them: their eigenvalues are Ritz values, above those of
+    the modes.
+    """
+    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    internal = shell.pattern.internal
+    factor = Factoriser(backend, use="solve").definite(shell.pattern.free_matrix(data))
+    solve = condensed_factor(factor, 0 if internal is None else internal.count).solve
+    answers = solve(np.asarray(shell.unknowns.restrict(forces)))
+    found = orthonormal_extension(modes, answers, shell.unknowns.masses(shell.mass))
+    new = np.asarray(shell.unknowns.prolong(found[:, modes.shape[1] :]))
+    values, turned = np.linalg.eigh(new.T @ shell.pattern.product(data, new))
+    if not (values > 0.0).all():  # NaN too
+        raise SolverError(
+            f"the attachments have no positive stiffness (lowest {values.min():.3g} 1/s^2): the stiffness is too "
+            "ill-conditioned; remesh needles, or bring the stiffnesses nearer together"
+        )
+    return np.concatenate([eigenvalues, values]), np.hstack([modes, found[:, modes.shape[1] :] @ turned])

@@ -1,0 +1,40 @@
+"""Units of a scene's numbers, and values that no sheet has in them."""
+
+from __future__ import annotations
+
+from modalshell.scene.tables import PhysicalSheet, Stiffnesses, Units
+
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+_MASS = {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "t": 1e3, "lb": 0.45359237}
+_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+_THICKEST = 0.2
+"""Thickness, as a share of the size, above which a body is no sheet."""
+_DENSITIES = (1.0, 3e4)
+"""Densities of solids [kg/m^3], from aerogel to above osmium."""
+_STIFFEST = 2e12
+"""Young's modulus [Pa] above diamond's."""
+
+
+def odd_values(material: Stiffnesses | PhysicalSheet, units: Units, size: float) -> list[str]:
+    """What is odd about a material on a mesh of ``size``, in words; no numbers are odd that files give."""
+    if isinstance(material, Stiffnesses):
+        return []
+    length, mass, time = _LENGTH[units.length], _MASS[units.mass], _TIME[units.time]
+    found = []
+    thickness, density, young = material.thickness, material.density, material.young
+    if isinstance(thickness, float | int) and thickness > _THICKEST * size:
+        found.append(
+            f"material.thickness: {thickness:g} {units.length} is over a fifth of the mesh's size, {size:g} "
+            f"{units.length}: too thick for a sheet, or of other units than the mesh"
+        )
+    if isinstance(density, float | int) and not _DENSITIES[0] <= (real := density * mass / length**3) <= _DENSITIES[1]:
+        found.append(
+            f"material.density: {density:g} {units.mass}/{units.length}^3 is {real:.3g} kg/m^3, which no sheet has "
+            "(water: 1000 kg/m^3): check [units]"
+        )
+    if isinstance(young, float | int) and (real := young * mass / (length * time**2)) > _STIFFEST:
+        found.append(
+            f"material.young: {young:g} {units.mass}/({units.length} {units.time}^2) is {real:.3g} Pa, stiffer than "
+            "diamond: check [units]"
+        )
+    return found

@@ -1,0 +1,31 @@
+"""Critical loads of strips over their width, one panel a Poisson's ratio (reads the study ``lateral_buckling``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.study import StudyResult
+from paper_figures.energy_colors import COLORS
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    rows = [row for row in StudyResult.load(results, "lateral_buckling").findings["rows"] if row["found"] is not None]
+    panels = []
+    for poisson in dict.fromkeys(row["poisson"] for row in rows):
+        curves = []
+        for energy, families in COLORS.items():
+            for family, color in families.items():
+                own = [r for r in rows if (r["poisson"], r["energy"], r["mesh"]) == (poisson, energy, family)]
+                if own:
+                    label = f"{energy}, {family}"
+                    curves.append(Curve([r["width"] for r in own], [r["found"] for r in own], label, color))
+        first = [r for r in rows if r["poisson"] == poisson]
+        widths = list(dict.fromkeys(r["width"] for r in first))
+        exact = [next(r["gamma"] for r in first if r["width"] == width) for width in widths]
+        curves.append(Curve(widths, exact, "finite elements", "black", dashed=True))
+        narrow = [first[0]["narrow"]] * len(widths)
+        curves.append(Curve(widths, narrow, "narrow strip", "0.5", dashed=True, points=False))
+        panels.append(Panel(curves, f"Poisson's ratio {poisson:g}", "width [L]", "critical gravity Γ"))
+    return draw_curves(panels, folder / "lateral_buckling.png")

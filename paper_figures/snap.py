@@ -1,0 +1,67 @@
+"""Load-deflection paths through snaps, and shapes on them (reads the study ``snap``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.render.load_paths import path_curves
+from modalshell.study import StudyResult
+
+PANELS = {
+    "V 150°": ("displacement along the load [m]", "gravity [m/s²]"),
+    "V 160°": ("displacement along the load [m]", "gravity [m/s²]"),
+    "panel": ("displacement along the load [m]", "gravity [m/s²]"),
+    "tape spring": ("deflection of the end [R]", "couple over D α"),
+    "roof 12.7 mm": ("deflection of the centre [mm]", "load [N]"),
+    "roof 6.35 mm": ("deflection of the centre [mm]", "load [N]"),
+    "Lee's frame": ("drop under the load [L]", "load [EI / L²]"),
+    "tape plateau": ("turn of the end [degrees]", "moment over D α"),
+}
+COLORS = ("#2f9e44", "#7b2d8e", "#d98200", "#2b5fc8", "#c8322b")
+CAMERA = (0.9, -1.0, 0.55)
+
+
+def draw(results: Path, folder: Path) -> list[Path]:
+    """Draw from the result in ``results`` into ``folder``; return the PNGs' paths."""
+    result = StudyResult.load(results, "snap")
+    panels, views = [], []
+    for case, (x_label, y_label) in PANELS.items():
+        curves: list[Curve] = []
+        for number, one in enumerate(row for row in result.findings["curves"] if row["case"] == case):
+            color, marks = COLORS[number % len(COLORS)], "twisted" not in one["model"]
+            if "moment" in one:
+                turn, moment = np.array(one["turn"]), np.array(one["moment"])
+                curves.append(Curve(turn, moment, one["model"], color, points=False))
+                exact = 1.3 if "opposite" in one["model"] else 0.7
+                curves.append(Curve([turn.min(), turn.max()], [exact, exact], "_", color, dashed=True, points=False))
+                continue
+            events = one["events"] if len(one["events"]) <= 8 else []
+            curves += path_curves(
+                one["displacements"], one["factors"], one["stable"], events, one["model"], color, marks=marks
+            )
+            if "elastica_loads" in one:
+                curves.append(Curve(one["elastica_drops"], one["elastica_loads"], "elastica", "black", points=False))
+        panels.append(Panel(curves, case, x_label, y_label, legend_inside=True))
+        if f"{case}_positions" in result.arrays:
+            views += shapes(case, result.arrays[f"{case}_positions"], result.arrays[f"{case}_faces"])
+    written = [draw_curves(panels, folder / "snap.png", columns=4)]
+    rows = -(-len(views) // 4)
+    shown = draw_views(
+        views, folder / "snap_shapes.png", columns=4, size=(1600, 330 * rows), link_cameras=False, legend=False
+    )
+    return [*written, shown]
+
+
+def shapes(case: str, positions: np.ndarray, faces: np.ndarray) -> list[View]:
+    """At rest, at the first and the second limit point, and at the end, or as many of them as there are."""
+    if len(positions) > 4:
+        positions = positions[[0, 1, 2, -1]]
+    names = [*("at rest", "first limit point", "second limit point")[: len(positions) - 1], "end"]
+    return [
+        View([ShadedSurface(x, faces, smooth=True)], title=case, subtitle=name, camera=CAMERA)
+        for name, x in zip(names, positions, strict=True)
+    ]

@@ -1,0 +1,167 @@
+"""The trained rung with assumed membrane stresses: through a snap, on loads that were not in training."""
+
+import pickle
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import modalshell as ms
+from modalshell.models.hybrid_training import Trained
+from modalshell.reduction.assumed_stress import energy_terms, reduce_energy
+
+DAMPING = (2.0, 0.0)
+
+
+def stiff_beam(cells, fold=150.0, membrane=2000.0):
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=fold, cells=cells)
+    return ms.Shell(mesh, ms.Material(membrane, membrane, 0.05, 0.2), mesh.vertices[:, 0] < 1.5 / cells[0])
+
+
+@pytest.fixture(scope="module")
+def shell():
+    return stiff_beam((16, 4))
+
+
+@pytest.fixture(scope="module")
+def hybrid(shell):
+    return ms.HybridStress.trained(shell, gravity=(0, 0, -70), modes=28, motions=24)
+
+
+def distance(a, b, shell):
+    return np.linalg.norm(a - b) / np.linalg.norm(b - shell.rest_positions)
+
+
+def terms(reduced, z):
+    count, size = reduced.linear.shape
+    gradient, hessian = np.empty(size), np.empty((size, size))
+    strains = np.empty(count)
+    value = energy_terms(reduced, z, strains, np.empty((count, size)), gradient, hessian)
+    return value, gradient, strains
+
+
+def test_it_follows_the_shell_through_its_snap_and_back(shell, hybrid):
+    truth = ms.DiscreteShell(shell, step_tolerance=1e-3)
+    tilt = np.radians(15.0)
+    load = shell.gravity_force((0.0, 70.0 * np.sin(tilt), -70.0 * np.cos(tilt)))
+    exact, state, frames = truth.start_motion(), hybrid.start_motion(), []
+    for frame in range(30):
+        force = load if frame < 20 else np.zeros_like(load)
+        exact, _ = truth.step(exact, 1 / 30, force, ms.Damping(*DAMPING))
+        state, solved = hybrid.step(state, 1 / 30, force, ms.Damping(*DAMPING))
+        assert solved
+        frames.append((hybrid.positions(state), truth.positions(exact)))
+    own, other = (np.array(part) for part in zip(*frames, strict=True))
+    assert other[:, :, 2].min() < -0.6
+    assert distance(own, other, shell) < 0.03
+    assert state.coordinates.ndim == 1
+    assert 0.0 < hybrid.held_out_error < 0.1
+
+
+def test_its_statics_is_that_of_the_shell_before_and_after_the_snap(shell, hybrid):
+    for gravity in (25.0, 70.0):
+        answer = hybrid.equilibrium(gravity=(0, 0, -gravity))
+        exact = hybrid.coarse.equilibrium(gravity=(0, 0, -gravity))
+        assert answer.converged
+        assert f"{100 * hybrid.held_out_error:.1f} %" in answer.message
+        assert distance(answer.positions, exact.positions, shell) < 0.02
+
+
+def test_the_reduced_energy_is_exact_to_second_order_and_free_of_rigid_strain():
+    shell = stiff_beam((8, 2))
+    basis = ms.solve_modes(shell, 6).modes
+    rng = np.random.default_rng(0)
+    turned = Rotation.from_rotvec([0.3, -0.5, 0.2]).apply(np.array(shell.rest_positions)) - shell.rest_positions
+    basis = np.column_stack([basis, turned.ravel()])
+    stretch, shear, _ = shell.elements
+    weight = np.concatenate([stretch.weight, shear.weight])
+    stresses = np.diag(np.sqrt(2.0 * weight))  # every stress: the membrane energy of quadratic strains itself
+    reduced = reduce_energy(shell, basis, stresses)
+    value, gradient, strains = terms(reduced, np.append(np.zeros(6), 1.0))
+    np.testing.assert_allclose(strains, 0.0, atol=1e-12)
+    assert value < 1e-12 * weight.max()
+    assert np.abs(gradient).max() < 1e-9 * weight.max()
+    z = np.append(rng.standard_normal(6), 0.0)
+    errors, slopes = [], []
+    for size in (1e-4, 5e-5):
+        x = shell.rest_positions + size * (basis @ z).reshape(-1, 3)
+        exact = sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in (stretch, shear))
+        strains = terms(reduced, size * z)[2]
+        errors.append(abs(0.5 * strains @ strains - exact) / exact)
+        value, gradient, _ = terms(reduced, 1e-3 * z)
+        slopes.append(abs(terms(reduced, (1e-3 + size) * z)[0] - value - size * z @ gradient))
+    assert errors[0] < 1e-2
+    assert errors[1] < 0.55 * errors[0]
+    assert np.log2(slopes[0] / slopes[1]) == pytest.approx(2.0, abs=0.1)
+
+
+def test_flat_hinges_bend_as_their_angle_where_the_sheet_keeps_its_lengths():
+    """A cylinder of angle 0.1 between its strips: 2 (1 - cos theta) in place of the angle's square."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.15)
+    x = np.array(mesh.vertices)
+    turns = 0.1 * np.arange(10)
+    chain = np.concatenate([[[0.0, 0.0]], np.cumsum(0.1 * np.column_stack([np.cos(turns), np.sin(turns)]), axis=0)])
+    rolled = x.copy()
+    column = np.rint(x[:, 0] / 0.1).astype(int)
+    rolled[:, 0], rolled[:, 2] = chain[column, 0], chain[column, 1]
+    rows = np.isclose(x[:, 0], 0.1 * column)
+    assert rows.all()
+    basis = (rolled - x).reshape(-1, 1)
+    stretch, shear, flexure = shell.elements
+    reduced = reduce_energy(shell, basis, np.zeros((len(stretch.rest) + len(shear.rest), 1)))
+    exact = flexure.kernel.energy(rolled, flexure.stencils, flexure.rest, flexure.weight)
+    assert terms(reduced, np.ones(1))[0] == pytest.approx(exact * 2.0 * (1.0 - np.cos(0.1)) / 0.01, rel=1e-6)
+
+
+def test_loads_and_states_that_it_cannot_hold_go_to_the_coarse_shell(shell, hybrid):
+    load = 0.05 * np.random.default_rng(0).standard_normal(shell.rest_positions.shape)
+    answer = hybrid.equilibrium(force=load)
+    assert "answered by coarse DS: the basis misses" in answer.message
+    state, solved = hybrid.step(hybrid.start_motion(), 1 / 30, load, ms.Damping(*DAMPING))
+    assert solved
+    assert state.coordinates.shape == shell.rest_positions.shape
+    exact, _ = hybrid.coarse.step(hybrid.coarse.start_motion(), 1 / 30, load, ms.Damping(*DAMPING))
+    np.testing.assert_allclose(hybrid.positions(state), hybrid.coarse.positions(exact), atol=1e-9)
+    weight = shell.gravity_force((0.0, 0.0, -60.0))
+    for _ in range(12):  # taken back under a load that it knows
+        state, solved = hybrid.step(state, 1 / 30, weight, ms.Damping(*DAMPING))
+        assert solved
+    assert state.coordinates.ndim == 1
+
+
+def test_saved_and_pickled_it_answers_alike(shell, hybrid, tmp_path):
+    hybrid.save(tmp_path / "trained.npz")
+    read = ms.HybridStress.load(tmp_path / "trained.npz", shell)
+    run = {"duration": 0.4, "dt": 0.05, "gravity": (0, 0, -70), "damping": DAMPING}
+    exact = ms.simulate(hybrid, **run).positions
+    for other in (read, pickle.loads(pickle.dumps(hybrid))):
+        assert np.array_equal(ms.simulate(other, **run).positions, exact)
+    assert read.held_out_error == hybrid.held_out_error
+    with pytest.raises(ms.FileFormatError, match="another coarse shell"):
+        ms.HybridStress.load(tmp_path / "trained.npz", stiff_beam((8, 2)))
+    (tmp_path / "trained.npz").write_bytes(b"nothing")
+    with pytest.raises(ms.FileFormatError):
+        ms.HybridStress.load(tmp_path / "trained.npz", shell)
+
+
+def test_training_counts_and_repeats_itself():
+    shell, done = stiff_beam((8, 2)), []
+    options = {"gravity": (0, 0, -20), "modes": 8, "motions": 4}
+    first = ms.HybridStress.trained(shell, **options, on_step=lambda *counts: done.append(counts))
+    assert done[-1] == (10, 10)
+    assert ms.HybridStress.trained(shell, **options).held_out_error == first.held_out_error
+    assert isinstance(first._trained, Trained)
+
+
+def test_wrong_uses_are_refused():
+    shell = stiff_beam((8, 2))
+    with pytest.raises(ms.OptionError, match="not zero"):
+        ms.HybridStress.trained(shell)
+    with pytest.raises(ms.OptionError, match="modes"):
+        ms.HybridStress.trained(shell, gravity=(0, 0, -1), modes=0)
+    with pytest.raises(ms.SupportError, match="clamp"):
+        ms.HybridStress.trained(ms.Shell(shell.mesh, shell.material), gravity=(0, 0, -1))
+    sheet = ms.Shell(shell.mesh, ms.Isotropic(1e6, 0.3, 1e-3, 100.0), shell.clamped)
+    with pytest.raises(ms.OptionError, match=r"ms\.Isotropic"):
+        ms.HybridStress.trained(sheet, gravity=(0, 0, -1))
