@@ -59,6 +59,7 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
+from modalshell.models.fit import Fit, fit
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, LoadedModes, solve_modes
@@ -91,6 +92,7 @@ __all__ = [
     "Equilibrium",
     "EquilibriumPath",
     "FileFormatError",
+    "Fit",
     "Fix",
     "FlightResult",
     "Flock",
@@ -150,6 +152,7 @@ __all__ = [
     "coarse_shell",
     "cylinder_panel",
     "equilibrium_path",
+    "fit",
     "flat_beam",
     "leaf",
     "load_clip",

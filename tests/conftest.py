@@ -26,7 +26,7 @@ with contextlib.suppress(ImportError):
 settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")  # the same examples in every run; others by --hypothesis-profile=default
 
-SLOW_STUDIES = ("held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "tradeoff")
+SLOW_STUDIES = ("held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "strangers_meshes", "tradeoff")
 """Those that take long even if quick."""
 
 SCENE = (

@@ -20,6 +20,7 @@ EXCEPTIONS = {
         "WarpFrame.positions",
         "q",
     ): "runs each frame; its documentation says that NaN gives NaN, and that it checks shapes",
+    ("fit", "observed"): "NaN stands for a coordinate that was not measured",
     ("repair", "vertices"): "drops the faces of vertices that are not finite, and says so",
 }
 """Arguments that may hold NaN, and why. Text and wrong shapes are refused there, too."""
@@ -34,6 +35,7 @@ BETWEEN_PARTS = {
     "step_live",
     "step_by_quadrature",
     "velocity_at",
+    "pushed_by_constant",
     "damping_force",
     "damping_matrix",
 }
@@ -98,6 +100,10 @@ def methods():
         Target("CoarseDiscreteShell.prolong", coarse.prolong, {"positions": coarse.coarse.shell.rest_positions})
     )
     made.append(Target("CoarseDiscreteShell.restrict", coarse.restrict, {"load": vectors}))
+    answer, body = models["ds"].equilibrium(gravity=gravity), models["ds"]
+    made.append(
+        Target("DiscreteShell.sensitivity", functools.partial(body.sensitivity, answer, "flexure"), {"of": vectors})
+    )
     crowd, pose = ms.Crowd(basis, 2), {"rotations": np.eye(3), "translations": np.zeros(3)}
     blend = functools.partial(crowd.blend_strains, models["rsw"], out=np.empty((2, *rest.shape)))
     made.append(Target("Crowd.blend_strains", blend, {"shares": np.array([0.0, 1.0])} | pose))

@@ -10,6 +10,7 @@ from typing import Literal, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.checks import checked_vectors
 from modalshell.constraints.constraints import Constraint, checked_constraints
 from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
@@ -117,7 +118,8 @@ class Model(ABC):
         if not wanted and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
             message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
-        return replace(found, seconds=watch())
+        weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
+        return replace(found, seconds=watch(), loading=loading, gravity=weight)
 
     @abstractmethod
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:

@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 
 from modalshell.checks import finite_answer
+from modalshell.loads import Loading
 from modalshell.outcome import Outcome
 from modalshell.typing import Array
 
@@ -43,6 +44,8 @@ class Equilibrium:
         How far each constraint is from its target: [m] for positions, [rad] for orientations.
     conservative : bool
         Whether the load has a potential; ``message`` says so where it has none.
+    loading, gravity
+        The load of the answer, for derivatives of it; None where it was made without.
     """
 
     positions: Array
@@ -56,6 +59,8 @@ class Equilibrium:
     costs: dict[str, float] = field(default_factory=dict)
     constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
     conservative: bool = True
+    loading: Loading | None = field(default=None, repr=False, compare=False)
+    gravity: Array | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         finite_answer("the equilibrium's positions", self.positions)

@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.errors import ModalShellWarning
+from modalshell.errors import REPAIR, ModalShellWarning
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import BendingConstants
 from modalshell.shell.orientation import Orientation, orient
@@ -23,6 +23,8 @@ _DIMPLE = 5.0
 """Area of a cell over thickness times length above which flat strips of other triangles are over 5 % too stiff."""
 _ACROSS = 1.25
 """Ratio of the stiffnesses along and across above which a plate is not isotropic."""
+_SLIVERS = 3.0
+"""Stiffness of a plate over that of a narrow strip from which thin triangles rule the constants; sound meshes: 1.8."""
 _STRETCHED, _STRETCHED_DIMPLE = 0.8, 0.2
 """Extent along over across of a regular lattice's triangles below which, and slack above which, it is too stiff."""
 _PARALLEL = 0.99
@@ -77,6 +79,12 @@ def calibration_doubts(
                 f"the rows at the ends are not straight, so that a clamp at one end or the other makes the strip "
                 f"{100.0 * spread:.0f} % too soft or too stiff"
             )
+    if constants.wide > _SLIVERS * constants.narrow:
+        doubts.append(
+            "triangles that are long and low have hinges so stiff that they rule the mean: a plate would be "
+            f"{constants.wide / constants.narrow:.2g} times as stiff as a narrow strip; take them away ({REPAIR} does "
+            "from an aspect of 1e4)"
+        )
     ratio = constants.across / constants.wide
     if not narrow and not 1.0 / _ACROSS <= ratio <= _ACROSS and np.isfinite(ratio):
         doubts.append(
@@ -125,7 +133,9 @@ def warn_of_two_way_bending(mesh: TriangleMesh, supported: NDArray[np.bool_]) ->
     _, _, axes = np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), full_matrices=False)
     places = mesh.vertices @ axes[:2].T
     low, size = places.min(axis=0), np.ptp(places, axis=0)
-    if (np.abs((places[supported] - low) / size - 0.5) < 0.5 - _END_OF_AXIS).any(axis=0).all():
+    held = (places[supported] - low) / size
+    inside = (np.abs(held - 0.5) < 0.5 - _END_OF_AXIS).any(axis=0)
+    if inside.all() and np.ptp(held, axis=0).min() > 0.5:  # one clamped end of a coarse mesh holds a part of the length
         warnings.warn(
             "the supports make the sheet bend in two directions, where hinges calibrated by from_physical are off on "
             "any mesh (a simply supported square plate: first frequency 25 % too high, deflection 37 % too small), and "

@@ -18,7 +18,8 @@ from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.calibration_range import warn_of_two_way_bending
 from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
-from modalshell.shell.elements import ElementSet, ElementSum, Energy, element_sets
+from modalshell.shell.elements import ElementSet, ElementSum, Energy
+from modalshell.shell.energies_of import energy_of, gradient_by_constant
 from modalshell.shell.extended import Extended
 from modalshell.shell.fields import BARE_SHEET, ShellFields, flat_triangles
 from modalshell.shell.isotropic import Isotropic
@@ -54,8 +55,7 @@ class Shell(ReadOnlyArrays):
     energies : sequence of Energy, optional
         Further energies besides those of the material.
     loose_parts : bool
-        Whether parts of a mesh in several may be left without support; :func:`solve_modes` refuses them otherwise, as
-        six modes each would be their rigid motions.
+        Whether parts of a mesh may be left without support; :func:`solve_modes` refuses them otherwise.
 
     Attributes
     ----------
@@ -105,20 +105,10 @@ class Shell(ReadOnlyArrays):
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
         self._slopes = held_slopes(self.supports, mesh)
-        self.energies = tuple(
-            checked_kind("each of energies", energy, Energy)  # type: ignore[type-abstract]
-            for energy in energies
-        )
-        further = [energy.elements(mesh) for energy in self.energies]
-        self._energy: ElasticEnergy
-        if isinstance(material, Isotropic):
-            self._energy = SplitFoldEnergy(mesh, material, self._slopes, further, unknowns.held)
-        else:
-            if material.correct_clamp:  # it is calibrated, by from_physical
-                warn_of_two_way_bending(mesh, unknowns.supported)
-            self._energy = ElementSum(
-                [*element_sets(mesh, material, unknowns.held, self._slopes), *further], len(mesh.vertices)
-            )
+        self.energies = tuple(energies)
+        if isinstance(material, Material) and material.correct_clamp:  # it is calibrated, by from_physical
+            warn_of_two_way_bending(mesh, unknowns.supported)
+        self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
         self._support(unknowns)
         face_mass = material.area_density(mesh) * mesh.face_areas
         self.mass = read_only(mesh.shared_among_corners(face_mass))
@@ -174,6 +164,11 @@ class Shell(ReadOnlyArrays):
         other._energy = ElementSum(elements, len(self.rest_positions))
         other._support(self.unknowns)
         return other
+
+    def with_material(self, material: Material | Isotropic) -> Shell:
+        """A shell of another material, with the same mesh, supports and further energies."""
+        given = self.mesh, material, None, self.supports
+        return Shell(*given, energies=self.energies, loose_parts=self.loose_parts)
 
     @property
     def size(self) -> float:
@@ -253,6 +248,13 @@ class Shell(ReadOnlyArrays):
             energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
         return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density)
+
+    def pushed_by_constant(self, name: str, x: Array, gravity: ArrayLike | None = None) -> Array:
+        """Derivative (n, 3) of elastic force and weight at ``x`` by a constant of the material, such as ``"young"``."""
+        push = -gradient_by_constant(self.mesh, self.material, self._slopes, self.clamped, name, x)
+        if gravity is not None and name in ("density", "thickness"):  # the mass is proportional to both
+            push += self.gravity_force(gravity) / getattr(self.material, name)
+        return push
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""

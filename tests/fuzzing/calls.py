@@ -41,7 +41,7 @@ RECORDS = {
     "Scene",
     "SceneResult",
 }
-RECORDS |= {"RepairReport", "ShellFields", "SweepResult", "Tradeoff", "Trajectory"}
+RECORDS |= {"Fit", "RepairReport", "ShellFields", "SweepResult", "Tradeoff", "Trajectory"}
 """Plain records that the package fills itself; they hold what they are given."""
 NO_INPUT = {"models"}
 """They take nothing."""
@@ -277,6 +277,9 @@ def _models() -> list[Target]:
                 "points": 20, "branches": 1},
                {"control": ("arc", "load", "displacement", "time", None, 1), "watch": (None, ([9], (0, 0, 1)), 3)},
                {"model": shell}),
+        Target("fit", ms.fit, {"observed": start, "gravity": gravity, "force": force, "confidence": 0.9},
+               {"wrt": ("flexure", "young", ["flexure", "shear"], None, 1), "where": (None, "x > 0.5", 3)},
+               {"shell": shell, "wrt": "flexure"}),
         Target("PositionConstraint", _constraint(ms.PositionConstraint),
                {"vertices": np.array([8, 9]), "target": np.array([1.0, 0.0, -0.1])}),
         Target("OrientationConstraint", _constraint(ms.OrientationConstraint),

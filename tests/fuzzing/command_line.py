@@ -8,7 +8,6 @@ import os
 import re
 import shutil
 import sys
-import types
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -24,8 +23,6 @@ from fuzzing.harness import FEW, DirtyExit, Escape, Input, LongWork, UncaughtExc
 from fuzzing.scenes import BASE, BASES, SWEEPS, as_toml, files_of, in_this_process
 from modalshell import cli
 from modalshell.atomic_io import write_text
-from modalshell.commands import scenes as scene_commands
-from modalshell.provenance import repository_module
 
 BAD_MESHES = Path(__file__).resolve().parents[1] / "data" / "bad"
 QUICK = ("simulate", "modes", "repair", "run", "view", "sweep", "reproduce", "bench", "tradeoff", "advise", "doctor")
@@ -65,7 +62,7 @@ class _Captured(io.TextIOWrapper):
         return buffer.getvalue().decode()
 
 
-def _bench(out: Path, **_: Any) -> list[Path]:
+def _bench(out: Path, *_: Any, **__: Any) -> list[Path]:
     """In place of the benchmarks."""
     return [write_text(out / "benchmarks.md", "# table\n")]
 
@@ -121,14 +118,6 @@ def _without_windows() -> Iterator[None]:
         yield
 
 
-def _repository_module(name: str) -> Any:
-    """The module, in which studies and benchmarks leave nothing to compute."""
-    if name == "studies.benchmarks.run":
-        return types.SimpleNamespace(main=lambda out, *_: _bench(out))
-    module = repository_module(name)
-    return types.SimpleNamespace(**{**vars(module), "reproduce": lambda *_, **__: []})
-
-
 def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
     """Standard output, standard error and exit status of a command in the folder ``work``."""
     here, out, errors = Path.cwd(), _Captured(), _Captured("backslashreplace")
@@ -139,17 +128,17 @@ def called(argv: list[str], work: Path) -> tuple[str, str, Any]:
         return "window"
 
     patched = {
-        "repository_module": _repository_module,
+        "write_pages": lambda *_, **__: [],
         "open_window": load_only,
         "serve_page": load_only,
         "take_picture": load_only,
     }
     with contextlib.ExitStack() as stack:
         for name, stand_in in patched.items():
-            places = [module for module in (cli, scene_commands) if hasattr(module, name)]
-            assert places, f"no command uses {name} any more"
-            for module in places:
-                stack.enter_context(mock.patch.object(module, name, stand_in))
+            if hasattr(cli, name):
+                stack.enter_context(mock.patch.object(cli, name, stand_in))
+        stack.enter_context(mock.patch("studies.reproduce.reproduce", return_value=[]))
+        stack.enter_context(mock.patch("studies.benchmarks.run.main", _bench))
         stack.enter_context(mock.patch.multiple("modalshell.compare.tradeoff", _measured=_too_long))
         stack.enter_context(without_pictures())
         stack.enter_context(_without_windows())

@@ -9,6 +9,7 @@ def open_file(browser, tmp_path):
 
     def opened(page):
         context = browser.new_context(offline=True, viewport={"width": 1000, "height": 640})
+        context.set_default_timeout(120_000)  # software rendering on a busy machine
         shown, errors = context.new_page(), []
         shown.on("pageerror", lambda error: errors.append(str(error)))
         shown.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)

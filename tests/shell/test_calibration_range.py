@@ -83,6 +83,18 @@ def test_no_word_where_it_holds(mesh, poisson, thickness):
     assert np.isfinite(calibrate(mesh, poisson, thickness).flexure)
 
 
+def test_one_thin_triangle_that_rules_the_constants_is_said():
+    """A point close to a side of one triangle of 32 makes the plate's constant 200 times what it is without."""
+    mesh = sheet(length=1.0, width=1.0, cells=(4, 4))
+    a, b, c = mesh.faces[5]
+    point, count = mesh.vertices[[a, b]].mean(axis=0), len(mesh.vertices)
+    point = point + 0.01 * (mesh.vertices[c] - point)
+    faces = np.vstack((np.delete(mesh.faces, 5, axis=0), [(a, b, count), (count, b, c), (a, count, c)]))
+    with pytest.warns(ModalShellWarning) as caught:
+        calibrate(TriangleMesh(np.vstack((mesh.vertices, point)), faces), 0.3, 1e-2)
+    assert any("long and low" in str(warning.message) and "--repair" in str(warning.message) for warning in caught)
+
+
 @pytest.mark.parametrize(
     ("held", "said"),
     [

@@ -1,0 +1,97 @@
+"""Constants recovered from measured positions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import PLAIN
+
+import modalshell as ms
+
+SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
+GRAVITY = (0.0, 0.0, -2.0)
+
+
+@pytest.fixture(scope="module")
+def strip():
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(24, 2))
+    return ms.Shell(mesh, SHEET, mesh.vertices[:, 0] < 0.01)
+
+
+@pytest.fixture(scope="module")
+def measured(strip):
+    answer = ms.DiscreteShell(strip).equilibrium(gravity=GRAVITY)
+    assert answer.converged
+    return answer.positions
+
+
+def test_young_is_found_from_exact_positions(strip, measured):
+    found = ms.fit(strip.with_material(replace(SHEET, young=4e6)), "young", measured, gravity=GRAVITY)
+    assert found.converged
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+    assert found.residual < 1e-8
+    assert found.material.young == found.values["young"]
+    low, high = found.intervals["young"]
+    assert low <= found.values["young"] <= high
+    assert found.evaluations < 15
+
+
+def test_a_noisy_tip_curve_gives_young_within_its_interval(strip, measured):
+    drop = np.abs(measured[:, 2]).max()
+    guess = strip.with_material(replace(SHEET, young=3e6))
+    hits = 0
+    for seed in range(12):
+        edge = np.abs(strip.rest_positions[:, 1]) < 1e-9
+        seen = np.full((edge.sum(), 3), np.nan)
+        noise = 0.01 * drop * np.random.default_rng(seed).standard_normal(len(seen))
+        seen[:, 2] = measured[edge, 2] + noise
+        found = ms.fit(guess, "young", seen, where=edge, gravity=GRAVITY)
+        low, high = found.intervals["young"]
+        assert found.converged
+        hits += low < 1e6 < high
+    assert hits >= 9  # of 12 intervals of 95 %
+
+
+def test_two_constants_are_told_apart():
+    """Weight and stiffness by where the shell is, Poisson's ratio by how it bends across."""
+    mesh = ms.sheet(length=1.0, width=0.8, cells=(8, 8))
+    shell = ms.Shell(mesh, SHEET, mesh.vertices[:, 0] < 0.01)
+    load = [ms.PointForce([len(mesh.vertices) - 1], (0.0, 0.0, 0.02))]
+    measured = ms.DiscreteShell(shell).equilibrium(loads=load).positions
+    guess = shell.with_material(replace(SHEET, young=2e6, poisson=0.1))
+    found = ms.fit(guess, ["young", "poisson"], measured, loads=load)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-4)
+    assert found.values["poisson"] == pytest.approx(0.3, abs=1e-4)
+
+
+def test_what_the_load_cannot_tell_has_an_infinite_interval(strip):
+    """Without a load nothing moves, whatever the modulus."""
+    found = ms.fit(strip, "young", strip.rest_positions)
+    assert found.intervals["young"] == (0.0, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"wrt": "stretch"}, "constants above 0 among young"),
+        ({"wrt": []}, "each constant once"),
+        ({"wrt": ["young", "young"]}, "each constant once"),
+        ({"observed": np.zeros((2, 3))}, "observed must have shape"),
+        ({"observed": np.full((75, 3), np.nan)}, "at least one measured coordinate"),
+        ({"observed": "x"}, "observed must be"),
+        ({"confidence": 2.0}, "confidence must be"),
+        ({"gravity": (0.0, np.nan, 0.0)}, "gravity must be finite"),
+    ],
+)
+def test_wrong_input_is_refused(strip, measured, options, message):
+    given = {"wrt": "young", "observed": measured, "gravity": GRAVITY} | options
+    with pytest.raises(ms.ModalShellError, match=message):
+        ms.fit(strip, given.pop("wrt"), given.pop("observed"), **given)
+
+
+def test_constants_of_hinges_are_found_too():
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(12, 2))
+    shell = ms.Shell(mesh, PLAIN, mesh.vertices[:, 0] < 0.1)
+    seen = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY).positions
+    found = ms.fit(shell.with_material(replace(PLAIN, flexure=0.2)), "flexure", seen, gravity=GRAVITY)
+    assert found.values["flexure"] == pytest.approx(PLAIN.flexure, rel=1e-4)
