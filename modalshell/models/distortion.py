@@ -6,7 +6,7 @@ import numpy as np
 
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import area_vectors
-from modalshell.outcome import Outcome, gravest
+from modalshell.outcome import Outcome
 from modalshell.typing import Array
 
 _AREA = 2.0
@@ -49,4 +49,4 @@ def judged(outcome: Outcome, message: str, positions: Array, mesh: TriangleMesh)
     if not said:
         return outcome, message
     said = f"beyond what the model can describe: {said}"
-    return gravest(outcome, Outcome.DISTORTED), f"{message}; {said}" if message else said
+    return Outcome.DISTORTED if outcome is Outcome.CONVERGED else outcome, f"{message}; {said}" if message else said

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, final
 
 import numpy as np
@@ -124,7 +124,10 @@ def follow(
         if (point.factor - span.until) * (found.factor - span.until) <= 0.0 and point.factor != span.until:
             end = tracer.at_factor(point, found, span.until)
             found = end or found
-        for passed, kind in events_between(tracer, point, found):
+        events = events_between(tracer, point, found)
+        if not all(passed.located for passed, _ in events) and tracer.retried():
+            continue  # a shorter step tells where it is
+        for passed, kind in events:
             trace.add(passed, (kind,))
         trace.add(found)
         if on_point is not None:
@@ -171,7 +174,8 @@ def events_between(
     begin = 0.0 if low is None else low.step
     middle = tracer.stepped(before, 0.5 * (begin + after.step)) if depth else None
     if middle is None:
-        return [(after, LIMIT)] * turned + [(after, BIFURCATION)] * (abs(change) > turned)
+        unknown = replace(after, located=False)
+        return [(unknown, LIMIT)] * turned + [(unknown, BIFURCATION)] * (abs(change) > turned)
     first = events_between(tracer, before, middle, low, depth - 1)
     return first + events_between(tracer, before, after, middle, depth - 1)
 

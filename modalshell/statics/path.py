@@ -8,7 +8,7 @@ has its exact Hessian factorised: the tangent comes from it, and the number of i
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Literal, final
 
 import numpy as np
@@ -39,6 +39,8 @@ _SMALLEST = 1e-5
 """Share of the longest step below which a path is given up."""
 _LOCATED = 1e-6
 """Share of a test function's values at the ends of a step at which its zero counts as found."""
+_FOUND = 1e-3
+"""Share of them below which the nearest point is still an event."""
 _TRIALS = 30
 """Points at most that the search for such a zero takes."""
 
@@ -89,6 +91,8 @@ class PathPoint:
         Factorisations that it took.
     step : float
         Factor by which the tangent at the point before was followed to predict this one.
+    located : bool
+        Whether an event was found where it was looked for.
     """
 
     x: Array = field(repr=False)
@@ -99,6 +103,7 @@ class PathPoint:
     residual: float
     iterations: int
     step: float = 0.0
+    located: bool = True
 
 
 @final
@@ -271,6 +276,11 @@ class Tracer(Generic[Matrix]):
         """Make the next step a short one, as after a change of branches."""
         self._trust = min(self._trust, 0.05)
 
+    def retried(self) -> bool:
+        """Make the next step a shorter one, if there is a shorter one; say whether."""
+        self._trust *= 0.3
+        return self._trust >= _SMALLEST
+
     def locate(
         self,
         before: PathPoint,
@@ -282,7 +292,8 @@ class Tracer(Generic[Matrix]):
     ) -> PathPoint:
         """The point on the step from ``before`` to ``after`` where ``test`` changes its sign, by regula falsi.
 
-        ``low`` is a point of the step before the change. Where a point in between cannot be found, the nearest one.
+        ``low`` is a point of the step before the change. Where points in between cannot be found, the one of them, or
+        of the ends, at which ``test`` is least: far from the change, it is marked as ``located=False``.
         """
         start = low or before
         near, far = 0.0 if low is None else low.step, after.step
@@ -307,7 +318,7 @@ class Tracer(Generic[Matrix]):
             else:
                 below *= 0.5  # the Illinois rule: the end that stays counts half
             far, above = middle, value
-        return best
+        return best if least <= max(goal, _FOUND) * size else replace(best, located=False)
 
     def at_factor(self, before: PathPoint, after: PathPoint, factor: float) -> PathPoint | None:
         """The point between two neighbours at a load factor, exactly; None where it is not found."""

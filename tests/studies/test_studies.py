@@ -66,7 +66,8 @@ def test_snap_is_found_and_marked(results):
     assert all(row["mwts_error"] > 0.5 for row in findings["stiff"]["rows"] if row["after_snap"])
 
 
-def test_paths_meet_their_references(results):
+def test_paths_meet_their_references(quick_study):
+    results = quick_study("snap")
     checks = StudyResult.load(results, "snap").findings["checks"]
     limits = {"Lee's frame": 0.02, "tape spring, opposite sense": 0.05, "tape spring, equal sense": 0.05}
     assert limits.keys() <= {one["case"] for one in checks}
