@@ -11,7 +11,7 @@ from modalshell.study import StudyResult
 MARKS: tuple[tuple[str, str, Style], ...] = (
     ("bifurcation", "bifurcation: twisting", ":"),
     ("limit", "limit point", "-"),
-    ("stable_again", "stable again, flattened,", "--"),
+    ("stable_again", "stable again", "--"),
 )
 TITLES = {"soft": "soft membrane: the fold keeps its shape", "stiff": "stiff membrane: the fold flattens and snaps"}
 
