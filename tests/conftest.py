@@ -26,8 +26,17 @@ with contextlib.suppress(ImportError):
 settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")  # the same examples in every run; others by --hypothesis-profile=default
 
-SLOW_STUDIES = ("held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "strangers_meshes", "tradeoff")
-"""Those that take long even if quick."""
+SLOW_STUDIES = {"held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "strangers_meshes", "tradeoff"}
+SLOW_STUDIES |= {
+    "cloth_scaling",
+    "dancing_character",
+    "error_budget",
+    "large_deflection_benchmarks",
+    "mesh_bias",
+    "snap",
+}
+SLOW_STUDIES |= {"plate_frequencies", "spring_sheet_speed", "v_beam_truth"}
+"""Those that take long even if quick; so do the tests that name them."""
 
 SCENE = (
     beam_text()
@@ -106,7 +115,8 @@ def opengl():
 def pytest_collection_modifyitems(items):
     for item in items:
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
-        if "quick_study" in item.fixturenames and parameters.get("name") in SLOW_STUDIES:
+        named = {parameters.get("name"), *(c for c in item.function.__code__.co_consts if isinstance(c, str))}
+        if "quick_study" in item.fixturenames and named & SLOW_STUDIES:
             item.add_marker(pytest.mark.slow)
 
 

@@ -40,6 +40,10 @@ _TOLD = {
 }
 
 
+_PASSES = 4
+"""Times at most that thin triangles are looked for."""
+
+
 @final
 @dataclass(frozen=True, kw_only=True)
 class RepairReport:
@@ -178,12 +182,17 @@ def repair(
     before = len(points)
     points, triangles, count["collapsed_faces"] = weld_arrays(points, triangles, tolerance)
     count["merged_vertices"] = before - len(points)
-    triangles, count["flat_faces"], count["thin_faces"] = _with_area(points, triangles)
-    triangles, count["repeated_faces"] = _once_each(triangles)
-    sheets = cut_into_sheets(points, triangles)
-    points, triangles = drop_unused(sheets.vertices, sheets.faces)
-    count |= {name: getattr(sheets, name) for name in ("split_edges", "split_vertices", "cut_edges")}
-    count["flipped_faces"] = sheets.flipped
+    # A thin triangle on an edge of three faces can be taken away once that edge is split.
+    for _ in range(_PASSES):
+        triangles, flat, thin = _with_area(points, triangles)
+        triangles, repeated = _once_each(triangles)
+        sheets = cut_into_sheets(points, triangles)
+        points, triangles = drop_unused(sheets.vertices, sheets.faces)
+        found = {"flat_faces": flat, "thin_faces": thin, "repeated_faces": repeated, "flipped_faces": sheets.flipped}
+        found |= {name: getattr(sheets, name) for name in ("split_edges", "split_vertices", "cut_edges")}
+        count |= {name: count.get(name, 0) + number for name, number in found.items()}
+        if not validation.degenerate(points, triangles, THIN).any():
+            break
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModalShellWarning)  # of seams, which are where sheets were split
