@@ -173,6 +173,7 @@ def test_a_browser_without_webgl_shows_a_picture(v_basis, browser, tmp_path):
     assert page.is_visible("#missing")
     drawn = imread(BytesIO(page.locator("#picture").screenshot()))[..., :3]
     assert (np.ptp(drawn, axis=2) > 0.05).mean() > 0.01
+    context.close()
 
 
 @pytest.mark.slow

@@ -57,15 +57,19 @@ def test_page_is_served_on_loopback_alone(page_address):
 @pytest.fixture
 def open_page(browser):
     """Opens an address in a headless browser."""
+    pages = []
 
     def opened(address):
         page = browser.new_page(viewport={"width": 1000, "height": 700})
+        pages.append(page)
         page.set_default_timeout(60_000)
         page.goto(address)
         page.wait_for_selector("#picture")
         return page
 
-    return opened
+    yield opened
+    for page in pages:
+        page.close()
 
 
 @pytest.fixture
