@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from modalshell.errors import REPAIR, ModalShellWarning
 from modalshell.mesh import TriangleMesh
@@ -27,10 +28,14 @@ _SLIVERS = 3.0
 """Stiffness of a plate over that of a narrow strip from which thin triangles rule the constants; sound meshes: 1.8."""
 _STRETCHED, _STRETCHED_DIMPLE = 0.8, 0.2
 """Extent along over across of a regular lattice's triangles below which, and slack above which, it is too stiff."""
+_FEW, _SAME = 3.5, 0.02
+"""Edges across below which strips of unequal triangles are up to 12 % off, and by how much areas may differ."""
 _PARALLEL = 0.99
 """Cosine from which an edge runs along a strip."""
-_END_OF_AXIS = 0.15
-"""Share of a sheet's extent, from either end, in which supports belong to that end."""
+_END_OF_AXIS = 0.26
+"""Share of a sheet's length that its clamped end may take on a coarse mesh."""
+_SPANNED = 0.35
+"""Share of a sheet's area that supports span, from which they hold more than one end."""
 _END = 0.04
 """Share by which the stiffness of a strip may change with the end that is clamped, each way."""
 
@@ -79,6 +84,12 @@ def calibration_doubts(
                 f"the rows at the ends are not straight, so that a clamp at one end or the other makes the strip "
                 f"{100.0 * spread:.0f} % too soft or too stiff"
             )
+    across = mesh.area / orientation.length / float(mesh.edge_lengths.mean())
+    if narrow and orientation.flat and across < _FEW and not _has_equal_cells(mesh):
+        doubts.append(
+            f"a strip of unequal triangles with {across:.1f} of them across is up to 12 % too soft or too stiff; take at "
+            f"least {_FEW:g} across, or a structured mesh"
+        )
     if constants.wide > _SLIVERS * constants.narrow:
         doubts.append(
             "triangles that are long and low have hinges so stiff that they rule the mean: a plate would be "
@@ -97,6 +108,12 @@ def calibration_doubts(
 def is_equilateral(mesh: TriangleMesh) -> bool:
     """Whether almost every interior vertex has six edges and the triangles are nearly equilateral."""
     return _quality(mesh) >= _EQUILATERAL and _is_regular(mesh)
+
+
+def _has_equal_cells(mesh: TriangleMesh) -> bool:
+    """Whether most triangles have the same area, as in structured meshes, but for those along their sides."""
+    areas = mesh.face_areas / np.median(mesh.face_areas)
+    return bool((np.abs(areas - 1.0) < _SAME).mean() > 0.5)
 
 
 def _quality(mesh: TriangleMesh) -> float:
@@ -126,16 +143,12 @@ def _is_regular(mesh: TriangleMesh) -> bool:
 
 
 def warn_of_two_way_bending(mesh: TriangleMesh, supported: NDArray[np.bool_]) -> None:
-    """Warn where supports make a flat sheet bend in two directions: not only at the ends of one of its axes."""
+    """Warn where supports make a flat sheet bend in two directions: not only along one edge, or two opposite ones."""
     shape = orient(mesh, None)
     if not shape.flat or shape.elongated or not supported.any():
         return
     _, _, axes = np.linalg.svd(mesh.vertices - mesh.vertices.mean(axis=0), full_matrices=False)
-    places = mesh.vertices @ axes[:2].T
-    low, size = places.min(axis=0), np.ptp(places, axis=0)
-    held = (places[supported] - low) / size
-    inside = (np.abs(held - 0.5) < 0.5 - _END_OF_AXIS).any(axis=0)
-    if inside.all() and np.ptp(held, axis=0).min() > 0.5:  # one clamped end of a coarse mesh holds a part of the length
+    if _bends_two_ways(mesh.vertices @ axes[:2].T, supported):
         warnings.warn(
             "the supports make the sheet bend in two directions, where hinges calibrated by from_physical are off on "
             "any mesh (a simply supported square plate: first frequency 25 % too high, deflection 37 % too small), and "
@@ -143,3 +156,24 @@ def warn_of_two_way_bending(mesh: TriangleMesh, supported: NDArray[np.bool_]) ->
             ModalShellWarning,
             stacklevel=3,
         )
+
+
+def _bends_two_ways(places: Array, supported: NDArray[np.bool_]) -> bool:
+    """Whether supported points of a plane sheet (n, 2) span it, and are not those of two opposite edges."""
+    held = places[supported]
+    if np.linalg.matrix_rank(held - held.mean(axis=0), tol=1e-9 * float(np.ptp(places))) < 2:
+        return False
+    outline = ConvexHull(places)
+    if ConvexHull(held).volume < _SPANNED * outline.volume:  # in the plane the volume is the area
+        return False
+    sides = places[outline.simplices[:, 1]] - places[outline.simplices[:, 0]]
+    for side in sides / np.linalg.norm(sides, axis=1)[:, None]:
+        turn = np.column_stack((side, (-side[1], side[0])))
+        low, size = (places @ turn).min(axis=0), np.ptp(places @ turn, axis=0)
+        along, across = ((held @ turn - low) / size).T
+        edges = across < _END_OF_AXIS, across > 1.0 - _END_OF_AXIS
+        if (edges[0] | edges[1]).all() and all(
+            (np.abs(along[edge] - 0.5) < 0.25).any() for edge in edges if edge.any()
+        ):
+            return False
+    return True

@@ -42,6 +42,12 @@ THIN = flat_beam(length=1.0, width=0.25, cells=(18, 4), family="union-jack")
             r"'equilateral' lattice .*17 %",
         ),
         (flat_beam(length=1.0, width=0.2, cells=(40, 4), family="equilateral"), 0.3, 5e-3, r"quality 0\.87"),
+        (
+            flat_beam(length=1.0, width=0.2, cells=(20, 2), family="lloyd"),
+            0.3,
+            1e-2,
+            r"unequal triangles .* up to 12 %",
+        ),
     ],
     ids=[
         "in its plane",
@@ -51,6 +57,7 @@ THIN = flat_beam(length=1.0, width=0.25, cells=(18, 4), family="union-jack")
         "crooked end row",
         "not equilateral",
         "thick",
+        "few of Lloyd's triangles across",
     ],
 )
 def test_what_the_calibration_misses_is_said(mesh, poisson, thickness, words):
@@ -100,11 +107,12 @@ def test_one_thin_triangle_that_rules_the_constants_is_said():
     [
         (lambda x: (np.abs(x[:, :2]) > 0.499).any(axis=1), True),
         (lambda x: (x[:, 0] < -0.449) | (x[:, 1] < -0.449), True),
+        (lambda x: (np.abs(x[:, :2]) > 0.499).all(axis=1), True),
         (lambda x: x[:, 0] < -0.449, False),
         (lambda x: np.abs(x[:, 0]) > 0.449, False),
         (lambda x: np.zeros(len(x), dtype=bool), False),
     ],
-    ids=["all around", "two neighbours", "one edge", "two opposite edges", "free"],
+    ids=["all around", "two neighbours", "four corners", "one edge", "two opposite edges", "free"],
 )
 def test_supports_that_bend_a_plate_two_ways_are_said(held, said):
     mesh = sheet(cells=(20, 20), family="union-jack")
