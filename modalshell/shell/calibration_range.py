@@ -87,7 +87,7 @@ def calibration_doubts(
     across = mesh.area / orientation.length / float(mesh.edge_lengths.mean())
     if narrow and orientation.flat and across < _FEW and not _has_equal_cells(mesh):
         doubts.append(
-            f"a strip of unequal triangles with {across:.1f} of them across is up to 12 % too soft or too stiff; take at "
+            f"a strip of unequal triangles with {across:.1f} of them across is up to 12 % too soft or stiff; take at "
             f"least {_FEW:g} across, or a structured mesh"
         )
     if constants.wide > _SLIVERS * constants.narrow:
