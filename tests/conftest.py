@@ -158,9 +158,9 @@ def v_ridge_tip(v_shell):
     return int(np.argmin(np.linalg.norm(v_shell.rest_positions - (1.0, 0.0, 0.0), axis=1)))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
-    """A headless Chromium with WebGL2 in software."""
+    """A headless Chromium with WebGL2 in software; its event loop would be in the way of other modules' own."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with playwright.sync_playwright() as driver:
         names = ("chromium", "chromium-browser", "google-chrome")

@@ -35,8 +35,7 @@ class Fit:
     values : dict of float
         The constants, by name.
     intervals : dict of (float, float)
-        Confidence interval of each, for independent errors of one variance; infinite where the measurements do not
-        determine it.
+        Confidence interval of each, for independent errors of one variance.
     material : Material or Isotropic
         The material with these constants.
     state : Equilibrium
@@ -96,9 +95,11 @@ def fit(
     LoadError
         For loads of the wrong shape, or no measured coordinate.
     SolverError
-        If no equilibrium is found at the first guess.
+        If no equilibrium is found at the first guess, or the measurements do not determine the constants.
     """
     checked_kind("shell", shell, Shell)
+    if not isinstance(wrt, str | list | tuple) or not all(isinstance(name, str) for name in wrt):
+        raise OptionError(f"wrt must be the name of a constant, or a list of names (got {shown(wrt)})")
     names = [wrt] if isinstance(wrt, str) else list(wrt)
     known = material_constants(shell.material)
     for name in names:
@@ -161,6 +162,8 @@ def fit(
     values = constants(found.x)
     spread = _half_widths(np.asarray(found.jac), found.fun, confidence)
     bounds = [constants(found.x + side * spread) for side in (-1.0, 1.0)]
+    if not np.isfinite(bounds).all():
+        raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")
     return Fit(
         values=dict(zip(names, values.tolist(), strict=True)),
         intervals={name: (float(bounds[0][i]), float(bounds[1][i])) for i, name in enumerate(names)},
@@ -173,10 +176,13 @@ def fit(
 
 
 def _half_widths(jacobian: Array, misfit: Array, confidence: float) -> Array:
-    """Half widths (p,) of the parameters' confidence intervals by the linearised model; infinite if undetermined."""
+    """Half widths (p,) of the parameters' confidence intervals by the linearised model; SolverError if undetermined."""
     count, parameters = jacobian.shape
-    if count <= parameters or np.linalg.matrix_rank(jacobian) < parameters:
-        return np.full(parameters, np.inf)
+    sizes = np.linalg.norm(jacobian, axis=0)
+    if count <= parameters or not sizes.all() or np.linalg.matrix_rank(jacobian / sizes) < parameters:
+        raise SolverError(
+            f"{count} measured coordinates do not determine {parameters} constants: measure more, or under another load"
+        )
     variance = float(misfit @ misfit) / (count - parameters)
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
     return np.asarray(scipy.stats.t.ppf(0.5 + 0.5 * confidence, count - parameters) * np.sqrt(np.diag(covariance)))
