@@ -242,12 +242,13 @@ def _fault(constants: dict[str, NDArray[Any]], record: Any) -> str:
 
 def _only_run(folder: Path) -> str | None:
     """Name of the one run that is or was at work in the folder; None where the folder is empty."""
-    names = sorted(path.stem for path in folder.glob(f"*{_FRAMES}"))
-    names = names or sorted(path.stem for path in folder.glob("*.json") if _record(path) is not None)
+    files = sorted(folder.iterdir())  # once, as a run may begin at any moment
+    names = [path.stem for path in files if path.suffix == _FRAMES]
+    names = names or [path.stem for path in files if path.suffix == ".json" and _record(path) is not None]
     if len(names) > 1:
         listed = ", ".join(str(folder / f"{name}{_FRAMES}") for name in names)
         raise OptionError(f"{folder} holds several runs: name one of them ({listed})")
-    if not names and any(not path.name.startswith(".") for path in folder.iterdir()):
+    if not names and any(not path.name.startswith(".") for path in files):
         raise OptionError(
             f"{folder} holds no run; to wait for one there, name its scene file (.toml) or its frames "
             f"({folder / 'NAME.frames'})"
