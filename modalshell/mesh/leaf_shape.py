@@ -48,8 +48,8 @@ def leaf(
     """
     check_size(length, "length")
     half_fold = 0.5 * np.radians(check_angle(fold, "fold", 180.0))
-    for name, value, limit in (("camber", camber, 1.0), ("curl", curl, 180.0)):
-        checked_number(name, value, at_least=0.0, at_most=limit)
+    camber = checked_number("camber", camber, at_least=0.0, at_most=1.0)
+    curl = checked_number("curl", curl, at_least=0.0, at_most=180.0)
     along, across = check_cells(cells)
     if across % 2 or along < 4:
         raise OptionError(f"a leaf needs at least 4 cells along and an even number across, got {shown(cells)}")

@@ -88,6 +88,11 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
         ratio = float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
         given = replace(given, shear=given.shear * ratio)
     goal = _lowest(shell)
+    if not goal > 0.0:
+        raise OptionError(
+            f"a coarse shell is calibrated on the lowest mode of the fine one, which has no stiffness (got {goal:g}): "
+            "give the material more, or pass the coarse mesh's own"
+        )
 
     def stiffened(membrane: float, flexure: float) -> Shell:
         changed = replace(

@@ -1,5 +1,7 @@
 """Parametric shapes and mesh families: areas, geometry, topology, quality."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -206,3 +208,9 @@ def test_any_rectangle(length, width, columns, rows, family):
 def test_bad_options(shape, options, message):
     with pytest.raises(OptionError, match=message):
         shape(**options)
+
+
+def test_a_leaf_takes_fractions():
+    """Found by fuzzing: numbers that NumPy does not know."""
+    halves = leaf(curl=Fraction(41, 2), camber=Fraction(1, 8))
+    np.testing.assert_array_equal(halves.vertices, leaf(curl=20.5, camber=0.125).vertices)
