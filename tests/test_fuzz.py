@@ -254,5 +254,7 @@ def test_a_planted_bug_is_found(plant, surface, kinds, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     inputs = SURFACES[surface].make(tmp_path)  # what is known to be sound is made first
     plant(monkeypatch)
-    with pytest.raises(kinds):
+    with pytest.raises((Exception, BaseExceptionGroup)) as caught:
         fuzz(inputs, 2000, limit=0.5 if kinds is Hang else 10.0, shrink=False)
+    found = caught.value  # a group where it does not happen each time, as between threads
+    assert isinstance(found, kinds) or (isinstance(found, BaseExceptionGroup) and found.subgroup(kinds) is not None)
