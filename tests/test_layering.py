@@ -274,7 +274,6 @@ MAY_IMPORT: dict[str, set[str]] = {
         "motion",
         "outcome",
         "page",
-        "reading",
         "render",
         "run",
         "scene",
