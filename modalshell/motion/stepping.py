@@ -19,6 +19,7 @@ from modalshell.models import Damping, Model, MotionState
 from modalshell.models.base import ResolvedTarget
 from modalshell.models.modal import as_modal
 from modalshell.motion.supports import Pose, SupportPath
+from modalshell.outcome import Outcome
 from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.typing import Array, Index
@@ -136,6 +137,10 @@ class Motion:
         if self.loading.live:
             potential += self.loading.live_energy(self.positions(), self.time)
         return np.array([model.kinetic_energy(state), model.elastic_energy(state), potential])
+
+    def fault(self) -> Outcome | None:
+        """What is wrong with the state, if the model cannot describe it."""
+        return self.model.fault(self.state, self._own(self.state))
 
     def _own(self, state: MotionState) -> Array:
         """Positions (n, 3) [m] in the model's frame; those of the last two states are kept, as each serves twice."""
