@@ -46,6 +46,11 @@ Part = Annotated[
 Join = Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")]
 
 
+Triangles = Annotated[
+    int | None, Parameter(help="Remesh into about this many nearly equilateral triangles (extra remesh).")
+]
+
+
 @Parameter(name="*")
 class _ShellOptions:
     """Options that say how a mesh becomes a shell."""
@@ -66,18 +71,20 @@ class _ShellOptions:
         repair: Repair = False,
         component: Part = None,
         join: Join = None,
+        triangles: Triangles = None,
     ) -> None:
-        self.repair, self.component, self.join = repair, component, join
+        self.repair, self.component, self.join, self.triangles = repair, component, join, triangles
         self.clamp, self.calibrated = clamp, calibrated
         self.material = {"young": young, "poisson": poisson, "thickness": thickness, "density": density}
 
     def mesh(self, path: Path) -> ms.TriangleMesh:
-        """Load the mesh, repaired and of the parts that are asked for."""
-        if not self.repair:
-            return chosen_part(ms.load_mesh(path), self.component, self.join)
-        mesh, report = repair_mesh(path, tolerance=self.join, component=self.component)
-        _tell(path, report)
-        return mesh
+        """Load the mesh, repaired, of the parts and in as many triangles as are asked for."""
+        if self.repair:
+            mesh, report = repair_mesh(path, tolerance=self.join, component=self.component)
+            _tell(path, report)
+        else:
+            mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
+        return _remeshed(path, mesh, self.triangles)
 
     def held(self, mesh: ms.TriangleMesh) -> NDArray[np.bool_]:
         """The vertices of ``--clamp``; none without it."""
@@ -107,6 +114,15 @@ class _ShellOptions:
 def _tell(path: Path, report: ms.RepairReport) -> None:
     for line in str(report).splitlines():
         print(f"{path}: {line}")
+
+
+def _remeshed(path: Path, mesh: ms.TriangleMesh, triangles: int | None) -> ms.TriangleMesh:
+    """The mesh in ``triangles`` triangles; as it is without them."""
+    if triangles is None:
+        return mesh
+    made = ms.remesh(mesh, triangles)
+    print(f"{path}: remeshed: {len(made.faces)} triangles in place of {len(mesh.faces)}")
+    return made
 
 
 @dataclass(frozen=True)
@@ -265,6 +281,7 @@ def repair(
     out: Annotated[Path, Parameter(help="File to write: OBJ, PLY, STL, OFF or GLB; not the mesh itself.")],
     component: Part = None,
     join: Join = None,
+    triangles: Triangles = None,
 ) -> None:
     """Repair a mesh so that it can be a shell, and list what was done (see ms.repair); holes stay open.
 
@@ -274,7 +291,7 @@ def repair(
         raise OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")
     mended, report = repair_mesh(mesh, tolerance=join, component=component)
     _tell(mesh, report)
-    ms.save_mesh(mended, out)
+    ms.save_mesh(_remeshed(mesh, mended, triangles), out)
     print(out)
 
 

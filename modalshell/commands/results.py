@@ -12,7 +12,6 @@ from modalshell.commands.terminal import progress
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import check_formats, compress, load_clip, save_modes_gltf
 from modalshell.page import clip_page
-from modalshell.reading import open_regular
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
 _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd"}
@@ -66,8 +65,6 @@ def export(
 
 def _saved_basis(path: Path) -> ms.Basis | None:
     """The basis of a file; None if it holds none."""
-    with open_regular(path):
-        pass
     try:
         return ms.Basis.load(path)
     except FileFormatError:

@@ -223,8 +223,8 @@ class Model(ABC):
         """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
         return 0.0
 
-    def fault(self, state: MotionState) -> Outcome | None:
-        """What is wrong with a state that has left what the model can describe; None if nothing is."""
+    def fault(self, state: MotionState, positions: Array) -> Outcome | None:
+        """What is wrong with a state, at ``positions`` (n, 3), beyond what the model can describe; None if nothing."""
         return None
 
     def is_saddle(self, state: MotionState) -> bool:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.atomic_io import write_text
+from modalshell.errors import OptionError
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.typing import Array
 
@@ -64,12 +65,38 @@ def filled_page(kind: str, title: str, data: Mapping[str, Any], vertices: Array,
     return Page(template.substitute(parts, title=html.escape(title), data=json.dumps(data)))
 
 
+def modal_data(
+    vertices: Array, faces: NDArray[np.integer], modes: Array, rotations: Array | None = None
+) -> dict[str, Any]:
+    """The rest shape, and modes (3n, m) with their rotations in half floats, by the names that the scripts read.
+
+    Raises
+    ------
+    OptionError
+        If there are more modes than a browser's shader takes.
+    """
+    count = modes.shape[1]
+    if count > MOST_SHAPES:
+        raise OptionError(f"a page takes at most {MOST_SHAPES} shapes (got {count}): take fewer modes")
+    data: dict[str, Any] = {
+        "vertices": len(vertices),
+        "modes": count,
+        "rest": encoded(vertices.astype(np.float32)),
+        "faces": encoded(faces.astype(np.uint32)),
+    }
+    for name, matrix in (("phi", modes), ("psi", rotations)):
+        if matrix is not None:
+            half, scales = _halves(matrix)
+            data |= {name: encoded(half), f"{name}Scales": scales.tolist()}
+    return data
+
+
 def encoded(array: NDArray[Any]) -> str:
     """The little-endian bytes of an array in base 64."""
     return base64.b64encode(np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes()).decode("ascii")
 
 
-def halves(matrix: Array) -> tuple[NDArray[np.float16], Array]:
+def _halves(matrix: Array) -> tuple[NDArray[np.float16], Array]:
     """Columns scaled to 1 at most as half floats (3n, m), and their scales (m,)."""
     scales = np.abs(matrix).max(axis=0, initial=0.0)
     scales[scales == 0.0] = 1.0

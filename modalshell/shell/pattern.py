@@ -122,7 +122,9 @@ class SparsePattern:
         of two an edge. For the solvers use :meth:`free_matrix` or :meth:`product`.
         """
         if self.internal is None or (scale := self._internal_scale(data)) == 0.0:
-            return self.matrix(data).copy()  # its indices would be the pattern's own
+            matrix = self.matrix(data)
+            matrix.indices, matrix.indptr = matrix.indices.copy(), matrix.indptr.copy()  # they are the pattern's own
+            return matrix
         coupling = sps.csc_array(self.coupling(data))
         blocks = []
         least = drop * np.abs(data).max(initial=0.0)

@@ -18,6 +18,8 @@ FAMILIES = {"structural": ((0, 1), (1, 0)), "shear": ((1, 1), (1, -1)), "flexion
 """Half of each family's neighbours, as (rows, columns); the other half are their opposites."""
 
 
+_COINCIDENT = 1e-12
+"""Distance of two masses over the spacing, far below which the force between them is none."""
 _AXES = ("rows", "columns")
 _MOST = 100_000_000
 """Masses; more do not fit the memory of a common machine."""
@@ -137,6 +139,7 @@ class SheetGrid:
             gravity=self.gravity,
             dt=0.5 * stable if dt is None else dt,
             stable_step=stable,
+            tiny=self.tiny,
             title=title,
         )
         if path is not None:
@@ -156,6 +159,11 @@ class SheetGrid:
                 xx, yy, xy = xx + right**2 * wave, yy + down**2 * wave, xy + down * right * wave
         largest = 0.5 * (xx + yy) + np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
         return float(largest.max()) / self.particle_mass
+
+    @property
+    def tiny(self) -> float:
+        """Squared distance of two masses [m^2], far below which the force between them is none."""
+        return (_COINCIDENT * self.spacing) ** 2
 
     def springs(self) -> Springs:
         """All springs, about 6 a mass."""
