@@ -1,4 +1,4 @@
-"""Wall time of a computation, and of the parts of a solver."""
+"""Wall times of computations and of the parts of a solver."""
 
 from __future__ import annotations
 

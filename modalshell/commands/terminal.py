@@ -1,4 +1,4 @@
-"""Shared by all commands: the terminal, a progress bar, and the exit status."""
+"""Terminal, progress bar and exit status, shared by all commands."""
 
 from __future__ import annotations
 

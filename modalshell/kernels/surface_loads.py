@@ -1,4 +1,4 @@
-"""Forces of pressure and wind on triangles, and their modal forces by a few triangles that stand for all."""
+"""Forces of pressure and wind on triangles, and their modal forces by quadrature over a few triangles."""
 
 from __future__ import annotations
 

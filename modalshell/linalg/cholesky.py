@@ -1,4 +1,4 @@
-"""Sparse Cholesky factorisation of blocks: one analysis of a pattern, many factors.
+"""Sparse block Cholesky factorisation: one symbolic analysis per pattern, many factors.
 
 Minimum degree orders the blocks, not the unknowns: a shell's vertices. A geometric nested dissection was tried and gave
 the same times to within a tenth up to 50,000 vertices, and 17 % less at 100,000.

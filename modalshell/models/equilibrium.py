@@ -1,4 +1,4 @@
-"""A static answer and what its solver has to say about it."""
+"""Equilibria: positions, outcome and solver statistics of a static solve."""
 
 from __future__ import annotations
 

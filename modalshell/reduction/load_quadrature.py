@@ -1,4 +1,4 @@
-"""Modal forces of loads on the surface by a few triangles that stand for all: a frame costs little more with them."""
+"""Hyper-reduction of surface loads: their modal forces from a few weighted triangles."""
 
 from __future__ import annotations
 

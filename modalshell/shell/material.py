@@ -1,4 +1,4 @@
-"""Material of a shell: the stiffnesses of the discrete-shell energies and the mass per area."""
+"""Material of a discrete shell: stiffnesses of the stretch, shear and flexure energies, and mass per area."""
 
 from __future__ import annotations
 
