@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from scipy.optimize import brentq
 
+from modalshell.brief import brief
 from modalshell.checks import checked_kind, shown
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
@@ -23,6 +24,7 @@ _MEMBRANE_SHARE = 0.1
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class CoarseMesh:
     """A coarser mesh of the same surface.
