@@ -61,7 +61,7 @@ class CholeskyAnalysis:
         order, graph = order[after], _permuted(graph, after)
         lists = _rows(graph)
         parent = analysis.elimination_tree(*lists)
-        first = analysis.supernodes(parent, analysis.column_counts(*lists, parent))
+        first = analysis.supernodes(parent, analysis.column_counts(*lists, parent), self.block)
         row_starts, rows, parent = analysis.supernode_rows(*lists, first, parent)
         relative = analysis.relative_rows(first, row_starts, rows, parent)
         widths, heights = np.diff(first) * self.block, np.diff(row_starts) * self.block

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -10,6 +11,7 @@ import scipy.linalg
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
+from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
@@ -68,7 +70,6 @@ class ModalWarping(ModalModel):
         self._elastic = slice(rigid, None)
         self._modes = np.ascontiguousarray(basis.modes[:, rigid:])
         self._rotations = np.ascontiguousarray(basis.rotations[:, rigid:])
-        self._frame: WarpFrame | None = None
 
     def rotation_vectors(self, q: Array) -> Array:
         """Rotation vectors of the vertices (n, 3) [rad]."""
@@ -85,10 +86,13 @@ class ModalWarping(ModalModel):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state, in one fused pass."""
-        if self._frame is None:  # at first use: it holds a second copy of the modal data
-            self._frame = WarpFrame(self.basis)
         count_read(self._frame.bytes_read)
         return self._frame.positions(state.coordinates)
+
+    @cached_property
+    def _frame(self) -> WarpFrame:
+        """At first use: it holds a second copy of the modal data."""
+        return WarpFrame(self.basis)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
@@ -105,10 +109,10 @@ class ModalWarping(ModalModel):
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
         if self.consistent_force:
             return self.work(q, load)[1]
-        count_read(self.basis.modes.nbytes)
-        rotated = np.empty_like(load)
-        rotations.rotate(self.rotation_vectors(q), load, -1.0, rotated)
-        return self.basis.modes.T @ rotated.ravel()
+        count_read(self._frame.bytes_read)
+        force = np.empty_like(q)
+        push_frame(self._frame.modal_data, load, q, np.empty(WORK), force)
+        return force
 
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
