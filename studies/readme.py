@@ -28,6 +28,15 @@ writes this page.
 | study | picture | finding |
 |---|---|---|
 """
+TUTORIALS = """
+## Tutorials
+
+Scripts in cells (`# %%`): open one in a notebook or an editor that knows cells, or run it, `python -m
+studies.tutorials.first_film`; it writes into the working folder.
+
+| tutorial | question |
+|---|---|
+"""
 SCENES = """
 ## Scenes
 
@@ -60,9 +69,18 @@ def scenes() -> str:
     return SCENES + "".join(lines)
 
 
+def tutorials() -> str:
+    """The tutorials, with the question of each."""
+    lines = []
+    for file in sorted((FOLDER / "tutorials").glob("[!_]*.py")):
+        about = file.read_text(encoding="utf-8").splitlines()[0].strip('"')
+        lines.append(f"| [{file.stem}](tutorials/{file.name}) | {about} |\n")
+    return TUTORIALS + "".join(lines)
+
+
 def page() -> str:
     """The whole page."""
-    return HEAD + "".join(map(row, studies())) + scenes()
+    return HEAD + "".join(map(row, studies())) + tutorials() + scenes()
 
 
 if __name__ == "__main__":
