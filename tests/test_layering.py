@@ -118,6 +118,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "kernels",
         "linalg",
         "loads",
+        "memory",
         "mesh",
         "modes",
         "outcome",

@@ -17,6 +17,7 @@ from threadpoolctl import ThreadpoolController
 from modalshell.errors import SolverError
 from modalshell.linalg import analysis, multifrontal
 from modalshell.linalg.blas import BLAS
+from modalshell.linalg.three_right_sides import solve_three
 from modalshell.typing import Array, Index
 
 
@@ -61,7 +62,7 @@ class CholeskyAnalysis:
         order, graph = order[after], _permuted(graph, after)
         lists = _rows(graph)
         parent = analysis.elimination_tree(*lists)
-        first = analysis.supernodes(parent, analysis.column_counts(*lists, parent))
+        first = analysis.supernodes(parent, analysis.column_counts(*lists, parent), self.block)
         row_starts, rows, parent = analysis.supernode_rows(*lists, first, parent)
         relative = analysis.relative_rows(first, row_starts, rows, parent)
         widths, heights = np.diff(first) * self.block, np.diff(row_starts) * self.block
@@ -90,8 +91,11 @@ class CholeskyAnalysis:
         columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
         permuted = np.ascontiguousarray(columns[self.order].T, dtype=np.float64)
         work = np.empty((len(permuted), self._height))
-        with _blas().limit(limits=1, user_api="blas"):
-            multifrontal.solve(values, *self._to_solve, permuted, work, np.empty(6, np.int32), *BLAS)
+        if self.block == 1 and len(permuted) == 3:
+            solve_three(values, *self._to_solve, permuted, work)
+        else:
+            with _blas().limit(limits=1, user_api="blas"):
+                multifrontal.solve(values, *self._to_solve, permuted, work, np.empty(6, np.int32), *BLAS)
         solution = np.empty(columns.shape)
         solution[self.order] = permuted.T
         return solution.reshape(right_sides.shape)

@@ -24,7 +24,7 @@ from modalshell.scene.read import checked_table, read_toml, refuse_unknown_keys
 from modalshell.scene.tables import Table
 
 _KEYS = ("name", "scene", "axes", "truth", "output")
-_NAME = "[A-Za-z0-9][A-Za-z0-9_-]*"
+_NAME = r"[^\W_][\w-]*"
 _LARGEST = 100_000
 """Cases of one sweep at most: more is a slip in an axis."""
 
