@@ -185,11 +185,15 @@ class Shell(ReadOnlyArrays):
         origin = grid * np.round(0.5 * (self.rest_positions.min(axis=0) + self.rest_positions.max(axis=0)) / grid)
         if not origin.any():
             return self, origin
+        return self.shifted(origin), origin
+
+    def shifted(self, origin: Array) -> Shell:
+        """The same shell with ``origin`` (3,) [m] at the origin."""
         other = copy.copy(self)
         other.rest_positions = self.rest_positions - origin
         other.rest_positions.flags.writeable = False
         other._energy = self._energy.shifted(origin)
-        return other, origin
+        return other
 
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
