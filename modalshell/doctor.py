@@ -20,6 +20,7 @@ _EXTRAS = {
     "vtk": ("pyvista", "windows to play scenes in, files for ParaView, pictures by OpenGL"),
     "web": ("trame", "scenes played in a browser"),
     "interchange": ("pxr", "motions as USD and glTF"),
+    "remesh": ("pymeshlab", "meshes made coarser or finer"),
     "gpu": ("warp", "springs and crowds on a GPU"),
     "mpi": ("petsc4py", "one sheet of springs over several processes"),
     "cluster": ("distributed", "sweeps over several machines"),

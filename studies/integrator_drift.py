@@ -126,9 +126,9 @@ class SummedWarp(ModalModel):
         """Vertex positions (n, 3) [m] of a state: the sum so far."""
         return np.asarray(self.shell.rest_positions + state.memory["sum"])
 
-    def fault(self, state: MotionState) -> Outcome | None:
+    def fault(self, state: MotionState, positions: np.ndarray) -> Outcome | None:
         """Say where the state has wound up, as the closed form does."""
-        return self.closed.fault(state)
+        return self.closed.fault(state, positions)
 
     def _free_statics(self, load: np.ndarray, start: np.ndarray | None) -> Statics:  # noqa: ARG002
         raise OptionError("the summed warp depends on the path, so it has no statics: ask its closed form")

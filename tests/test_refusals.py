@@ -35,7 +35,7 @@ BETWEEN_PARTS = {
     "step_live",
     "step_by_quadrature",
     "velocity_at",
-    "pushed_by_constant",
+    "rates_by_constant",
     "damping_force",
     "damping_matrix",
 }

@@ -12,7 +12,6 @@ from modalshell.commands.terminal import progress
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import check_formats, compress, load_clip, save_modes_gltf
 from modalshell.page import clip_page
-from modalshell.reading import open_regular
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
 _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd"}
@@ -24,9 +23,9 @@ def export(
     to: Annotated[
         Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd"], Parameter(help="Format to write.")
     ],
-    out: Annotated[Path | None, Parameter(help="File to write; beside RESULT without it.")] = None,
+    out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
 ) -> None:
-    """Write a saved motion, or a basis, for other programs.
+    """Convert a saved motion or basis to a format of other programs.
 
     Example: modalshell export results/leaf.npz --to usd
     """
@@ -66,8 +65,6 @@ def export(
 
 def _saved_basis(path: Path) -> ms.Basis | None:
     """The basis of a file; None if it holds none."""
-    with open_regular(path):
-        pass
     try:
         return ms.Basis.load(path)
     except FileFormatError:

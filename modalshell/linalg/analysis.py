@@ -9,8 +9,8 @@ import numpy as np
 
 from modalshell.typing import Index
 
-_ALWAYS, _OFTEN, _SOMETIMES = 4, 8, 24
-"""Widths [blocks] of a merged supernode up to which zeros are accepted freely, by a third, or by a tenth."""
+_ALWAYS, _OFTEN, _SOMETIMES = 12, 24, 72
+"""Widths [unknowns] of a merged supernode up to which zeros are accepted freely, by a third, or by a tenth."""
 _ZEROS_OFTEN, _ZEROS_SOMETIMES, _ZEROS_RARELY = 0.3, 0.1, 0.01
 """Shares of explicit zeros in a merged supernode of these widths, and of wider ones."""
 
@@ -82,8 +82,8 @@ def column_counts(starts: Index, neighbours: Index, parent: Index) -> Index:
 
 
 @numba.njit(cache=True)
-def supernodes(parent: Index, counts: Index) -> Index:
-    """First columns (s + 1,) of relaxed supernodes of a postordered tree.
+def supernodes(parent: Index, counts: Index, block: int) -> Index:
+    """First columns (s + 1,) of relaxed supernodes of a postordered tree, a column being one of ``block`` unknowns.
 
     Chains of equal structure are joined; then a supernode joins the one that follows it, its parent, where that adds
     few explicit zeros.
@@ -125,9 +125,9 @@ def supernodes(parent: Index, counts: Index) -> Index:
             total = width * (rows - 0.5 * (width - 1))
             share = wasted / total
             join = (
-                width <= _ALWAYS
-                or (width <= _OFTEN and share < _ZEROS_OFTEN)
-                or (width <= _SOMETIMES and share < _ZEROS_SOMETIMES)
+                block * width <= _ALWAYS
+                or (block * width <= _OFTEN and share < _ZEROS_OFTEN)
+                or (block * width <= _SOMETIMES and share < _ZEROS_SOMETIMES)
                 or share < _ZEROS_RARELY
             )
             if not join:

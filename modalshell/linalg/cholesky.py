@@ -16,6 +16,7 @@ from modalshell.errors import SolverError
 from modalshell.linalg import analysis, multifrontal
 from modalshell.linalg.blas import BLAS
 from modalshell.linalg.ordering import best_elimination, row_lists
+from modalshell.linalg.three_right_sides import solve_three
 from modalshell.typing import Array
 
 
@@ -55,7 +56,7 @@ class CholeskyAnalysis:
         self.size = matrix.shape[0]
         self.block, graph = block_graph(matrix)
         order, graph, parent, counts = best_elimination(graph)
-        first = analysis.supernodes(parent, counts)
+        first = analysis.supernodes(parent, counts, self.block)
         row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, parent)
         relative = analysis.relative_rows(first, row_starts, rows, parent)
         widths, heights = np.diff(first) * self.block, np.diff(row_starts) * self.block
@@ -86,8 +87,11 @@ class CholeskyAnalysis:
         columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
         permuted = np.ascontiguousarray(columns[self.order].T, dtype=np.float64)
         work = np.empty((len(permuted), self._height))
-        with _blas().limit(limits=1, user_api="blas"):
-            multifrontal.solve(values, *self._to_solve, permuted, work, np.empty(6, np.int32), *BLAS)
+        if self.block == 1 and len(permuted) == 3:
+            solve_three(values, *self._to_solve, permuted, work)
+        else:
+            with _blas().limit(limits=1, user_api="blas"):
+                multifrontal.solve(values, *self._to_solve, permuted, work, np.empty(6, np.int32), *BLAS)
         solution = np.empty(columns.shape)
         solution[self.order] = permuted.T
         return solution.reshape(right_sides.shape)

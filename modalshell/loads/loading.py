@@ -35,6 +35,8 @@ class Loading:
 
     Attributes
     ----------
+    loads : tuple of Load
+        What it was made of besides the dead force that it began with.
     conservative : bool
         Whether every load has a potential on this shell.
     """
@@ -43,6 +45,7 @@ class Loading:
         self, rest: Array, dead: Array, live: Sequence[AppliedLoad] = (), held: NDArray[np.bool_] | None = None
     ) -> None:
         self.rest, self.dead, self.live = rest, dead, tuple(live)
+        self.loads: tuple[Load, ...] = ()
         self.conservative = all(
             one.energy is not None and (one.held is None or (held is not None and bool(held[one.held].all())))
             for one in self.live
@@ -72,7 +75,9 @@ class Loading:
                 dead = dead + part
             else:
                 live.append(applied)
-        return cls(rest, dead, live, held)
+        made = cls(rest, dead, live, held)
+        made.loads = tuple(loads)
+        return made
 
     @property
     def steady(self) -> bool:

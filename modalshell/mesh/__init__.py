@@ -2,6 +2,7 @@
 
 from modalshell.mesh.bird_shape import paper_bird
 from modalshell.mesh.files import load_mesh, save_mesh
+from modalshell.mesh.remesh import remesh
 from modalshell.mesh.repair import RepairReport, repair
 from modalshell.mesh.shapes import cylinder_panel, flat_beam, leaf, sheet, v_beam
 from modalshell.mesh.triangle_mesh import TriangleMesh
@@ -14,6 +15,7 @@ __all__ = [
     "leaf",
     "load_mesh",
     "paper_bird",
+    "remesh",
     "repair",
     "save_mesh",
     "sheet",

@@ -119,7 +119,10 @@ class Model(ABC):
             message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
-        return replace(found, seconds=watch(), loading=loading, gravity=weight)
+        return replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.shell!r})"
 
     @abstractmethod
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
@@ -223,8 +226,8 @@ class Model(ABC):
         """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
         return 0.0
 
-    def fault(self, state: MotionState) -> Outcome | None:
-        """What is wrong with a state that has left what the model can describe; None if nothing is."""
+    def fault(self, state: MotionState, positions: Array) -> Outcome | None:
+        """What is wrong with a state, at ``positions`` (n, 3), beyond what the model can describe; None if nothing."""
         return None
 
     def is_saddle(self, state: MotionState) -> bool:

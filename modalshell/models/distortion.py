@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+from functools import cached_property, partial
+from typing import final
 
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.kernels.distortion import surface_changes
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.topology import area_vectors
 from modalshell.outcome import Outcome
+from modalshell.sharing import PerThread
 from modalshell.typing import Array
 
 _AREA = 2.0
@@ -19,34 +24,44 @@ _SHARE = 0.05
 """Share of the edges at which it may."""
 
 
-def distortion(positions: Array, mesh: TriangleMesh) -> str:
-    """What has become of the surface at ``positions`` (n, 3), if modes cannot describe it; else an empty text.
+@final
+class Distortion:
+    """Judges deformed shapes of one mesh.
 
     A shell bends with little stretch: neither its area nor that of a good part of its triangles doubles or halves, and
     its triangles do not fold over their neighbours.
     """
-    normals = area_vectors(positions, mesh.faces)
-    lengths = np.linalg.norm(normals, axis=1)
-    ratio = 0.5 * float(lengths.sum()) / mesh.area
-    if not 1.0 / _AREA < ratio < _AREA:
-        return f"the surface area is {ratio:.3g} of that at rest"
-    changes = np.abs(np.log(np.maximum(0.5 * lengths, 1e-300) / mesh.face_areas))
-    crumpled = float(mesh.face_areas[changes > np.log(_AREA)].sum()) / mesh.area
-    if crumpled > _CRUMPLED:
-        return f"the area doubled or halved on {100.0 * crumpled:.2g} % of the surface"
-    units = normals / np.maximum(lengths, 1e-300)[:, None]
-    first, second = mesh.edge_faces[mesh.hinge_edges].T
-    over = np.einsum("hi,hi->h", units[first], units[second]) < _OVER
-    over &= np.einsum("hi,hi->h", mesh.face_normals[first], mesh.face_normals[second]) > 0.0
-    if over.mean() > _SHARE:
-        return f"triangles fold over their neighbours at {100.0 * over.mean():.2g} % of the edges"
-    return ""
 
+    def __init__(self, mesh: TriangleMesh) -> None:
+        self._mesh = mesh
+        self._normals = PerThread(partial(np.empty, (4, len(mesh.faces))))
 
-def judged(outcome: Outcome, message: str, positions: Array, mesh: TriangleMesh) -> tuple[Outcome, str]:
-    """Outcome and message of a static answer, with what :func:`distortion` says of its ``positions`` (n, 3)."""
-    said = distortion(positions, mesh)
-    if not said:
-        return outcome, message
-    said = f"beyond what the model can describe: {said}"
-    return Outcome.DISTORTED if outcome is Outcome.CONVERGED else outcome, f"{message}; {said}" if message else said
+    @cached_property
+    def _rest(self) -> tuple[tuple[NDArray[np.int64], Array, NDArray[np.int64]], float, int]:
+        """Faces, their areas and the pairs of neighbours that are not folded over each other; area; hinges."""
+        mesh = self._mesh
+        pairs = mesh.edge_faces[mesh.hinge_edges]
+        normals = mesh.face_normals[pairs]
+        unfolded = np.ascontiguousarray(pairs[np.einsum("hi,hi->h", normals[:, 0], normals[:, 1]) > 0.0])
+        return (mesh.faces, mesh.face_areas, unfolded), mesh.area, len(pairs)
+
+    def of(self, positions: Array) -> str:
+        """What has become of the surface at ``positions`` (n, 3), if modes cannot describe it; else an empty text."""
+        rest, rest_area, hinges = self._rest
+        area, changed, folded = surface_changes(positions, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())
+        ratio = area / rest_area
+        if not 1.0 / _AREA < ratio < _AREA:
+            return f"the surface area is {ratio:.3g} of that at rest"
+        if changed > _CRUMPLED * rest_area:
+            return f"the area doubled or halved on {100.0 * changed / rest_area:.2g} % of the surface"
+        if folded > _SHARE * hinges:
+            return f"triangles fold over their neighbours at {100.0 * folded / hinges:.2g} % of the edges"
+        return ""
+
+    def judged(self, outcome: Outcome, message: str, positions: Array) -> tuple[Outcome, str]:
+        """Outcome and message of a static answer, with what is to be said of its ``positions`` (n, 3)."""
+        said = self.of(positions)
+        if not said:
+            return outcome, message
+        said = f"beyond what the model can describe: {said}"
+        return Outcome.DISTORTED if outcome is Outcome.CONVERGED else outcome, f"{message}; {said}" if message else said

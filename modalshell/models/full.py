@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_kind, checked_number, checked_vectors
+from modalshell.checks import checked_kind, checked_number
 from modalshell.constraints.constraints import Constraint, held_patches
 from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
@@ -20,9 +20,10 @@ from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base import Model, Placement
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.sensitivity import checked_names, checked_state, checked_weights
+from modalshell.models.tangent import Tangent
 from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
 from modalshell.modes.rigid import left_free
-from modalshell.outcome import Outcome
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import lead
@@ -67,6 +68,8 @@ class FullModel(Model):
     takes_constraints = True
     takes_live_loads = True
     moves_patches = True
+    of_material = True
+    """Whether the energies are those of the shell's material."""
 
     def __init__(
         self,
@@ -150,32 +153,30 @@ class FullModel(Model):
     def _statics(self, load: Array, live: LiveLoads | None = None) -> Potential:
         return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs, live)
 
-    def sensitivity(
-        self,
-        state: Equilibrium,
-        wrt: str,
-        *,
-        of: ArrayLike | None = None,
-    ) -> Array:
-        """Derivative of an equilibrium by a constant of the material or gravity, by the implicit-function theorem.
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium, by the implicit-function theorem.
 
         With the out-of-balance force r(x, theta), ``dx/dtheta = -(dr/dx)^-1 dr/dtheta`` on the free unknowns: one
-        factorisation of the tangent stiffness, and one solve for all k columns.
+        factorisation of the tangent stiffness, and one solve for each of the k columns; or one solve alone with ``of``.
 
         Parameters
         ----------
         state : Equilibrium
             A converged answer of this model.
-        wrt : str
-            A constant of the material ("young", "poisson", "thickness", "density" of an Isotropic; "stretch", "shear",
-            "flexure", "density" of a Material), or "gravity".
+        wrt : str or sequence of str
+            By what, k numbers in all: a constant of the material ("young", "poisson", "thickness", "density" of an
+            Isotropic; "stretch", "shear", "flexure", "density" of a Material) that is one number for the whole mesh;
+            "gravity" (k = 3); "load", a factor on the whole load; "force", that on every vertex (k = 3n);
+            "rest_angles", those of the mesh's hinges (k = H) [rad]; "supports", positions of the vertices that supports
+            hold (k = 3 each, in the order of their numbers, along what they leave free zero), clamped edges keeping
+            their slope.
         of : array_like, shape (n, 3), optional
             Derivative of a scalar by the positions: with it the scalar's derivatives are found, by one adjoint solve.
 
         Returns
         -------
         ndarray, shape (n, 3, k), or (k,) with ``of``
-            Per unit of the constant; k is 1, or 3 for gravity.
+            Per unit of each.
 
         Raises
         ------
@@ -183,28 +184,18 @@ class FullModel(Model):
             For a state that has not converged or was not found by :meth:`equilibrium` without constraints, or a ``wrt``
             that is none of these.
         """
-        checked_kind("state", state, Equilibrium)
-        if state.outcome is not Outcome.CONVERGED:
-            raise OptionError(f"state must be a converged equilibrium (got {state.status}): solve it first")
-        if state.loading is None or state.constraint_residuals.size:
-            raise OptionError("state must be what equilibrium() gave of this model, without constraints")
-        shell, unknowns = self.shell, self.shell.unknowns
-        x = shell.checked_positions(state.positions)
-        live = LiveLoads(state.loading) if state.loading.live else None
-        problem = self._statics(state.loading.dead, live)
-        if wrt == "gravity":
-            columns = shell.mass[:, None, None] * np.eye(3)
-        else:
-            columns = shell.pushed_by_constant(wrt, x, state.gravity)[:, :, None]
-        right = unknowns.restrict(columns.reshape(x.size, -1))
-        factor = problem.factor(problem.linearise(x, EXACT)[1])
-        if of is None:
-            moved = np.column_stack([factor.solve(column) for column in right.T])
-            return np.asarray(unknowns.prolong(moved)).reshape(*x.shape, -1)
-        if live is not None and not live.conservative:
-            raise OptionError("of needs loads with a potential: leave it out and contract the sensitivity instead")
-        weights = unknowns.restrict(checked_vectors("of", of, x.shape, OptionError).ravel())
-        return np.asarray(right.T @ factor.solve(weights))
+        loading = checked_state(state).loading
+        assert loading is not None
+        live = LiveLoads(loading) if loading.live else None
+        self.shell.checked_positions(state.positions)
+        names, weights = checked_names(wrt), checked_weights(of, self.shell)
+        tangent = Tangent(self._statics(loading.dead, live), state, of_material=self.of_material)
+        for name in names:
+            tangent.check(name, adjoint=weights is not None)
+        if weights is None:
+            return np.concatenate([tangent.moved(name) for name in names], axis=2)
+        adjoint = tangent.solve(weights)
+        return np.concatenate([tangent.pulled(name, adjoint, weights) for name in names])
 
     def followable(self, load: Array) -> Followable:
         """The shell about the origin, every vertex an unknown."""

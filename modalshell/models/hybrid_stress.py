@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import Self, final
 
 import numpy as np
 import scipy.linalg
@@ -23,8 +24,8 @@ from modalshell.models.base import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.equilibrium import Equilibrium
 from modalshell.models.hybrid_training import Trained, train
-from modalshell.reduction import assumed_stress
 from modalshell.reduction.assumed_stress import ReducedStress, reduce_energy
+from modalshell.reduction.assumed_stress_step import evaluate, implicit_step
 from modalshell.sharing import PerThread
 from modalshell.shell import Shell
 from modalshell.statics.newton import NewtonResult
@@ -40,17 +41,16 @@ _STEP_GOAL = 1e-3
 """Residual of a step, as a share of its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
-_ITERATIONS = 4
-"""Iterations of a step, for counts of work."""
-_FORMAT = 1
+_FORMAT = 2
 
 
 @final
 @dataclass
 class _LastLoad:
-    """A load that has been checked, and whether the basis sees it: that of the next step is mostly the same."""
+    """A load (n, 3) that has been checked: that of the next step is mostly the same."""
 
     load: Array = field(default_factory=lambda: np.empty(0))
+    push: Array = field(default_factory=lambda: np.empty(0))
     seen: bool = False
 
 
@@ -62,7 +62,8 @@ class HybridStress(Model):
     K = 2 m trained stress states, so a basis that misses positions by a little does not lock; see
     :mod:`modalshell.reduction.assumed_stress`. Loads that the basis misses, states whose membrane the stresses do not
     see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they may be. Damping by the
-    stiffness acts on the assumed stresses alone: where a frame turns the shell far it is weaker than that of DS.
+    stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
+    far are damped most.
     ``residual`` of statics is the reduced gradient over the load's.
 
     Use :meth:`trained` or :meth:`load`.
@@ -90,14 +91,15 @@ class HybridStress(Model):
         self.coarse = CoarseDiscreteShell(shell, trainable(coarse))
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self._trained, self._basis = trained, trained.basis
-        self._reduced: ReducedStress = reduce_energy(coarse, trained.basis, trained.stresses)
+        parts = trained.basis, trained.stresses, trained.viscous
+        self._reduced: ReducedStress = reduce_energy(coarse.centred()[0], *parts)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         stiffness = sps.csc_array(coarse.stiffness())
         self._compliance = np.linalg.inv(trained.basis.T @ (stiffness @ trained.basis))
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
-        modes, size = self._reduced.linear.shape
-        hinges = 4 * len(self._reduced.hinges)
-        self._products = (3 * modes + hinges + size) * size**2 + 3 * self._basis.size
+        size, modes = self._reduced.membrane.linear.shape
+        hinges = len(self._reduced.hinges)
+        self._products = 2 * modes * size**2 + 2 * hinges * size * (size + 9) + size**3 // 6
         self._last_load = PerThread(_LastLoad)
         self._free = coarse.free_unknowns
         part = sps.csc_array(stiffness[self._free][:, self._free])
@@ -150,7 +152,7 @@ class HybridStress(Model):
         """Write what training found to an ``.npz`` file (no pickle)."""
         t = self._trained
         write_npz(
-            path, modalshell_hybrid=np.array(_FORMAT), basis=t.basis, stresses=t.stresses,
+            path, modalshell_hybrid=np.array(_FORMAT), basis=t.basis, stresses=t.stresses, viscous=t.viscous,
             numbers=np.array([t.held_out_error, t.strain_limit, t.energy]), description=np.array(t.description),
             rest=self.coarse.coarse.shell.rest_positions,
         )  # fmt: skip
@@ -167,13 +169,24 @@ class HybridStress(Model):
                 raise ValueError("it was trained on another coarse shell")
             size, elements = data["basis"].shape[1], sum(e.rest.size for e in trainable(small).elements[:2])
             basis = checked_vectors("basis", data["basis"], (small.rest_positions.size, size))
-            stresses = checked_vectors("stresses", data["stresses"], (elements, data["stresses"].shape[1]))
+            stresses, viscous = (
+                checked_vectors(part, data[part], (elements, data[part].shape[1])) for part in ("stresses", "viscous")
+            )
             error, limit, energy = checked_vectors("numbers", data["numbers"], (3,)).tolist()
-            found = Trained(basis, stresses, error, limit, energy, str(data["description"]))
+            found = Trained(basis, stresses, viscous, error, limit, energy, str(data["description"]))
         except Exception as fault:  # zip, zlib, OS, key and value errors all mean the same to the user
             text = shortened(str(fault))
             raise FileFormatError(f"cannot read a trained hybrid from {os.fspath(path)}: {text}") from fault
         return cls(shell, small, found)
+
+    def centred(self) -> tuple[Self, Array]:
+        """The same model about the origin, and where its origin was."""
+        coarse, origin = self.coarse.centred()
+        if not origin.any():
+            return self, origin
+        model = copy.copy(self)
+        model.shell, model.coarse = coarse.shell, coarse
+        return model, origin
 
     def missed(self, load: Array) -> float:
         """Share of the linear compliance under a coarse load (k, 3) [N] that the basis misses."""
@@ -182,9 +195,16 @@ class HybridStress(Model):
         reduced = load.ravel() @ self._basis
         return 0.0 if whole == 0.0 else 1.0 - float(reduced @ self._compliance @ reduced) / whole
 
-    def _unseen(self, z: Array) -> float:
-        """Membrane energy of the coarse elements that the stresses do not see, over the energy; see training."""
-        return self._trained.unseen(self.coarse.coarse.shell, self._reduced, z)
+    def _sees(self, z: Array, energy: float, seen: float) -> bool:
+        """Whether the assumed stresses see the membrane at z, of their energy ``seen`` and the whole ``energy`` [J]."""
+        shell = self.coarse.coarse.shell
+        return self._trained.unseen(shell, self._coarse_positions(z), energy, seen) <= self._trained.strain_limit
+
+    def _sees_state(self, z: Array) -> bool:
+        """The same, of any state."""
+        modes = self._reduced.membrane.linear.shape[1]
+        energy, strains, *_ = evaluate(self._reduced, z, np.zeros(modes))
+        return self._sees(z, energy, 0.5 * float(strains[:modes] @ strains[:modes]))
 
     def _coarse_positions(self, z: Array) -> Array:
         return self.coarse.coarse.shell.rest_positions + (self._basis @ z).reshape(-1, 3)
@@ -207,7 +227,7 @@ class HybridStress(Model):
         for share in shares:
             found = self._minimum(share * push, z, scale)
             z, iterations = found.point, iterations + found.iterations
-        if not found.converged or self._unseen(z) > self._trained.strain_limit:
+        if not found.converged or not self._sees_state(z):
             return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
         positions = self._fine(self._coarse_positions(z))
         return Equilibrium(
@@ -237,11 +257,10 @@ class HybridStress(Model):
 
     def _energy(self, z: Array) -> tuple[float, Array, Array]:
         """Energy, gradient and Hessian, that of hinges with a rest angle without their second derivatives."""
-        count, size = self._reduced.linear.shape
-        strains, slopes = np.empty(count), np.empty((count, size))
-        gradient, hessian = np.empty(size), np.empty((size, size))
-        value = assumed_stress.energy_terms(self._reduced, z, strains, slopes, gradient, hessian)
-        return value, gradient, hessian + np.tensordot(strains, self._reduced.quadratic, 1)
+        modes = self._reduced.membrane.linear.shape[1]
+        strains = evaluate(self._reduced, z, np.zeros(modes))[1]
+        value, _, _, gradient, lower = evaluate(self._reduced, z, strains[:modes])
+        return value, gradient, np.tril(lower) + np.tril(lower, -1).T
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the reduced Hessian; None of answers by the coarse shell."""
@@ -260,17 +279,18 @@ class HybridStress(Model):
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """One implicit Euler step in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
-        down = self.coarse.restrict(load)
         last = self._last_load()
-        if not np.array_equal(last.load, down):
-            last.load, last.seen = down, self.missed(down) <= _MISSED
+        if not np.array_equal(last.load, load):
+            down = self.coarse.restrict(load)
+            last.load, last.push, last.seen = load.copy(), down.ravel() @ self._basis, self.missed(down) <= _MISSED
         if last.seen and (reduced := self._taken_back(state)) is not None:
             z, rates = reduced.coordinates, reduced.rates
             factors = damping.mass_factor, damping.stiffness_factor
-            push = down.ravel() @ self._basis
-            count_products(_ITERATIONS * self._products)
-            moved, solved = assumed_stress.implicit_step(self._reduced, z, rates, push, dt, *factors, _STEP_GOAL)
-            if solved and self._unseen(moved) <= self._trained.strain_limit:
+            moved, solved, energy, seen, iterations = implicit_step(
+                self._reduced, z, rates, last.push, dt, *factors, _STEP_GOAL
+            )
+            count_products((iterations + 2) * self._products)
+            if solved and self._sees(moved, energy, seen):
                 return MotionState(moved, (moved - z) / dt), True
         if state.coordinates.ndim == 1:
             rates = (self._basis @ state.rates).reshape(-1, 3)
@@ -285,7 +305,7 @@ class HybridStress(Model):
         left = state.coordinates - self._coarse_positions(z)
         moved = state.coordinates - shell.rest_positions
         mass = shell.mass[:, None]
-        if np.sum(mass * left**2) > _LEFT**2 * np.sum(mass * moved**2) or self._unseen(z) > self._trained.strain_limit:
+        if np.sum(mass * left**2) > _LEFT**2 * np.sum(mass * moved**2) or not self._sees_state(z):
             return None
         return MotionState(z, self._weighted @ state.rates.ravel())
 
@@ -313,6 +333,8 @@ def trainable(coarse: Shell) -> Shell:
     _ = coarse.elements
     if len(coarse.elements) != 3 or coarse.energies:
         raise OptionError("the hybrid rung knows the energies of a Material alone: leave the further energies out")
+    if coarse.has_dashpots:
+        raise OptionError("the hybrid rung knows no dashpots: leave the viscosities of elements out")
     if not coarse.clamped.any():
         raise SupportError("the hybrid rung needs a shell that is held: clamp some vertices")
     return coarse

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
@@ -12,8 +12,8 @@ from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.state import Damping
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.modes import solve_modes
-from modalshell.reduction import assumed_stress
 from modalshell.reduction.assumed_stress import ReducedStress, position_modes, reduce_energy, stress_modes
+from modalshell.reduction.assumed_stress_step import implicit_step
 from modalshell.shell import Shell
 from modalshell.typing import Array, Progress
 
@@ -24,9 +24,9 @@ _AROUND = np.radians(30.0)
 """Sizes of the loads over the given one, and largest angle between half of them and it."""
 _POINT = 0.1
 """Size of the point force, over the load's, that a third of them have besides."""
-_DRAG = (1.0, 3.0)
-"""Damping by the mass [1/s]."""
-_HELD_OUT = 6
+_DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
+"""Damping by the mass [1/s], and that by the stiffness [s] that half of the motions have besides."""
+_HELD_OUT = 8
 """Motions on loads that are not in training."""
 _LINEAR, _STRESSED, _SHARE = 8, 10, 2
 """Linear modes in the basis, those whose stresses are assumed, and stress modes over vectors."""
@@ -45,8 +45,8 @@ class Trained:
     ----------
     basis : ndarray, shape (3k, m)
         V, mass-orthonormal, of the coarse shell's displacements.
-    stresses : ndarray, shape (T + E, K)
-        Stress modes.
+    stresses, viscous : ndarray, shape (T + E, K) and (T + E, L)
+        Modes of elastic and of viscous stresses.
     held_out_error : float
         90th percentile of the motions' errors against the coarse shell on loads that were not in training.
     strain_limit : float
@@ -59,22 +59,19 @@ class Trained:
 
     basis: Array
     stresses: Array
+    viscous: Array
     held_out_error: float
     strain_limit: float
     energy: float
     description: str
 
-    def unseen(self, coarse: Shell, reduced: ReducedStress, z: Array) -> float:
-        """Membrane energy of the elements that the stresses do not see, over the energy and a small one."""
-        count, size = reduced.linear.shape
-        strains, gradient = np.empty(count), np.empty(size)
-        whole = assumed_stress.energy_terms(
-            reduced, z, strains, np.empty((count, size)), gradient, np.empty((size, size))
-        )
-        x = coarse.rest_positions + (self.basis @ z).reshape(-1, 3)
+    def unseen(self, coarse: Shell, x: Array, energy: float, seen: float) -> float:
+        """Membrane energy at ``x`` (k, 3) that the stresses do not see, over ``energy`` [J] and a small one.
+
+        ``seen`` [J] is that of the assumed stresses.
+        """
         membrane = sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in coarse.elements[:2])
-        seen = 0.5 * float(strains @ strains)
-        return float(abs(membrane - seen) / (whole + _SMALL * self.energy))
+        return float(abs(membrane - seen) / (energy + _SMALL * self.energy))
 
 
 def train(coarse: Shell, load: Array, modes: int, motions: int, seed: int, on_step: Progress | None = None) -> Trained:
@@ -89,25 +86,33 @@ def train(coarse: Shell, load: Array, modes: int, motions: int, seed: int, on_st
     total = motions + _HELD_OUT
     runs = []
     for done in range(total):
-        runs.append(_motion(model, _random_load(coarse, load, rng), rng.uniform(*_DRAG)))
+        runs.append(_motion(model, _random_load(coarse, load, rng), _random_damping(rng)))
         if on_step is not None:
             on_step(done + 1, total)
-    rest = coarse.rest_positions
-    frames = np.concatenate([frames for _, _, frames in runs[:motions]])
-    frames = frames[:: -(-len(frames) // _MOST_FRAMES)]
-    lowest = solve_modes(coarse, min(_STRESSED, coarse.free_unknowns.size)).modes
-    of = [_membrane(coarse, frame, np.zeros_like(frame)) for frame in frames]
-    leading = np.array([_membrane(coarse, rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
-    displacements = (frames - rest).reshape(len(frames), -1).T
-    basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
-    stresses = stress_modes(coarse, leading, np.array(of).T, _SHARE * modes)
-    energy = max(coarse.raw_energy(frame) for frame in frames[::5])
-    reduced = reduce_energy(coarse, basis, stresses)
-    found = Trained(basis, stresses, 0.0, 1.0, energy, "")
+    found, reduced = _reduce(coarse, [frames for _, _, frames in runs[:motions]], modes)
     errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in runs[motions:]), strict=True)
     size = float(np.linalg.norm(load.sum(axis=0)))
     description = f"{motions} motions under loads of {_SIZES[0]} to {_SIZES[1]} times {size:.3g} N"
-    return Trained(basis, stresses, float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(unseen)), energy, description)
+    error, limit = float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(unseen))
+    return replace(found, held_out_error=error, strain_limit=limit, description=description)
+
+
+def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:
+    """Basis and stress modes of motions (f, k, 3)."""
+    rest = coarse.rest_positions
+    every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
+    frames = np.concatenate(motions)[::every]
+    steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
+    lowest = solve_modes(coarse, min(_STRESSED, coarse.free_unknowns.size)).modes
+    leading = np.array([_membrane(coarse, rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
+    elastic = np.array([_membrane(coarse, frame, np.zeros_like(frame)) for frame in frames]).T
+    rates = np.array([_membrane(coarse, x, step) - _membrane(coarse, x, np.zeros_like(x)) for x, step in steps]).T
+    displacements = (frames - rest).reshape(len(frames), -1).T
+    basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
+    stresses = stress_modes(coarse, leading, elastic, _SHARE * modes)
+    viscous = stress_modes(coarse, leading[:, :0], rates, modes)
+    energy = max(coarse.raw_energy(frame) for frame in frames[::5])
+    return Trained(basis, stresses, viscous, 0.0, 1.0, energy, ""), reduce_energy(coarse, basis, stresses, viscous)
 
 
 def _random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
@@ -133,15 +138,21 @@ def _random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
     return turned * rng.uniform(*_SIZES)
 
 
-def _motion(model: CoarseDiscreteShell, load: Array, drag: float) -> tuple[Array, float, Array]:
+def _random_damping(rng: np.random.Generator) -> Damping:
+    """Damping by the mass and, half of the time, by the stiffness."""
+    drag, viscosity = rng.uniform(*_DRAG), np.exp(rng.uniform(*np.log(_VISCOSITY)))
+    return Damping(drag, viscosity if rng.random() < 0.5 else 0.0)
+
+
+def _motion(model: CoarseDiscreteShell, load: Array, damping: Damping) -> tuple[Array, Damping, Array]:
     """The load, the damping and the frames (f, k, 3) of a motion under the load and after it."""
-    state, frames, damping = model.start_motion(), [], Damping(drag)
+    state, frames = model.start_motion(), [np.array(model.coarse.shell.rest_positions)]
     for frame in range(_LOADED + _RELEASED):
         state, solved = model.step(state, _DT, load if frame < _LOADED else np.zeros_like(load), damping)
         if not solved or not np.isfinite(state.coordinates).all():
             raise SolverError("a training motion of the coarse shell failed: train about a smaller load")
         frames.append(state.coordinates)
-    return load, drag, np.array(frames)
+    return load, damping, np.array(frames)
 
 
 def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
@@ -150,20 +161,22 @@ def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
 
 
 def _held_out(
-    found: Trained, reduced: ReducedStress, coarse: Shell, load: Array, drag: float, truth: Array
+    found: Trained, reduced: ReducedStress, coarse: Shell, load: Array, damping: Damping, truth: Array
 ) -> tuple[float, float]:
     """Error of a motion over its size, and its largest share of unseen membrane energy."""
     push = load.ravel() @ found.basis
     z = np.zeros_like(push)
     rates, frames, unseen = np.zeros_like(z), [], 0.0
-    for frame in range(len(truth)):
+    factors = damping.mass_factor, damping.stiffness_factor
+    for frame in range(_LOADED + _RELEASED):
         force = push if frame < _LOADED else np.zeros_like(push)
-        moved, solved = assumed_stress.implicit_step(reduced, z, rates, force, _DT, drag, 0.0, 1e-3)
+        moved, solved, energy, seen, _ = implicit_step(reduced, z, rates, force, _DT, *factors, 1e-3)
         if not solved:
             return np.inf, unseen
         rates, z = (moved - z) / _DT, moved
-        unseen = max(unseen, found.unseen(coarse, reduced, z))
-        frames.append(coarse.rest_positions + (found.basis @ z).reshape(-1, 3))
-    mass = coarse.mass[:, None]
-    off = np.sum(mass * (np.array(frames) - truth) ** 2)
-    return float(np.sqrt(off / np.sum(mass * (truth - coarse.rest_positions) ** 2))), unseen
+        x = coarse.rest_positions + (found.basis @ z).reshape(-1, 3)
+        unseen = max(unseen, found.unseen(coarse, x, energy, seen))
+        frames.append(x)
+    mass, exact = coarse.mass[:, None], truth[1:]
+    off = np.sum(mass * (np.array(frames) - exact) ** 2)
+    return float(np.sqrt(off / np.sum(mass * (exact - coarse.rest_positions) ** 2))), unseen

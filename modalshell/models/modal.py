@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -19,7 +20,7 @@ from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base import Model, ResolvedTarget, rigid_share
-from modalshell.models.distortion import distortion, judged
+from modalshell.models.distortion import Distortion
 from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
@@ -65,6 +66,7 @@ class ModalModel(Model):
         self.shell = basis.shell
         self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
         self._identity = np.eye(basis.count)
+        self._distortion = Distortion(self.shell.mesh)
         self._unit_step: tuple[tuple[float, Damping], tuple[Array, Array]] | None = None
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
@@ -142,7 +144,7 @@ class ModalModel(Model):
         positions = self.shell.rest_positions + self.raw_displacement(found.q)
         return Equilibrium(
             positions,
-            *judged(found.outcome, found.message, positions, self.shell.mesh),
+            *self._distortion.judged(found.outcome, found.message, positions),
             found.iterations,
             found.residual,
             found.stable,
@@ -154,11 +156,18 @@ class ModalModel(Model):
         """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""
         return 0.0
 
-    def fault(self, state: MotionState) -> Outcome | None:
+    @cached_property
+    def _turns(self) -> Array:
+        """Largest rotation [rad] of a part in each mode (m,)."""
+        return np.array([self.largest_turn(unit) for unit in self._identity])
+
+    def fault(self, state: MotionState, positions: Array) -> Outcome | None:
         """Wound up where a part turned by more than 2 pi, distorted where the surface stretched or folded over."""
-        if self.largest_turn(state.coordinates) > WOUND_UP:
+        # Rotations are linear in q: what the modes' own largest ones add up to bounds them.
+        q = state.coordinates
+        if not np.abs(q) @ self._turns <= WOUND_UP and self.largest_turn(q) > WOUND_UP:
             return Outcome.WOUND_UP
-        return Outcome.DISTORTED if distortion(self.positions(state), self.shell.mesh) else None
+        return Outcome.DISTORTED if self._distortion.of(positions) else None
 
     @abstractmethod
     def _free_statics(self, load: Array, start: Array | None) -> Statics:

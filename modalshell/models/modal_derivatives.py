@@ -13,7 +13,7 @@ from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Model
-from modalshell.models.distortion import distortion, judged
+from modalshell.models.distortion import Distortion
 from modalshell.models.equilibrium import Equilibrium
 from modalshell.modes import solve_modes
 from modalshell.outcome import Outcome
@@ -89,6 +89,7 @@ class ModalDerivatives(Model):
         backend: str | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
+        self._distortion = Distortion(shell.mesh)
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
         loads = None if training_loads is None else checked_loads(training_loads, shell)
         self.basis = modal_derivatives(solve_modes(shell, count, backend=backend), backend=backend)
@@ -112,7 +113,7 @@ class ModalDerivatives(Model):
         positions = self._positions(found.point)
         return Equilibrium(
             positions,
-            *judged(*verdict(found.residual, found.stable), positions, self.shell.mesh),
+            *self._distortion.judged(*verdict(found.residual, found.stable), positions),
             found.iterations,
             found.residual,
             found.stable,
@@ -179,9 +180,9 @@ class ModalDerivatives(Model):
         """Vertex positions (n, 3) [m] of a state."""
         return self._positions(state.coordinates)
 
-    def fault(self, state: MotionState) -> Outcome | None:
+    def fault(self, state: MotionState, positions: Array) -> Outcome | None:
         """Distorted where the surface stretched or folded over, by the criteria of all modal models."""
-        return Outcome.DISTORTED if distortion(self.positions(state), self.shell.mesh) else None
+        return Outcome.DISTORTED if self._distortion.of(positions) else None
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J] as the model has it: by cubature if it is on."""

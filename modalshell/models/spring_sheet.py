@@ -54,6 +54,7 @@ class SpringSheet(FullModel):
     """
 
     name = "springs"
+    of_material = False
 
     def __init__(
         self,

@@ -131,7 +131,7 @@ class Recorder:
         self.times.append(motion.time)
         self.energies.append(motion.energies())
         self.residuals.append(motion.constraint_residuals)
-        fault = motion.model.fault(motion.state)
+        fault = motion.fault()
         if fault is not None and (self.fault is None or gravest(self.fault, fault) is not self.fault):
             self.fault, self.fault_time = fault, motion.time
 

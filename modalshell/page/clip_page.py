@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.errors import OptionError
-from modalshell.page.html import MOST_SHAPES, Page, encoded, filled_page, halves
+from modalshell.page.html import Page, encoded, filled_page, modal_data
 from modalshell.typing import Array
 
 
@@ -41,20 +40,11 @@ def clip_page(
     OptionError
         If there are more shapes than a browser's shader takes.
     """
-    count = len(shapes)
-    if count > MOST_SHAPES:
-        raise OptionError(f"a page takes at most {MOST_SHAPES} shapes (got {count}): allow a larger tolerance")
     rest = np.asarray(rest_positions, float)
     low, high = rest.min(axis=0), rest.max(axis=0)
-    half_shapes, scales = halves(np.reshape(shapes, (count, -1)).T)
     largest = np.abs(amplitudes).max(axis=0, initial=0.0)
     data = {
-        "vertices": len(rest),
-        "modes": count,
-        "rest": encoded((rest - 0.5 * (low + high)).astype(np.float32)),
-        "faces": encoded(faces.astype(np.uint32)),
-        "phi": encoded(half_shapes),
-        "phiScales": scales.tolist(),
+        **modal_data(rest - 0.5 * (low + high), faces, np.reshape(shapes, (len(shapes), -1)).T),
         "times": np.asarray(times).tolist(),
         "play": encoded(np.asarray(amplitudes, np.float32)),
         "amplitudes": np.where(largest > 0.0, largest, 1.0).tolist(),

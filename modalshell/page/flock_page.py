@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.errors import OptionError
-from modalshell.page.html import MOST_SHAPES, Page, encoded, filled_page, halves
+from modalshell.page.html import Page, encoded, filled_page, modal_data
 from modalshell.typing import Array
 
 MOST_BIRDS = 20_000
@@ -57,26 +57,14 @@ def flock_page(
     OptionError
         For more birds or modes than a browser takes.
     """
-    count = modes.shape[1]
-    if count > MOST_SHAPES:
-        raise OptionError(f"a page takes at most {MOST_SHAPES} modes (got {count}): solve for fewer")
     if len(positions) > MOST_BIRDS:
         raise OptionError(f"a page takes at most {MOST_BIRDS:,} birds (got {len(positions):,})")
-    half_modes, mode_scales = halves(modes)
-    half_rotations, rotation_scales = halves(rotations)
     eye, target = camera
     back = eye - target
     distance = float(np.linalg.norm(back))
     data = {
         "birds": len(positions),
-        "vertices": len(rest_positions),
-        "modes": count,
-        "rest": encoded(rest_positions.astype(np.float32)),
-        "faces": encoded(faces.astype(np.uint32)),
-        "phi": encoded(half_modes),
-        "psi": encoded(half_rotations),
-        "phiScales": mode_scales.tolist(),
-        "psiScales": rotation_scales.tolist(),
+        **modal_data(rest_positions, faces, modes, rotations),
         "positions": encoded(positions.astype(np.float32)),
         "directions": encoded(directions.astype(np.float32)),
         "own": encoded(own.astype(np.float32)),

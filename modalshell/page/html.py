@@ -6,7 +6,6 @@ import base64
 import html
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -18,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.atomic_io import write_text
-from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.errors import OptionError
+from modalshell.render import Picture, ShadedSurface, View
 from modalshell.typing import Array
 
 MOST_SHAPES = 100
@@ -51,10 +51,7 @@ class Page:
 
 def filled_page(kind: str, title: str, data: Mapping[str, Any], vertices: Array, faces: NDArray[Any]) -> Page:
     """A page with the controls and the script of its ``kind``, and a picture for browsers without WebGL2."""
-    with tempfile.TemporaryDirectory() as folder:
-        surface = ShadedSurface(vertices, np.asarray(faces))
-        drawn = draw_views([View([surface])], Path(folder, "rest.png"), size=(640, 400)).read_bytes()
-    picture = base64.b64encode(drawn).decode("ascii")
+    picture = Picture.of_views([View([ShadedSurface(vertices, np.asarray(faces))])], size=(640, 400)).base64
     room = files("modalshell.page")
     controls, *scripts = (
         room.joinpath(name).read_text(encoding="utf-8") for name in (f"{kind}.html", "common.js", f"{kind}.js")
@@ -64,12 +61,38 @@ def filled_page(kind: str, title: str, data: Mapping[str, Any], vertices: Array,
     return Page(template.substitute(parts, title=html.escape(title), data=json.dumps(data)))
 
 
+def modal_data(
+    vertices: Array, faces: NDArray[np.integer], modes: Array, rotations: Array | None = None
+) -> dict[str, Any]:
+    """The rest shape, and modes (3n, m) with their rotations in half floats, by the names that the scripts read.
+
+    Raises
+    ------
+    OptionError
+        If there are more modes than a browser's shader takes.
+    """
+    count = modes.shape[1]
+    if count > MOST_SHAPES:
+        raise OptionError(f"a page takes at most {MOST_SHAPES} shapes (got {count}): take fewer modes")
+    data: dict[str, Any] = {
+        "vertices": len(vertices),
+        "modes": count,
+        "rest": encoded(vertices.astype(np.float32)),
+        "faces": encoded(faces.astype(np.uint32)),
+    }
+    for name, matrix in (("phi", modes), ("psi", rotations)):
+        if matrix is not None:
+            half, scales = _halves(matrix)
+            data |= {name: encoded(half), f"{name}Scales": scales.tolist()}
+    return data
+
+
 def encoded(array: NDArray[Any]) -> str:
     """The little-endian bytes of an array in base 64."""
     return base64.b64encode(np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes()).decode("ascii")
 
 
-def halves(matrix: Array) -> tuple[NDArray[np.float16], Array]:
+def _halves(matrix: Array) -> tuple[NDArray[np.float16], Array]:
     """Columns scaled to 1 at most as half floats (3n, m), and their scales (m,)."""
     scales = np.abs(matrix).max(axis=0, initial=0.0)
     scales[scales == 0.0] = 1.0

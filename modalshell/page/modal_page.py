@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_number, checked_vectors
 from modalshell.errors import LoadError, OptionError
 from modalshell.mesh import TriangleMesh
-from modalshell.page.html import MOST_SHAPES, Page, encoded, filled_page, halves
+from modalshell.page.html import Page, encoded, filled_page, modal_data
 from modalshell.typing import Array, Index
 
 _SHOWN_SHARE = 0.2
@@ -70,9 +70,6 @@ def modal_page(
     LoadError
         If ``force`` is not (n, 3) finite numbers.
     """
-    count = len(eigenvalues)
-    if count > MOST_SHAPES:
-        raise OptionError(f"a page takes at most {MOST_SHAPES} modes (got {count}): solve for fewer")
     pull = checked_vectors("gravity", gravity, (3,), OptionError)
     factors = checked_vectors("damping", damping, (2,), OptionError)
     dt = checked_number("dt", dt, above=0.0)
@@ -80,17 +77,8 @@ def modal_page(
     centre = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
     rest = mesh.vertices - centre  # before it is rounded to single precision
     far = np.linalg.norm(rest - (rest[held].mean(axis=0) if len(held) else rest.mean(axis=0)), axis=1)
-    half_modes, mode_scales = halves(modes)
-    half_rotations, rotation_scales = halves(rotations)
     data: dict[str, Any] = {
-        "vertices": len(rest),
-        "modes": count,
-        "rest": encoded(rest.astype(np.float32)),
-        "faces": encoded(mesh.faces.astype(np.uint32)),
-        "phi": encoded(half_modes),
-        "psi": encoded(half_rotations),
-        "phiScales": mode_scales.tolist(),
-        "psiScales": rotation_scales.tolist(),
+        **modal_data(rest, mesh.faces, modes, rotations),
         "mass": encoded(mass.astype(np.float32)),
         "force": None if loads is None else encoded(loads.astype(np.float32)),
         "eigenvalues": np.asarray(eigenvalues).tolist(),

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 
 from modalshell.checks import checked_number
 from modalshell.errors import OptionError
+from modalshell.mesh import sheet
 from modalshell.page.html import Page, filled_page
 from modalshell.typing import Array
 
-_COINCIDENT = 1e-12
-"""Distance of two masses over the spacing, far below which the force between them is none."""
 _MOST_STEPS = 40
 """Steps a frame at most."""
 _PICTURE = 48
@@ -28,6 +27,7 @@ def sheet_page(
     gravity: Array,
     dt: float,
     stable_step: float,
+    tiny: float,
     title: str,
 ) -> Page:
     """A page that steps a sheet as :class:`modalshell.springs.GridVerlet` does in single precision.
@@ -50,6 +50,8 @@ def sheet_page(
         Time step [s].
     stable_step : float
         Longest stable step [s].
+    tiny : float
+        Squared distance of two masses [m^2], far below which the force between them is none.
     title : str
         Headline of the page.
 
@@ -71,20 +73,10 @@ def sheet_page(
         "pinned": np.flatnonzero(pinned).tolist(),
         "gravity": gravity.tolist(),
         "dt": dt,
-        "tiny": (_COINCIDENT * spacing) ** 2,
+        "tiny": tiny,
         "most": _MOST_STEPS,
         "size": 2.0 * max(middle),
         "middle": middle,
     }
-    cells = np.arange(_PICTURE**2)
-    corner = cells + cells // _PICTURE
-    row = _PICTURE + 1
-    faces = np.concatenate(
-        [
-            np.column_stack([corner, corner + 1, corner + row]),
-            np.column_stack([corner + 1, corner + row + 1, corner + row]),
-        ]
-    )
-    across, along = np.meshgrid(np.linspace(0.0, 2.0 * middle[0], row), np.linspace(0.0, 2.0 * middle[1], row))
-    points = np.column_stack([across.ravel(), along.ravel(), np.zeros(row**2)])
-    return filled_page("sheet", title, data, points, faces)
+    picture = sheet(length=2.0 * middle[0], width=2.0 * middle[1], cells=(_PICTURE, _PICTURE))
+    return filled_page("sheet", title, data, picture.vertices, picture.faces)

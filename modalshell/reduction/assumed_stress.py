@@ -14,21 +14,26 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.linalg
 
-from modalshell.kernels.compiler import njit
-from modalshell.kernels.generated.flexure import first_derivatives
 from modalshell.shell import Shell
 from modalshell.typing import Array, Index
 
 _FLAT = 1e-6
 """Rest angle [rad] up to which a hinge is flat."""
-_MOST, _STALLED = 25, 6
-"""Iterations of a step at most, and those without halving the residual after which it is given up."""
-_DESCENT = 100
-"""Steps of a descent at most."""
-_LOOSE, _NEAR = 1e-3, 0.3
-"""Relative residuals of a descent's steps, and from which it tries to end by mixed Newton."""
 
-_options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+
+class Quadratic(NamedTuple):
+    """Quadratic forms ``b_k . z + z . B_k z / 2`` of coordinates (m,).
+
+    Attributes
+    ----------
+    linear : ndarray, shape (m, K)
+        ``b_k``.
+    pairs : ndarray, shape (m (m + 1) / 2, K)
+        Lower triangles of the ``B_k``, row by row.
+    """
+
+    linear: Array
+    pairs: Array
 
 
 class ReducedStress(NamedTuple):
@@ -36,72 +41,82 @@ class ReducedStress(NamedTuple):
 
     Attributes
     ----------
-    linear, quadratic : ndarray, shape (K, m) and (K, m, m)
-        ``b_k`` and ``B_k``.
+    membrane : Quadratic
+        ``d_k``.
+    viscous : Quadratic
+        The same of the stresses that resist the rates of the membrane's strains.
     flat : ndarray, shape (m, m)
         Stiffness of the flat hinges.
     rest, modes : ndarray, shape (S, 3) and (S, 3, m)
         The other hinges' vertices at rest [m], and their rows of the basis.
     hinges : ndarray of int64, shape (H, 4)
         Stencils of these hinges in their vertices.
-    angles, weights : ndarray, shape (H,)
-        Angles at rest [rad], and stiffness over rest size.
+    angles, roots : ndarray, shape (H,)
+        Angles at rest [rad], and roots of twice stiffness over rest size.
     """
 
-    linear: Array
-    quadratic: Array
+    membrane: Quadratic
+    viscous: Quadratic
     flat: Array
     rest: Array
     modes: Array
     hinges: Index
     angles: Array
-    weights: Array
+    roots: Array
 
 
-def reduce_energy(shell: Shell, basis: Array, stresses: Array) -> ReducedStress:
+def reduce_energy(shell: Shell, basis: Array, stresses: Array, viscous: Array) -> ReducedStress:
     """Reduced energy of a discrete shell.
 
     Parameters
     ----------
     shell : Shell
-        Its first element sets are stretch, shear and flexure.
+        Its element sets are stretch, shear and flexure.
     basis : ndarray, shape (3n, m)
         V, of displacements.
-    stresses : ndarray, shape (T + E, K)
-        Stress modes of triangles and edges; see :func:`stress_modes`.
+    stresses, viscous : ndarray, shape (T + E, K) and (T + E, L)
+        Modes of elastic and of viscous stresses of triangles and edges; see :func:`stress_modes`.
     """
-    stretch, shear, flexure = shell.elements
-    vertices, count = shell.rest_positions, basis.shape[1]
-    columns = basis.reshape(-1, 3, count)
-    edges = shear.stencils
+    flexure = shell.elements[2]
+    vertices, columns = shell.rest_positions, basis.reshape(-1, 3, basis.shape[1])
+    sharp = np.abs(flexure.rest) > _FLAT
+    used, hinges = np.unique(flexure.stencils[sharp], return_inverse=True)
+    return ReducedStress(
+        _strain_measures(shell, columns, stresses),
+        _strain_measures(shell, columns, viscous),
+        _flat_bending(vertices, columns, flexure.stencils[~sharp], flexure.weight[~sharp]),
+        np.ascontiguousarray(vertices[used]),
+        np.ascontiguousarray(columns[used]),
+        np.ascontiguousarray(hinges.reshape(-1, 4), dtype=np.int64),
+        flexure.rest[sharp].copy(),
+        np.sqrt(2.0 * flexure.weight[sharp]),
+    )
+
+
+def _strain_measures(shell: Shell, columns: Array, stresses: Array) -> Quadratic:
+    """Work of every stress mode on the strains of the edges; that of an area goes through its edges."""
+    stretch, shear, _ = shell.elements
+    vertices, edges = shell.rest_positions, shear.stencils
     across = columns[edges[:, 1]] - columns[edges[:, 0]]
     arms = vertices[edges[:, 1]] - vertices[edges[:, 0]]
     along = stresses[len(stretch.rest) :].copy()
     of_edges = {tuple(sorted(edge)): number for number, edge in enumerate(edges.tolist())}
-    corners = stretch.stencils
-    sides = np.array([[of_edges[tuple(sorted((int(t[i]), int(t[i - 2]))))] for i in range(3)] for t in corners])
+    sides = np.array(
+        [[of_edges[tuple(sorted((int(t[i]), int(t[i - 2]))))] for i in range(3)] for t in stretch.stencils]
+    )
     squares = shear.rest[sides] ** 2
     # dA / dl_i = l_i (l_j^2 + l_k^2 - l_i^2) / (8 A) at rest
     slopes = shear.rest[sides] * (squares.sum(axis=1)[:, None] - 2.0 * squares) / (8.0 * stretch.rest[:, None])
     for side in range(3):
         np.add.at(along, sides[:, side], slopes[:, side, None] * stresses[: len(stretch.rest)])
     scaled = along / shear.rest[:, None]
-    linear = np.einsum("ek,ex,exm->km", scaled, arms, across, optimize=True)
-    tall = across.reshape(-1, count)
-    quadratic = np.array([tall.T @ (np.repeat(mode, 3)[:, None] * tall) for mode in scaled.T])
-    sharp = np.abs(flexure.rest) > _FLAT
-    flat = _flat_bending(vertices, columns, flexure.stencils[~sharp], flexure.weight[~sharp])
-    used, hinges = np.unique(flexure.stencils[sharp], return_inverse=True)
-    return ReducedStress(
-        linear,
-        quadratic,
-        flat,
-        np.ascontiguousarray(vertices[used]),
-        np.ascontiguousarray(columns[used]),
-        np.ascontiguousarray(hinges.reshape(-1, 4), dtype=np.int64),
-        flexure.rest[sharp].copy(),
-        flexure.weight[sharp].copy(),
-    )
+    linear = np.einsum("exm,ek->mk", across * arms[:, :, None], scaled, optimize=True)
+    rows = np.tril_indices(columns.shape[2])[0]
+    pairs = np.empty((len(rows), stresses.shape[1]))
+    for row in range(columns.shape[2]):  # products of all pairs at once would be large
+        products = np.einsum("ex,exj->ej", across[:, :, row], across[:, :, : row + 1])
+        pairs[rows == row] = products.T @ scaled
+    return Quadratic(np.ascontiguousarray(linear), pairs)
 
 
 def _flat_bending(vertices: Array, columns: Array, hinges: Index, weights: Array) -> Array:
@@ -156,184 +171,3 @@ def position_modes(shell: Shell, leading: Array, snapshots: Array, count: int, s
     basis = np.concatenate([first, _leading_left_vectors(left, count - first.shape[1])], axis=1) / root
     _, turned = np.linalg.eigh(basis.T @ (stiffness @ basis))
     return np.asarray(basis @ turned)
-
-
-@njit(**_options)
-def energy_terms(reduced, z, strains, slopes, gradient, hessian):  # type: ignore[no-untyped-def]
-    """Energy [J] of z; writes d_k, their slopes (K, m), the gradient, and the Hessian without ``sum_k s_k B_k``."""
-    count, modes = z.size, reduced.linear.shape[0]
-    total = 0.0
-    gradient[:] = 0.0
-    for i in range(count):
-        for j in range(count):
-            gradient[i] += reduced.flat[i, j] * z[j]
-        total += 0.5 * z[i] * gradient[i]
-    for k in range(modes):
-        strain = 0.0
-        matrix = reduced.quadratic[k]
-        for i in range(count):
-            bent = 0.0
-            for j in range(count):
-                bent += matrix[i, j] * z[j]
-            slopes[k, i] = reduced.linear[k, i] + bent
-            strain += z[i] * (reduced.linear[k, i] + 0.5 * bent)
-        strains[k] = strain
-        total += 0.5 * strain * strain
-    gradient += slopes.T @ strains
-    hessian[:] = reduced.flat + slopes.T @ slopes
-    hinge_count = reduced.hinges.shape[0]
-    if hinge_count == 0:
-        return total
-    x = reduced.rest.copy()
-    for v in range(x.shape[0]):
-        for axis in range(3):
-            for i in range(count):
-                x[v, axis] += reduced.modes[v, axis, i] * z[i]
-    local = np.empty(9)
-    rows = np.empty((hinge_count, count))
-    for h in range(hinge_count):
-        a, b, c, d = reduced.hinges[h]
-        angle = first_derivatives(
-            x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2],
-            x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2],
-            x[d, 0] - x[a, 0], x[d, 1] - x[a, 1], x[d, 2] - x[a, 2], local,
-        )  # fmt: skip
-        change = (angle - reduced.angles[h] + np.pi) % (2.0 * np.pi) - np.pi
-        weight = reduced.weights[h]
-        total += weight * change * change
-        for i in range(count):
-            row = 0.0
-            for axis in range(3):
-                origin = reduced.modes[a, axis, i]
-                row += local[axis] * (reduced.modes[b, axis, i] - origin)
-                row += local[3 + axis] * (reduced.modes[c, axis, i] - origin)
-                row += local[6 + axis] * (reduced.modes[d, axis, i] - origin)
-            gradient[i] += 2.0 * weight * change * row
-            rows[h, i] = np.sqrt(2.0 * weight) * row
-    hessian += rows.T @ rows
-    return total
-
-
-@njit(**_options)
-def _solve_in_place(matrix, vector):  # type: ignore[no-untyped-def]
-    """Solve by ``L D L^T`` in place, no pivots exchanged; the number of negative pivots, or -1 where one is zero."""
-    count, negative = vector.size, 0
-    for i in range(count):
-        for j in range(i):
-            total = matrix[i, j]
-            for k in range(j):
-                total -= matrix[i, k] * matrix[j, k]
-            matrix[i, j] = total
-        pivot = matrix[i, i]
-        for j in range(i):
-            scaled = matrix[i, j] / matrix[j, j]
-            pivot -= matrix[i, j] * scaled
-            vector[i] -= scaled * vector[j]
-            matrix[i, j] = scaled
-        if not 0.0 < abs(pivot) < np.inf:
-            return -1
-        negative += pivot < 0.0
-        matrix[i, i] = pivot
-    for i in range(count - 1, -1, -1):
-        vector[i] /= matrix[i, i]
-        for k in range(i + 1, count):
-            vector[i] -= matrix[k, i] * vector[k]
-    return negative
-
-
-@njit(**_options)
-def _mixed(reduced, start, moved, stresses, outer, push, goal, most, least):  # type: ignore[no-untyped-def]
-    """Mixed Newton from ``moved``, which it moves; whether it met ``goal``, and at a minimum.
-
-    ``outer`` (m, m) is the quadratic part about ``start``, ``stresses`` those predicted with ``moved``.
-    """
-    count, modes = moved.size, reduced.linear.shape[0]
-    strains, slopes, gradient = np.empty(modes), np.empty((modes, count)), np.empty(count)
-    hessian = np.empty((count, count))
-    best, stalled, negative = np.inf, 0, 0
-    for iteration in range(most + 1):
-        energy_terms(reduced, moved, strains, slopes, gradient, hessian)
-        residual = gradient + outer @ (moved - start) - push
-        size = np.sqrt(np.sum(residual * residual))
-        if iteration >= least and size <= goal:
-            return True, negative == 0
-        stalled = 0 if size < 0.5 * best else stalled + 1
-        best = min(best, size)
-        if stalled > _STALLED or iteration == most or not np.isfinite(size):
-            break
-        hessian += outer
-        for k in range(modes):
-            for i in range(count):
-                for j in range(count):
-                    hessian[i, j] += stresses[k] * reduced.quadratic[k, i, j]
-        step = -residual
-        negative = _solve_in_place(hessian, step)
-        if negative < 0:
-            break
-        stresses[:] = strains + slopes @ step
-        moved += step
-    return False, False
-
-
-@njit(**_options)
-def potential(reduced, z, start, outer, push):  # type: ignore[no-untyped-def]
-    """Potential [J] with a quadratic part about ``start``, its gradient (m,), and the d_k (K,)."""
-    count, modes = z.size, reduced.linear.shape[0]
-    strains, slopes, gradient = np.empty(modes), np.empty((modes, count)), np.empty(count)
-    energy = energy_terms(reduced, z, strains, slopes, gradient, np.empty((count, count)))
-    pull = outer @ (z - start)
-    return energy + np.sum((z - start) * (0.5 * pull - push)), gradient + pull - push, strains
-
-
-@njit(**_options)
-def _descend(reduced, start, moved, outer, push, scale, tolerance):  # type: ignore[no-untyped-def]
-    """Go downhill from ``moved``, which it moves, by steps with a drag; whether it has found a minimum."""
-    value, gradient, stresses = potential(reduced, moved, start, outer, push)
-    drag = 1e-2 * outer[0, 0]
-    unit = np.eye(moved.size)
-    for _ in range(_DESCENT):
-        trial = moved.copy()
-        solved, _ = _mixed(
-            reduced, moved, trial, stresses.copy(), outer + drag * unit, push - outer @ (moved - start),
-            _LOOSE * scale, 12, 1,
-        )  # fmt: skip
-        reached, gradient, present = potential(reduced, trial, start, outer, push)
-        if not (solved and reached <= value):
-            drag *= 4.0
-            if not np.isfinite(drag):
-                break
-            continue
-        moved[:] = trial
-        value, stresses = reached, present
-        drag *= 0.25
-        if np.sqrt(np.sum(gradient * gradient)) > _NEAR * scale:
-            continue
-        solved, minimum = _mixed(reduced, start, trial, stresses.copy(), outer, push, tolerance * scale, 12, 1)
-        if minimum and potential(reduced, trial, start, outer, push)[0] <= value + 1e-9 * abs(value):
-            moved[:] = trial
-            return True
-    return False
-
-
-@njit(**_options)
-def implicit_step(reduced, z, rates, force, dt, drag, viscosity, tolerance):  # type: ignore[no-untyped-def]
-    """One step of implicit Euler by mixed Newton, the d_k being its stresses; z' and whether it is solved.
-
-    ``force`` (m,) is the load's; ``drag`` [1/s] and ``viscosity`` [s] are Rayleigh's factors.
-    """
-    count, modes = z.size, reduced.linear.shape[0]
-    strains, slopes, gradient = np.empty(modes), np.empty((modes, count)), np.empty(count)
-    hessian = np.empty((count, count))
-    energy_terms(reduced, z, strains, slopes, gradient, hessian)
-    outer = np.eye(count) * (1.0 / (dt * dt) + drag / dt)
-    if viscosity > 0.0:
-        outer += hessian * (viscosity / dt)
-    push = force + rates / dt
-    scale = max(np.sqrt(np.sum(push * push)), 1e-3 * np.sqrt(np.sum(z * z)) / (dt * dt))
-    moved = z + dt * rates
-    stresses = strains + slopes @ (dt * rates)
-    _, minimum = _mixed(reduced, z, moved, stresses, outer, push, tolerance * scale, _MOST, 1)
-    if not minimum:
-        moved = z.copy()
-        minimum = _descend(reduced, z, moved, outer, push, scale, tolerance)
-    return moved, minimum

@@ -77,6 +77,10 @@ class ElasticEnergy(ABC):
         """
 
     @abstractmethod
+    def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
+        """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
+
+    @abstractmethod
     def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
         """Gradient (n, 3) [N] at ``rest + displacement``, both (n, 3) [m], in extended precision."""
 

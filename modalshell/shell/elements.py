@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.errors import SupportError
+from modalshell.errors import OptionError, SupportError
 from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
@@ -261,6 +261,14 @@ class ElementSum(ElasticEnergy):
     ) -> tuple[float, Array, Array]:
         """Energy, gradient and Hessian values."""
         return energy_gradient_hessian(self.elements, slots, pattern, x, geometric, stresses)
+
+    def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
+        """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angles of the hinges, the third set."""
+        hinges = self.elements[2:3]
+        if not hinges or hinges[0].name != "flexure":
+            raise OptionError("springs have no rest angles: take a model of the shell's own energies, such as DS")
+        ahead, here = (linear_stresses(hinges, x, step)[0] for step in (weights, np.zeros_like(x)))
+        return here - ahead
 
     def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
         """Gradient (n, 3) [N] in extended precision."""

@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.brief import brief
 from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 
@@ -43,6 +44,7 @@ class InternalUnknowns:
         return np.asarray((3 * self.vertices[:, None] + np.arange(3)).ravel())
 
 
+@brief
 @dataclass(frozen=True)
 class SparsePattern:
     """CSR pattern of a symmetric matrix of 3 x 3 blocks, one block row a vertex.
@@ -122,7 +124,9 @@ class SparsePattern:
         of two an edge. For the solvers use :meth:`free_matrix` or :meth:`product`.
         """
         if self.internal is None or (scale := self._internal_scale(data)) == 0.0:
-            return self.matrix(data).copy()  # its indices would be the pattern's own
+            matrix = self.matrix(data)
+            matrix.indices, matrix.indptr = matrix.indices.copy(), matrix.indptr.copy()  # they are the pattern's own
+            return matrix
         coupling = sps.csc_array(self.coupling(data))
         blocks = []
         least = drop * np.abs(data).max(initial=0.0)

@@ -185,11 +185,15 @@ class Shell(ReadOnlyArrays):
         origin = grid * np.round(0.5 * (self.rest_positions.min(axis=0) + self.rest_positions.max(axis=0)) / grid)
         if not origin.any():
             return self, origin
+        return self.shifted(origin), origin
+
+    def shifted(self, origin: Array) -> Shell:
+        """The same shell with ``origin`` (3,) [m] at the origin."""
         other = copy.copy(self)
         other.rest_positions = self.rest_positions - origin
         other.rest_positions.flags.writeable = False
         other._energy = self._energy.shifted(origin)
-        return other, origin
+        return other
 
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"
@@ -248,13 +252,6 @@ class Shell(ReadOnlyArrays):
             energy = self._folds
         density = self._energy.face_energies(mesh, x) / mesh.face_areas
         return ShellFields.of(mesh, self.material, x, energy.bending(x)[0], density)
-
-    def pushed_by_constant(self, name: str, x: Array, gravity: ArrayLike | None = None) -> Array:
-        """Derivative (n, 3) of elastic force and weight at ``x`` by a constant of the material, such as ``"young"``."""
-        push = -gradient_by_constant(self.mesh, self.material, self._slopes, self.clamped, name, x)
-        if gravity is not None and name in ("density", "thickness"):  # the mass is proportional to both
-            push += self.gravity_force(gravity) / getattr(self.material, name)
-        return push
 
     def gravity_force(self, gravity: ArrayLike) -> Array:
         """Weight of every vertex (n, 3) [N] for ``gravity`` (3,) [m/s^2]."""
@@ -370,6 +367,11 @@ class Shell(ReadOnlyArrays):
         ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, as predicted) and PROJECTED.
         """
         return self._energy.energy_gradient_hessian(self._slots, self.pattern, x, geometric, stresses)
+
+    def rates_by_constant(self, name: str, x: Array, step: Array | None = None) -> Array:
+        """Derivative (n, 3) of the gradient at ``x``, or of the first part of the Hessian times ``step``."""
+        of = self._energy, self.mesh, self.material, self._slopes, self.clamped
+        return gradient_by_constant(*of, name, x, step)
 
     def held_slopes(self) -> Index:
         """Vertices (k, 2) of the edges about which the surface cannot turn; none of a discrete shell."""

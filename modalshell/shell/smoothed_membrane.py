@@ -67,10 +67,18 @@ class MembraneElements:
         )
 
 
+def plane_stress(stiffness: Array, poisson: Array) -> Array:
+    """Elasticity (T, 3, 3) for (E11, E22, 2 E12) of ``E h / (1 - nu^2)`` and Poisson's ratio (T,) of every triangle."""
+    elastic = np.zeros((len(stiffness), 3, 3))
+    elastic[:, 0, 0] = elastic[:, 1, 1] = stiffness
+    elastic[:, 0, 1] = elastic[:, 1, 0] = poisson * stiffness
+    elastic[:, 2, 2] = 0.5 * (1.0 - poisson) * stiffness
+    return elastic
+
+
 def membrane_elements(
     mesh: TriangleMesh,
-    stiffness: Array,
-    poisson: Array,
+    elastic: Array,
     clamped: NDArray[np.bool_],
     angles: Array,
     mirrored: Index,
@@ -81,8 +89,8 @@ def membrane_elements(
     ----------
     mesh : TriangleMesh
         Rest shape.
-    stiffness, poisson : ndarray, shape (T,)
-        ``E h / (1 - nu^2)`` [N/m] and Poisson's ratio of every triangle; means by area count across smooth edges.
+    elastic : ndarray, shape (T, 3, 3)
+        Elasticity of every triangle [N/m]; means by area count across smooth edges.
     clamped : ndarray of bool, shape (n,)
         Held vertices.
     angles : ndarray, shape (H,)
@@ -90,10 +98,6 @@ def membrane_elements(
     mirrored : ndarray of int64
         Smooth boundary edges in planes of symmetry.
     """
-    elastic = np.zeros((len(mesh.faces), 3, 3))
-    elastic[:, 0, 0] = elastic[:, 1, 1] = stiffness
-    elastic[:, 0, 1] = elastic[:, 1, 0] = poisson * stiffness
-    elastic[:, 2, 2] = 0.5 * (1.0 - poisson) * stiffness
     smooth = (np.abs(angles) <= SHARP) & ~clamped[mesh.edges[mesh.hinge_edges]].all(axis=1)
     hinges = mesh.hinges[smooth]
     left, right = mesh.edge_faces[mesh.hinge_edges[smooth]].T

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from modalshell.kernels import split_folds as kernels
 from modalshell.kernels.generated import flexure
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.constant_slopes import couples_by_poisson, rates_by_constant, tensions_by_poisson
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes
@@ -22,7 +23,7 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
 from modalshell.shell.slopes import HeldSlopes
-from modalshell.shell.smoothed_membrane import SHARP, membrane_elements, membrane_matrix
+from modalshell.shell.smoothed_membrane import SHARP, membrane_elements, membrane_matrix, plane_stress
 from modalshell.shell.split_folds import split_folds
 from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
@@ -91,7 +92,8 @@ class SplitFoldEnergy(ElasticEnergy):
         self._rest_angles[self._mirrors.places] *= 2.0
         smooth = np.abs(self._rest_angles[self._mirrors.places]) <= SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
-        self._membrane = membrane_elements(mesh, stiffness, poisson, held, angles, mirrored)
+        self._smoothing = held, angles, mirrored
+        self._membrane = membrane_elements(mesh, plane_stress(stiffness, poisson), *self._smoothing)
         self._tension = membrane_matrix(self._membrane, len(self._edges))
 
     def _points(self, x: Array) -> Array:
@@ -114,6 +116,23 @@ class SplitFoldEnergy(ElasticEnergy):
         kernels.add_fold_forces(self._folds.hinges, state.slopes, couples, gradient)
         kernels.add_edge_forces(state.points, self._edges, tensions, gradient)
         return gradient
+
+    def gradient_by_constant(self, name: str, x: Array, step: Array | None) -> Array:
+        """Derivative (n, 3) of the sheet's gradient by a constant, or of the Hessian's first part times a step."""
+        state, sheet = self._measured(x), self._parts[:2]
+        folds, stretches = (state.folds, state.stretches) if step is None else self._rates(state, step)
+        if name == "poisson":
+            couples = couples_by_poisson(*sheet, self._folds, self._shares, self._held, folds)
+            tensions = tensions_by_poisson(*sheet, self._smoothing, stretches)
+        else:
+            bending, stretching = rates_by_constant(sheet[1], name)
+            couples, tensions = bending * self._shares.couples(folds), stretching * (self._tension @ stretches)
+        return self._gradient(state, couples, tensions)
+
+    def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
+        """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angle of every hinge of the mesh."""
+        couples = self._shares.couples(self._rates(self._measured(x), weights)[0])
+        return self._folds.of_hinges(self._parts[0], -couples)
 
     def support_gradient(self, x: Array) -> Array:
         """Gradient (n, 3) [N], half of each ghost's force at either end of its edge."""
@@ -270,8 +289,8 @@ class SplitFoldEnergy(ElasticEnergy):
     def energy(self, x: Array) -> float:
         """Energy [J]."""
         state = self._measured(x)
-        value = self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
-        return value + self._further.energy(x)
+        couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
+        return self._value(state, couples, tensions) + self._further.energy(x)
 
     @staticmethod
     def _value(state: _State, couples: Array, tensions: Array) -> float:

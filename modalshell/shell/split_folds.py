@@ -23,7 +23,7 @@ belongs to the one triangle, against the mirror image of its opposite vertex, wh
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -94,6 +94,15 @@ class SplitFolds:
             sps.csr_array(by_share.T @ stressed),
             sps.csr_array(by_share.T @ blocks @ by_share),
         )
+
+    def of_hinges(self, mesh: TriangleMesh, values: Array) -> Array:
+        """Values (H,) of folds at the hinges of the mesh; zero at those between held triangles."""
+        real = self.hinges[:, 3] < len(mesh.vertices)
+        keys, wanted = (ends[:, :2] @ np.array([len(mesh.vertices), 1]) for ends in (mesh.hinges, self.hinges[real]))
+        order = np.argsort(keys)
+        found = np.zeros(len(mesh.hinges))
+        found[order[np.searchsorted(keys[order], wanted)]] = values[real]
+        return found
 
     def part(self, chosen: Index, factors: Array, vertices: Index, count: int) -> tuple[SplitFolds, Index, Index]:
         """Chosen triangles times factors, on a numbering of the sorted ``vertices`` out of ``count``.
@@ -192,7 +201,7 @@ def split_folds(
     share_number[shared] = np.arange(shared.size)
     share_index = np.where(split, share_number[edges], -1)
 
-    moments = _moments(mesh, bending, rigidity[bending], poisson[bending], free)
+    moments = fold_moments(mesh, bending, rigidity[bending], poisson[bending], free)
     diagonal = np.zeros(shared.size)
     np.add.at(diagonal, share_index[split], np.einsum("tkk->tk", moments)[split])
     shares = np.zeros(split.shape)
@@ -250,8 +259,8 @@ def _places(hinges: Index, folds: Index, left: NDArray[np.bool_]) -> tuple[Index
     return places, across
 
 
-def _moments(mesh: TriangleMesh, bending: Index, rigidity: Array, poisson: Array, free: NDArray[np.bool_]) -> Array:
-    """K_T (B, 3, 3) with the free edges' folds condensed out."""
+def fold_moments(mesh: TriangleMesh, bending: Index, rigidity: Any, poisson: Any, free: NDArray[np.bool_]) -> Any:
+    """K_T (B, 3, 3) with the free edges' folds condensed out; complex where the constants are."""
     x = mesh.vertices[mesh.faces[bending]]
     edge = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)
     length = np.linalg.norm(edge, axis=2)

@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
 from modalshell.page import Page, sheet_page
@@ -18,6 +19,8 @@ FAMILIES = {"structural": ((0, 1), (1, 0)), "shear": ((1, 1), (1, -1)), "flexion
 """Half of each family's neighbours, as (rows, columns); the other half are their opposites."""
 
 
+_COINCIDENT = 1e-12
+"""Distance of two masses over the spacing, far below which the force between them is none."""
 _AXES = ("rows", "columns")
 _MOST = 100_000_000
 """Masses; more do not fit the memory of a common machine."""
@@ -26,6 +29,7 @@ _WAVES = 96
 
 
 @final
+@brief
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SheetGrid:
     """Equal masses on a regular grid, each tied to 4 neighbours, 4 diagonals and 4 second neighbours (Provot 1995).
@@ -137,6 +141,7 @@ class SheetGrid:
             gravity=self.gravity,
             dt=0.5 * stable if dt is None else dt,
             stable_step=stable,
+            tiny=self.tiny,
             title=title,
         )
         if path is not None:
@@ -156,6 +161,11 @@ class SheetGrid:
                 xx, yy, xy = xx + right**2 * wave, yy + down**2 * wave, xy + down * right * wave
         largest = 0.5 * (xx + yy) + np.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
         return float(largest.max()) / self.particle_mass
+
+    @property
+    def tiny(self) -> float:
+        """Squared distance of two masses [m^2], far below which the force between them is none."""
+        return (_COINCIDENT * self.spacing) ** 2
 
     def springs(self) -> Springs:
         """All springs, about 6 a mass."""

@@ -15,8 +15,6 @@ from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.typing import Array
 
 Which = Literal["now", "before"]
-_COINCIDENT = 1e-12
-"""Distance of two masses over the spacing, far below which the force between them is none."""
 
 
 class VerletSheet(ABC):
@@ -97,7 +95,7 @@ class VerletSheet(ABC):
     def _step_numbers(self, dt: float) -> tuple[float, float, float]:
         """What a force over the mass moves in a step, the part of the velocity that drag leaves, and a tiny square."""
         half_drag = 0.5 * dt * self.grid.drag
-        return dt**2 / (1.0 + half_drag), (1.0 - half_drag) / (1.0 + half_drag), (_COINCIDENT * self.grid.spacing) ** 2
+        return dt**2 / (1.0 + half_drag), (1.0 - half_drag) / (1.0 + half_drag), self.grid.tiny
 
     def step(self, count: int, dt: float) -> None:
         """Take ``count`` steps of ``dt`` [s]; another ``dt`` than before goes on from the same velocities.

@@ -259,7 +259,7 @@ class ViewSession:
     def _faults(self) -> str:
         """What the user should know about a motion that still goes on."""
         unconverged = self._motion.unconverged
-        fault = self.model.fault(self._motion.state)
+        fault = self._motion.fault()
         missed = f"{unconverged} steps did not converge" if unconverged else ""
         return ", ".join(filter(None, [fault, missed]))
 

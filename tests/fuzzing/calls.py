@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -119,9 +120,11 @@ def _meshes() -> list[Target]:
     size = {"length": 1.0, "width": 0.2, "cells": (2, 2)}
     panel = {"length": 1.0, "radius": 0.6, "angle": 90.0, "cells": (2, 2)}
     family = {"family": ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")}
+    anew = [Target("remesh", ms.remesh, {"triangles": 20, "crease": 25.0}, objects={"mesh": mesh})]
     return [
         Target("TriangleMesh", _meshed(ms.TriangleMesh), soup),
         Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup | {"tolerance": 1e-6}),
+        *(anew if importlib.util.find_spec("pymeshlab") else []),
         Target("repair", _meshed(lambda **given: ms.repair(**given)[0]), soup | {"tolerance": 1e-6}),
         Target("TriangleMesh.weld", mesh.weld, {"tolerance": 1e-6}),
         Target("flat_beam", ms.flat_beam, size, family),

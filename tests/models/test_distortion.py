@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.models.distortion import distortion
+from modalshell.kernels.distortion import surface_changes
+from modalshell.mesh.topology import area_vectors
+from modalshell.models.distortion import Distortion
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +44,11 @@ def models(basis):
     return [ms.LinearModal(basis), ms.ModalWarping(basis), full, trained, derivatives]
 
 
+def fault(model, state):
+    """What the model says of a state at its own positions."""
+    return model.fault(state, model.positions(state))
+
+
 def crumpled_state(model):
     """A state at rest whose coordinates are far beyond all loads."""
     state = model.start_motion()
@@ -51,8 +58,8 @@ def crumpled_state(model):
 
 def test_every_modal_model_names_crumpled_motion(models):
     for model in models:
-        assert model.fault(model.start_motion()) is None
-        assert model.fault(crumpled_state(model)) in (ms.Outcome.WOUND_UP, ms.Outcome.DISTORTED), model.name
+        assert fault(model, model.start_motion()) is None
+        assert fault(model, crumpled_state(model)) in (ms.Outcome.WOUND_UP, ms.Outcome.DISTORTED), model.name
 
 
 def test_every_modal_model_judges_its_answers_by_the_same_rule(models, monkeypatch):
@@ -70,23 +77,44 @@ def test_every_modal_model_names_a_state_outside_its_reach(model, basis):
     chosen = model(basis)
     q = 3.0 * np.ones(basis.count) / np.sqrt(basis.eigenvalues) * np.sqrt(basis.eigenvalues[0])
     state = chosen.start_motion()
-    assert chosen.fault(state) is None
+    assert fault(chosen, state) is None
     state.coordinates[:] = q * 20.0
-    assert chosen.fault(state) in (ms.Outcome.WOUND_UP, ms.Outcome.DISTORTED)
+    assert fault(chosen, state) in (ms.Outcome.WOUND_UP, ms.Outcome.DISTORTED)
 
 
 def test_distortion_sees_stretch_collapse_and_folds():
     mesh = ms.flat_beam(cells=(20, 4))
     rest = np.asarray(mesh.vertices)
-    assert distortion(rest, mesh) == ""
+    distortion = Distortion(mesh).of
+    assert distortion(rest) == ""
     bent = rest.copy()
     bent[:, 0], bent[:, 2] = np.sin(2.0 * rest[:, 0]) / 2.0, (1.0 - np.cos(2.0 * rest[:, 0])) / 2.0
-    assert distortion(bent, mesh) == ""
-    assert "area is 2.2" in distortion(rest * [1.5, 1.5, 1.0], mesh)
-    assert "area is 0.25" in distortion(rest * [0.5, 0.5, 1.0], mesh)
+    assert distortion(bent) == ""
+    assert "area is 2.2" in distortion(rest * [1.5, 1.5, 1.0])
+    assert "area is 0.25" in distortion(rest * [0.5, 0.5, 1.0])
     locally = rest.copy()
     locally[:, 0] = np.where(rest[:, 0] > 0.8, rest[:, 0] + 1.5 * (rest[:, 0] - 0.8), rest[:, 0])
-    assert "doubled or halved on 20 % of the surface" in distortion(locally, mesh)
+    assert "doubled or halved on 20 % of the surface" in distortion(locally)
     crumpled = rest.copy()
     crumpled[:, 0] = np.abs((rest[:, 0] + 0.1) % 0.2 - 0.1)  # a zigzag of leaves 0.1 m long
-    assert "fold over" in distortion(crumpled, mesh)
+    assert "fold over" in distortion(crumpled)
+
+
+def test_surface_changes_are_those_of_every_face_and_pair():
+    mesh = ms.v_beam(cells=(12, 4))
+    pairs = np.ascontiguousarray(mesh.edge_faces[mesh.hinge_edges])
+    rng = np.random.default_rng(4)
+    for size in (0.0, 0.01, 0.05, 0.3):
+        x = mesh.vertices + size * rng.standard_normal(mesh.vertices.shape)
+        normals = area_vectors(x, mesh.faces)
+        lengths = np.linalg.norm(normals, axis=1)
+        ratio = 0.5 * lengths / mesh.face_areas
+        units = (normals / lengths[:, None])[pairs]
+        folded = int((np.einsum("hi,hi->h", units[:, 0], units[:, 1]) < -0.5).sum())
+        for ignored in (-1, folded - 1, folded, len(pairs)):
+            area, changed, counted = surface_changes(
+                x, mesh.faces, mesh.face_areas, pairs, 2.0, -0.5, ignored, np.empty((4, len(mesh.faces)))
+            )
+            assert area == pytest.approx(0.5 * lengths.sum(), rel=1e-13)
+            assert changed == pytest.approx(mesh.face_areas[(ratio > 2.0) | (ratio < 0.5)].sum(), rel=1e-13)
+            assert counted == folded or (counted == 0 and folded <= ignored)

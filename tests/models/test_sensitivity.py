@@ -1,5 +1,6 @@
 """Derivatives of equilibria: Taylor slopes, the adjoint against the forward solve, closed forms."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,11 @@ import pytest
 from scenes import PLAIN
 
 import modalshell as ms
+from modalshell.modes import Factoriser
+from modalshell.shell.split_fold_energy import SplitFoldEnergy
+from modalshell.statics.newton import mixed_newton
+from modalshell.statics.potential import Potential
+from modalshell.timings import Timings
 
 GRAVITY = (0.0, 0.3, -2.0)
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
@@ -55,13 +61,137 @@ def test_the_derivative_by_gravity_has_taylor_slope_two(states):
     assert (np.abs(orders - 2.0) < 0.25).all(), orders
 
 
-@pytest.mark.parametrize(("material", "name"), [*CASES, (SHEET, "gravity")])
+OTHERS = [(m, name) for m in (PLAIN, SHEET) for name in ("gravity", "load", "force", "rest_angles", "supports")]
+
+
+@pytest.mark.parametrize(("material", "name"), [*CASES, *OTHERS])
 def test_the_adjoint_equals_the_forward_solve(states, material, name):
     state = states[material]
     weights = np.random.default_rng(0).standard_normal(state.positions.shape)
     forward = np.einsum("ni,nik->k", weights, model(material).sensitivity(state, wrt=name))
     adjoint = model(material).sensitivity(state, wrt=name, of=weights)
     np.testing.assert_allclose(adjoint, forward, rtol=1e-8)
+
+
+@pytest.mark.parametrize("material", [PLAIN, SHEET])
+def test_a_list_of_names_gives_their_columns_in_order(states, material):
+    body, state = model(material), states[material]
+    names = ["density", "gravity", "load"]
+    together = body.sensitivity(state, wrt=names)
+    apart = [body.sensitivity(state, wrt=name) for name in names]
+    np.testing.assert_array_equal(together, np.concatenate(apart, axis=2))
+    assert together.shape == (*state.positions.shape, 5)
+
+
+def orders_of(errors):
+    return np.log2(np.array(errors[:-1]) / errors[1:])
+
+
+def solved(shell, load, start):
+    """Positions in balance next to ``start``, held vertices where they are there."""
+    problem = Potential(load, shell.rest_positions, shell, Factoriser(), Timings())
+    answer = mixed_newton(problem, start, problem.scale_at(None), stresses=shell.predicted_stresses(start, 0.0 * start))
+    assert answer.residual < 1e-8
+    return answer.point
+
+
+@pytest.mark.parametrize("material", [PLAIN, SHEET])
+def test_the_derivative_by_forces_has_taylor_slope_two(states, material):
+    body, state = model(material), states[material]
+    push = 1e-2 * np.abs(state.loading.dead).max() * np.random.default_rng(3).standard_normal(state.positions.shape)
+    slope = (body.sensitivity(state, wrt="force") @ push.ravel()).reshape(state.positions.shape)
+    errors = []
+    for share in (4.0, 2.0, 1.0):
+        answer = body.equilibrium(gravity=GRAVITY, force=share * push, start=state.positions)
+        errors.append(np.linalg.norm(answer.positions - state.positions - share * slope))
+    assert (np.abs(orders_of(errors) - 2.0) < 0.25).all(), errors
+
+
+@pytest.mark.parametrize("material", [PLAIN, SHEET])
+def test_the_derivative_by_rest_angles_has_taylor_slope_two(states, material):
+    body, state = model(material), states[material]
+    shell = body.shell
+    change = 0.01 * np.random.default_rng(4).standard_normal(len(shell.mesh.hinges))
+    slope = body.sensitivity(state, wrt="rest_angles") @ change
+    errors = []
+    for share in (0.5, 0.25, 0.125):
+        bent = copy.copy(shell)
+        energy = bent._energy = copy.copy(shell._energy)
+        if material is PLAIN:
+            hinges = energy.elements[2]
+            energy.elements = list(energy.elements)
+            energy.elements[2] = replace(hinges, rest=hinges.rest + share * change)
+        else:
+            own = {tuple(hinge): at for at, hinge in enumerate(shell.mesh.hinges.tolist())}
+            moved = [
+                change[own[tuple(hinge)]] if tuple(hinge) in own else 0.0 for hinge in energy._folds.hinges.tolist()
+            ]
+            energy._rest_angles = energy._rest_angles + share * np.array(moved)
+        answer = solved(bent, state.loading.dead, state.positions)
+        errors.append(np.linalg.norm(answer - state.positions - share * slope))
+    assert (np.abs(orders_of(errors) - 2.0) < 0.25).all(), errors
+
+
+@pytest.mark.parametrize("material", [PLAIN, SHEET])
+def test_the_derivative_by_supports_has_taylor_slope_two(material):
+    """One of two clamps is moved; ghosts that clamp an edge move with its ends."""
+    mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(12, 4))
+    x, row = mesh.vertices[:, 0], 0.01 if material is SHEET else 0.1
+    shell = ms.Shell(mesh, material, (x < row) | (x > 1.0 - row))
+    body = ms.DiscreteShell(shell)
+    state = body.equilibrium(gravity=(0.0, 0.3, -2.0))
+    held = np.flatnonzero(shell.clamped)
+    steps = np.where(x[held] > 0.5, 1.0, 0.0)[:, None] * np.array([-1e-5, 2e-5, 3e-5])
+    slope = body.sensitivity(state, wrt="supports") @ steps.ravel()
+    np.testing.assert_allclose(slope[held], steps, atol=1e-12)
+    errors = []
+    for share in (1.0, 0.5, 0.25):
+        moved = copy.copy(shell)
+        if material is SHEET:
+            energy = moved._energy = copy.copy(shell._energy)
+            ghosts = energy._folds.ghosts.copy()
+            ghosts[ghosts[:, 0] > 0.5] += share * np.array([-1e-5, 2e-5, 3e-5])
+            energy._folds = replace(energy._folds, ghosts=ghosts)
+        start = state.positions + share * slope
+        answer = solved(moved, state.loading.dead, start)
+        errors.append(np.linalg.norm(answer - start))
+    assert (np.abs(orders_of(errors) - 2.0) < 0.25).all(), errors
+
+
+def test_weights_among_the_loads_go_with_the_density():
+    body, push = model(SHEET), [ms.SelfWeight((0.0, 0.3, -2.0))]
+    state = body.equilibrium(loads=push)
+    apart = body.sensitivity(model(SHEET).equilibrium(gravity=GRAVITY), wrt="density")
+    np.testing.assert_allclose(body.sensitivity(state, wrt="density"), apart, atol=1e-9 * np.abs(apart).max())
+
+
+def test_springs_have_no_derivative_by_the_material():
+    sheet = ms.SpringSheet(model(PLAIN).shell)
+    state = sheet.equilibrium(gravity=(0.0, 0.0, -0.02))
+    assert np.abs(sheet.sensitivity(state, wrt="density")).max() > 0.0
+    for name, told in (("flexure", "springs have stiffnesses of their own"), ("rest_angles", "no rest angles")):
+        with pytest.raises(ms.OptionError, match=told):
+            sheet.sensitivity(state, wrt=name)
+
+
+def test_one_factorisation_serves_an_adjoint_of_many_parameters(states, monkeypatch):
+    """Its cost is that of one Newton step: no energy is built anew."""
+    made = []
+    monkeypatch.setattr(Factoriser, "symmetric", counted(Factoriser.symmetric, made))
+    monkeypatch.setattr(SplitFoldEnergy, "__init__", counted(SplitFoldEnergy.__init__, made))
+    body, state = model(SHEET), states[SHEET]
+    made.clear()
+    names = ["young", "poisson", "thickness", "density", "gravity", "rest_angles", "supports"]
+    assert np.isfinite(body.sensitivity(state, wrt=names, of=np.ones_like(state.positions))).all()
+    assert len(made) == 1
+
+
+def counted(function, calls):
+    def call(*given, **named):
+        calls.append(function.__name__)
+        return function(*given, **named)
+
+    return call
 
 
 def test_loads_that_follow_the_shell_are_felt():

@@ -75,7 +75,7 @@ def test_wrong_options_are_refused(v_basis, options, message):
 
 
 def test_too_many_modes_are_refused():
-    with pytest.raises(ms.OptionError, match=r"at most 100 modes \(got 101\)"):
+    with pytest.raises(ms.OptionError, match=r"at most 100 shapes \(got 101\)"):
         ms.solve_modes(cantilever((24, 6)), 101).page()
 
 

@@ -1,0 +1,95 @@
+"""Remeshing with nearly equilateral triangles, coarser or finer, by MeshLab (extra ``remesh``)."""
+
+from __future__ import annotations
+
+import importlib.util
+import warnings
+
+import numpy as np
+
+from modalshell.checks import checked_count, checked_kind, checked_number
+from modalshell.errors import MeshError, ModalShellWarning, OptionError
+from modalshell.memory import demand_memory
+from modalshell.mesh.repair import repair
+from modalshell.mesh.triangle_mesh import TriangleMesh
+
+_PASSES, _NEAR = 4, 0.03
+"""Lengths that are tried, and the share of triangles by which the last may be off."""
+_FAR = 0.25
+"""Share of triangles from which the count is told to be off."""
+_BYTES = 1000.0
+"""Memory that MeshLab takes for a triangle."""
+_ITERATIONS = 10
+"""Rounds of splitting, collapsing, flipping and smoothing."""
+
+
+def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0) -> TriangleMesh:
+    """Mesh a surface anew with about as many nearly equilateral triangles as asked, fewer or more.
+
+    Edges are split, collapsed and flipped towards one length, and vertices are smoothed on the surface
+    [botsch2004]; boundaries and creases stay where they are, but their vertices slide along them. The surface moves by
+    1 % of the bounding box's diagonal at most, so that a coarse mesh may keep more triangles where it is strongly
+    curved. Numbers of vertices change: select supports anew.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The surface.
+    triangles : int
+        Number of triangles, at least 4.
+    crease : float
+        Angle between neighbouring triangles from which their edge is kept as a crease [degrees], between 0 and 180.
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh; a :class:`ModalShellWarning` says where it has more than a quarter more or fewer triangles.
+
+    Raises
+    ------
+    OptionError
+        If MeshLab is not installed, or an option is out of range.
+    MeshError
+        If MeshLab fails on this surface.
+    """
+    checked_kind("mesh", mesh, TriangleMesh)
+    asked = checked_count("triangles", triangles, at_least=4)
+    demand_memory(f"a mesh of {asked} triangles", _BYTES * asked, "ask for fewer triangles")
+    angle = checked_number("crease", crease, above=0.0, at_most=180.0, unit="degrees")
+    if importlib.util.find_spec("pymeshlab") is None:
+        raise OptionError("remeshing needs pymeshlab, which is not installed: pip install 'modalshell[remesh]'")
+    length = float(np.sqrt(4.0 / np.sqrt(3.0) * mesh.area / asked))
+    found = _of_length(mesh, length, angle)
+    for _ in range(_PASSES - 1):
+        if abs(len(found.faces) / asked - 1.0) <= _NEAR:
+            break
+        length *= float(np.sqrt(len(found.faces) / asked))
+        other = _of_length(mesh, length, angle)
+        if abs(len(other.faces) - asked) >= abs(len(found.faces) - asked):
+            break
+        found = other
+    if abs(len(found.faces) / asked - 1.0) > _FAR:
+        warnings.warn(
+            f"the mesh has {len(found.faces)} triangles, not {asked}: with so few it would leave its surface or lose a "
+            "boundary",
+            ModalShellWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+def _of_length(mesh: TriangleMesh, length: float, crease: float) -> TriangleMesh:
+    """The surface in triangles whose edges are about ``length`` [m]."""
+    import pymeshlab
+
+    size = mesh.size  # MeshLab takes lengths far from 1 for degenerate
+    held = pymeshlab.MeshSet()
+    held.add_mesh(pymeshlab.Mesh(mesh.vertices / size, mesh.faces))
+    try:
+        held.meshing_isotropic_explicit_remeshing(
+            targetlen=pymeshlab.PureValue(length / size), iterations=_ITERATIONS, featuredeg=crease
+        )
+    except pymeshlab.PyMeshLabException as error:
+        raise MeshError(f"MeshLab could not mesh the surface anew ({error}); repair the mesh first") from error
+    made = held.current_mesh()
+    return repair(size * made.vertex_matrix(), made.face_matrix())[0]
