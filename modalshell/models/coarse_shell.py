@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from scipy.optimize import brentq
 
+from modalshell.brief import brief
 from modalshell.checks import checked_kind, shown
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
@@ -33,6 +34,7 @@ _ROUNDS, _MET = 12, 1e-4
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class CoarseMesh:
     """A coarser mesh of the same surface.
