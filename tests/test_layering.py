@@ -123,6 +123,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "statics",
         "supports",
         "timings",
+        "triangles",
         "typing",
         "work",
     },
