@@ -12,8 +12,8 @@ from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.topology import area_vectors
 from modalshell.shell import Shell
+from modalshell.triangles import area_vectors
 from modalshell.typing import Array
 
 

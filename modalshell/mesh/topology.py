@@ -62,12 +62,6 @@ def faces_of_edges(links: HalfEdges) -> IntArray:
     return edge_faces
 
 
-def area_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Vectors (T, 3) along the normals of triangles, twice their areas [m^2] long."""
-    corners = vertices[faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
-
 def hinges_of_edges(faces: IntArray, links: HalfEdges, edge_faces: IntArray) -> tuple[IntArray, IntArray]:
     """Hinges (H, 4) and their edges (H,), ascending.
 

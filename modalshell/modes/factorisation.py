@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from modalshell.checks import checked_choice
 from modalshell.errors import SolverError
 from modalshell.linalg import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError
-from modalshell.linalg.cholesky import block_graph, minimum_degree
+from modalshell.linalg.cholesky import block_graph
+from modalshell.linalg.ordering import minimum_degree
 from modalshell.typing import Array
 from modalshell.work import count_factorisation, count_solves
 
