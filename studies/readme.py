@@ -51,6 +51,15 @@ sheet of springs over MPI ranks (extra `mpi`): on that machine a step of 256 x 2
 | study | picture | finding |
 |---|---|---|
 """
+TUTORIALS = """
+## Tutorials
+
+Scripts in cells (`# %%`): open one in a notebook or an editor that knows cells, or run it, `python -m
+studies.tutorials.first_film`; it writes into the working folder.
+
+| tutorial | question |
+|---|---|
+"""
 PAPER = {
     "3": "A creature of 13,000 vertices with four modes on moving ground, in real time. "
     "`python meshes/make_creature.py --vertices 100000 --out FILE` makes a larger one.",
@@ -107,10 +116,19 @@ def scenes() -> str:
     return SCENES + "".join(lines)
 
 
+def tutorials() -> str:
+    """The tutorials, with the question of each."""
+    lines = []
+    for file in sorted((FOLDER / "tutorials").glob("[!_]*.py")):
+        about = file.read_text(encoding="utf-8").splitlines()[0].strip('"')
+        lines.append(f"| [{file.stem}](tutorials/{file.name}) | {about} |\n")
+    return TUTORIALS + "".join(lines)
+
+
 def page() -> str:
     """The whole page."""
     figures = "".join(paper_figure(number, caption) for number, caption in PAPER.items())
-    return HEAD + figures + BENCHMARKS + "".join(map(row, studies())) + scenes()
+    return HEAD + figures + BENCHMARKS + "".join(map(row, studies())) + tutorials() + scenes()
 
 
 if __name__ == "__main__":

@@ -21,7 +21,6 @@ from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.motion.fields import checked_fields, with_fields
-from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.run import write_results
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_material
@@ -258,21 +257,12 @@ def modes(
     make_folder(out)
     basis = ms.solve_modes(built, count)
     table = Table("mode", "frequency [Hz]", "kind")
-    size = built.size
-    views = []
     for k, frequency in enumerate(basis.frequencies):
-        rigid = k < basis.rigid_modes
-        table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if rigid else "elastic")
-        shape = basis.modes[:, k].reshape(-1, 3)
-        length = np.linalg.norm(shape, axis=1)
-        moved = built.rest_positions + shape * (0.15 * size / length.max())
-        title = f"mode {k + 1}: " + ("rigid" if rigid else f"{frequency:.4g} Hz")
-        surface = ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)
-        views.append(View([surface], title=title))
+        table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if k < basis.rigid_modes else "elastic")
     CONSOLE.print(table)
     basis.save(out / f"{mesh.stem}_basis.npz")
     print(out / f"{mesh.stem}_basis.npz")
-    print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))
+    print(basis.plot().save(out / f"{mesh.stem}_modes.png"))
 
 
 def repair(

@@ -12,8 +12,8 @@ from modalshell.loads import AppliedLoad
 from modalshell.loads.applied import BodyForm, SurfaceForm, TurningForm
 from modalshell.loads.turning import triangle_frames
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.topology import area_vectors
 from modalshell.modes import Basis
+from modalshell.triangles import area_vectors
 from modalshell.typing import Array, Index
 
 _LEAST = 1e-12
