@@ -1,4 +1,4 @@
-"""MWTS, modal warping for thin shells [choi2007, eq. 9-17]: linear modes carried by the vertices' own rotations."""
+"""MWTS, modal warping for thin shells [choi2007, eq. 9-17]: linear modes rotated by each vertex's own rotation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
-from modalshell.reduction.load_quadrature import LoadQuadrature
+from modalshell.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
@@ -153,8 +153,11 @@ class ModalWarping(ModalModel):
         return float(rotations.largest_angle(self.rotation_vectors(q)))
 
     def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
-        """The loads on the surface of a fine mesh by patches; of the paper's modal force alone."""
-        return None if self.consistent_force else LoadQuadrature.of(self.basis, loading, turned=True)
+        """The loads by points, and by turned modes there or by the gradient of the work."""
+        by_work = self.consistent_force
+        return LoadQuadrature.of(
+            self.basis, loading, lambda points: ModalPush.by_work(points) if by_work else ModalPush.by_turned_modes()
+        )
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         if self.consistent_force:

@@ -1,4 +1,4 @@
-"""One motion, step by step: what changes from step to step is a few arrays, which can be put away and taken up."""
+"""A time-stepping run whose state can be saved and restored."""
 
 from __future__ import annotations
 
@@ -171,6 +171,7 @@ class Motion:
             held = self._held_positions(time, pose)
         with np.errstate(over="ignore", invalid="ignore"):
             if quadrature is not None and (modal := as_modal(model)) is not None:
+                load = quadrature.dead(load, time)
                 own, before = self._own(self.state), self._own(self._before)
                 pushed = quadrature.push(self.state.coordinates, own, before, 1.0 / dt, time)
                 state, converged = modal.step_by_quadrature(self.state, dt, load, self.damping, pushed), True

@@ -1,4 +1,4 @@
-"""The built-in rasteriser: projected triangles, shaded and drawn by compiled kernels, for machines without OpenGL."""
+"""Built-in rasteriser: projects, shades and draws triangles by compiled kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sweep files: a scene, the values that keys of it take, and the grid that they span."""
+"""Sweep files: a scene, values of some of its keys, and their grid."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from modalshell.brief import brief
 from modalshell.checks import shortened, shown
 from modalshell.errors import SceneError
 from modalshell.scene.models import model_tables
@@ -63,6 +64,7 @@ class Axis:
     values: tuple[Any, ...]
 
 
+@brief
 @dataclass(frozen=True)
 class Sweep:
     """What a sweep file declares.

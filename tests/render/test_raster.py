@@ -5,10 +5,10 @@ import pytest
 
 import modalshell as ms
 from modalshell.kernels.raster import shrink
-from modalshell.mesh.topology import area_vectors
 from modalshell.render import backend
 from modalshell.render.raster import Canvas, Triangles
 from modalshell.render.surfaces import normals
+from modalshell.triangles import area_vectors
 
 
 def flat_triangles(corners, nearness, shade, opacity=1.0):
