@@ -1,4 +1,4 @@
-"""Measures of one answer against another."""
+"""Error measures, fields, support reactions and the dimensionless load Gamma."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.topology import area_vectors
 from modalshell.shell import Shell
+from modalshell.triangles import area_vectors
 from modalshell.typing import Array
 
 
@@ -53,7 +53,7 @@ def displacement_error(
 
 
 def field(shell: Shell, positions: ArrayLike, name: str) -> Array:
-    """One number a triangle (T,) of a field of a deformed shell.
+    """Field of a deformed shell, one number per triangle (T,).
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def field(shell: Shell, positions: ArrayLike, name: str) -> Array:
     LoadError
         For positions of the wrong shape or not finite.
     OptionError
-        For another name, or one that needs a thickness which the material has not.
+        For an unknown name, or a field that needs a thickness if the material has none.
     """
     return checked_kind("shell", shell, Shell).fields(positions).scalar(name)
 

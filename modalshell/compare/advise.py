@@ -1,4 +1,4 @@
-"""Advice: the cheapest rung that is as accurate and as fast as asked, from measured runs."""
+"""Advice: the cheapest model that meets an error and a frame rate, from measurements."""
 
 from __future__ import annotations
 
@@ -13,15 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import write_text
+from modalshell.brief import brief
 from modalshell.checks import checked_number
 from modalshell.compare.candidates import MODES
 from modalshell.compare.case import Case
 from modalshell.compare.path import Snap
+from modalshell.compare.report import html_table
 from modalshell.compare.runs import Measurement
 from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.outcome import Outcome
+from modalshell.render import Picture, html_of
 from modalshell.scene import Scene
 from modalshell.scene.write import toml_table, write_scene_with
 from modalshell.shell import Shell
@@ -36,6 +39,7 @@ _WORDS: dict[str, str] = {Outcome.STOPPED: "its static answers cost many times t
 """Outcomes of static answers that a reader of advice would not understand."""
 
 
+@brief
 @dataclass(frozen=True)
 class Advice:
     """Which rung to take.
@@ -83,6 +87,14 @@ class Advice:
             return None
         error = self.chosen.worst_error
         return (self.error / error if error else float("inf"), self.chosen.frames_per_second / self.frames_per_second)
+
+    def plot(self) -> Picture:
+        """Draw what was measured: error over the milliseconds of a frame."""
+        return self.measured.plot()
+
+    def _repr_html_(self) -> str:
+        picture = html_of(f"Advice for {self.measured.case.name}", {}, self.plot(), text=self.explanation)
+        return picture + html_table(self.measured.table())
 
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write what was measured, and ``NAME_advice.md``, into ``folder``; return the paths."""

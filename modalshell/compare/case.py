@@ -1,4 +1,4 @@
-"""What the rungs are compared on: a shell under a load that grows from nothing, and coarser meshes of it."""
+"""Case of a comparison: a shell under a growing load, and coarser meshes of it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from numpy.typing import ArrayLike
 
+from modalshell.brief import brief
 from modalshell.checks import checked_kind
 from modalshell.errors import OptionError
 from modalshell.integrators.modal import ImplicitEuler
@@ -25,6 +26,7 @@ _FRAME = 1.0 / 60.0
 """Time between frames [s] where the scene declares no motion."""
 
 
+@brief
 @dataclass(frozen=True)
 class Case:
     """What the rungs are compared on.

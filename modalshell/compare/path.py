@@ -1,4 +1,4 @@
-"""Discrete shells along a growing load: the truth that the rungs are held against, and whether it snaps."""
+"""Reference path of a comparison: equilibria of discrete shells under a growing load, and their snaps."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import final
 
 import numpy as np
 
+from modalshell.brief import brief
 from modalshell.errors import SolverError
 from modalshell.models import DiscreteShell, Equilibrium
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
@@ -96,6 +97,7 @@ class Snap:
         return f"snaps between {self.low:.3g} and {self.high:.3g} of the load: {self.reason}"
 
 
+@brief
 @dataclass(frozen=True)
 class LoadPath:
     """Discrete shells over the load range.

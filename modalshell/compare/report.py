@@ -1,7 +1,9 @@
-"""Findings of a tradeoff as a Markdown table."""
+"""Comparison results as a Markdown table."""
 
 from __future__ import annotations
 
+import html
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -44,6 +46,14 @@ def markdown_table(found: dict[str, Any]) -> str:
     if found["left_out"]:
         lines += ["", *(f"- Not run: {label}: {reason}" for label, reason in found["left_out"].items())]
     return "\n".join(lines)
+
+
+def html_table(markdown: str) -> str:
+    """The table of :func:`markdown_table` for a notebook."""
+    rows = [line.strip("|").split("|") for line in markdown.splitlines() if line.startswith("| ")]
+    cells = ["".join(f"<td>{html.escape(cell.strip())}</td>" for cell in row) for row in rows]
+    table = "".join(f"<tr>{row}</tr>" for row in cells)
+    return "<table>" + re.sub(r"\*\*(.+?)\*\*", r"<b>\1</b>", table) + "</table>"
 
 
 def percent(value: float | None, form: str = ".3g") -> str:

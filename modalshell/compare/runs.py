@@ -1,4 +1,4 @@
-"""One rung on one case, measured: its answers over the load range against those of DS, and what they cost."""
+"""Measurement of one model on one case: errors against DS over the load range, and cost."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from modalshell import measure
+from modalshell.brief import brief
 from modalshell.compare.candidates import Candidate
 from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.topology import area_vectors
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
@@ -20,6 +20,7 @@ from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.outcome import Outcome
 from modalshell.timings import Stopwatch
+from modalshell.triangles import area_vectors
 from modalshell.typing import Array
 from modalshell.work import Work, counted
 
@@ -33,6 +34,7 @@ ANSWER_FRAMES = 600
 """Frames of the time to answer: ten seconds at sixty a second."""
 
 
+@brief
 @dataclass(frozen=True)
 class Measurement:
     """One rung at one size, measured.

@@ -1,4 +1,4 @@
-"""Kernels of the split-fold energy: fold angles and their derivatives from the generated hinge kernel, and products.
+"""Kernels of the split-fold energy: fold angles and their derivatives from the generated hinge kernel.
 
 Both parts of the energy are quadratic forms with constant matrices, of fold angles and of half squared edge lengths.
 """
@@ -51,6 +51,26 @@ def colour_triangles(neighbours: Any, colours: Any) -> None:
                 changed = True
         if not changed:
             break
+
+
+@njit(**OPTIONS)
+def solve_factorised(starts: Any, rows: Any, values: Any, pivots: Any, order: Any, right: Any, out: Any) -> None:
+    """Solve ``P^T L D L^T P out = right`` for every row (k, m), L below its unit diagonal by columns."""
+    size = pivots.size
+    work = np.empty(size)
+    for column in range(right.shape[0]):
+        for j in range(size):
+            work[j] = right[column, order[j]]
+        for j in range(size):
+            y = work[j]
+            for entry in range(starts[j], starts[j + 1]):
+                work[rows[entry]] -= values[entry] * y
+        for j in range(size - 1, -1, -1):
+            y = work[j] / pivots[j]
+            for entry in range(starts[j], starts[j + 1]):
+                y -= values[entry] * work[rows[entry]]
+            work[j] = y
+            out[column, order[j]] = y
 
 
 @njit(**OPTIONS)

@@ -1,4 +1,4 @@
-"""Polygons and their triangles."""
+"""Triangulation of polygons."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import final
 
 import numpy as np
 
+from modalshell.brief import brief
 from modalshell.mesh.topology import FloatArray, IntArray
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class Polygons:
     """Vertices and polygons as a file or a user gives them.

@@ -1,4 +1,4 @@
-"""The interface that every rung of the ladder answers: equilibrium under a load, and stepping in time."""
+"""Abstract base of all models: equilibrium under a load, and time steps."""
 
 from __future__ import annotations
 
@@ -119,7 +119,10 @@ class Model(ABC):
             message = f"the load pushes a shell: {left_free(self.shell)}"
             found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
         weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
-        return replace(found, seconds=watch(), loading=loading, gravity=weight)
+        return replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.shell!r})"
 
     @abstractmethod
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import final
+from typing import Self, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -92,6 +93,17 @@ class CoarseDiscreteShell(Model):
         begin = None if start is None else self.sampled(start)
         answer = self.coarse.equilibrium(force=self._prolongation.restrict(load), start=begin)
         return replace(answer, positions=self._prolonged(answer.positions), coordinates=answer.positions)
+
+    def centred(self) -> tuple[Self, Array]:
+        """The same model about the origin, and where its origin was."""
+        shell, origin = self.shell.centred()
+        if not origin.any():
+            return self, origin
+        model = copy.copy(self)
+        model.shell, model.coarse = shell, copy.copy(self.coarse)
+        model.coarse.shell = self.coarse.shell.shifted(origin)
+        model._step = profile_step(model.coarse.shell)
+        return model, origin
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the coarse shell's tangent stiffness over its mass."""

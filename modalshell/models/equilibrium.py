@@ -1,4 +1,4 @@
-"""A static answer and what its solver has to say about it."""
+"""Equilibria: positions, outcome and solver statistics of a static solve."""
 
 from __future__ import annotations
 
@@ -7,13 +7,19 @@ from typing import final
 
 import numpy as np
 
+from modalshell.brief import brief
 from modalshell.checks import finite_answer
+from modalshell.errors import OptionError
 from modalshell.loads import Loading
+from modalshell.mesh import TriangleMesh
 from modalshell.outcome import Outcome
+from modalshell.render import Picture, ShadedSurface, View, html_of
+from modalshell.render.picture import SMALL
 from modalshell.typing import Array
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class Equilibrium:
     """A static answer, with what the solver has to say about it.
@@ -46,6 +52,8 @@ class Equilibrium:
         Whether the load has a potential; ``message`` says so where it has none.
     loading, gravity
         The load of the answer, for derivatives of it; None where it was made without.
+    mesh : TriangleMesh or None
+        The mesh at rest, for pictures; None where it was made without.
     """
 
     positions: Array
@@ -61,6 +69,7 @@ class Equilibrium:
     conservative: bool = True
     loading: Loading | None = field(default=None, repr=False, compare=False)
     gravity: Array | None = field(default=None, repr=False, compare=False)
+    mesh: TriangleMesh | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         finite_answer("the equilibrium's positions", self.positions)
@@ -74,3 +83,29 @@ class Equilibrium:
     def status(self) -> str:
         """The outcome as text."""
         return str(self.outcome)
+
+    def plot(self, *, size: tuple[int, int] = (960, 600)) -> Picture:
+        """Draw the shell coloured by its displacement, over its outline at rest.
+
+        A notebook shows the picture, and its ``save(path)`` writes it.
+
+        Raises
+        ------
+        OptionError
+            If the answer came without its mesh.
+        """
+        if self.mesh is None:
+            raise OptionError("this equilibrium came without its mesh: draw that of a model's equilibrium()")
+        moved = np.linalg.norm(self.positions - self.mesh.vertices, axis=1)
+        shape = ShadedSurface(self.positions, self.mesh.faces, scalars=moved, label="displacement [m]", smooth=True)
+        rest = ShadedSurface(self.mesh.vertices, self.mesh.faces, color="#999999", style="outline")
+        return Picture.of_views([View([shape, rest])], size=size)
+
+    def _repr_html_(self) -> str:
+        numbers = {
+            "outcome": self.outcome.with_message(self.message),
+            "residual": f"{self.residual:.2g} after {self.iterations} iterations",
+            "stable": "not known" if self.stable is None else ("yes" if self.stable else "no"),
+            "time": f"{self.seconds:.3g} s",
+        }
+        return html_of("Equilibrium", numbers, None if self.mesh is None else self.plot(size=SMALL))

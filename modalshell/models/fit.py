@@ -11,6 +11,7 @@ import scipy.optimize
 import scipy.stats
 from numpy.typing import ArrayLike
 
+from modalshell.brief import brief
 from modalshell.checks import as_array, checked_kind, checked_number, shown
 from modalshell.errors import LoadError, OptionError, SolverError
 from modalshell.loads import Load
@@ -26,6 +27,7 @@ _LIMIT = 100
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class Fit:
     """Constants of a material that explain measured positions.

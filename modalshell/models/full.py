@@ -1,4 +1,4 @@
-"""Full models, whose unknowns are the vertices: statics by Newton's method, and steps."""
+"""Base of full models, whose unknowns are the vertices: Newton statics and time steps."""
 
 from __future__ import annotations
 

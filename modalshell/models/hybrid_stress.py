@@ -1,11 +1,12 @@
-"""Hybrid rung: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads."""
+"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads."""
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import Self, final
 
 import numpy as np
 import scipy.linalg
@@ -92,7 +93,8 @@ class HybridStress(Model):
         self.coarse = CoarseDiscreteShell(shell, trainable(coarse))
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self._trained, self._basis = trained, trained.basis
-        self._reduced: ReducedStress = reduce_energy(coarse, trained.basis, trained.stresses, trained.viscous)
+        parts = trained.basis, trained.stresses, trained.viscous
+        self._reduced: ReducedStress = reduce_energy(coarse.centred()[0], *parts)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         stiffness = sps.csc_array(coarse.stiffness())
         self._compliance = np.linalg.inv(trained.basis.T @ (stiffness @ trained.basis))
@@ -178,6 +180,15 @@ class HybridStress(Model):
             text = shortened(str(fault))
             raise FileFormatError(f"cannot read a trained hybrid from {os.fspath(path)}: {text}") from fault
         return cls(shell, small, found)
+
+    def centred(self) -> tuple[Self, Array]:
+        """The same model about the origin, and where its origin was."""
+        coarse, origin = self.coarse.centred()
+        if not origin.any():
+            return self, origin
+        model = copy.copy(self)
+        model.shell, model.coarse = coarse.shell, coarse
+        return model, origin
 
     def missed(self, load: Array) -> float:
         """Share of the linear compliance under a coarse load (k, 3) [N] that the basis misses."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
-from modalshell.reduction.load_quadrature import LoadQuadrature
+from modalshell.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
@@ -52,8 +52,8 @@ class LinearModal(ModalModel):
         return self._patch_rows(self.basis.modes, vertices)
 
     def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
-        """The loads on the surface of a fine mesh by patches."""
-        return LoadQuadrature.of(self.basis, loading, turned=False)
+        """The loads by points, and by the modes there."""
+        return LoadQuadrature.of(self.basis, loading, lambda _: ModalPush.by_modes(self.basis))
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         rigid = self.basis.rigid_modes

@@ -1,4 +1,4 @@
-"""What the models on a modal basis share: coordinates, steps mode by mode, constraints, the rigid-mode balance."""
+"""Base of modal models: coordinates, time steps per mode, constraints, and the balance of rigid modes."""
 
 from __future__ import annotations
 

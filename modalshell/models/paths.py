@@ -1,4 +1,4 @@
-"""Load-deflection paths of models: limit points, bifurcations, stable and unstable parts, other branches."""
+"""Equilibrium paths of models: limit points, bifurcations, stability, and secondary branches."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import cast, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.brief import brief
 from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number, checked_vectors, shown
 from modalshell.errors import LoadError, OptionError
 from modalshell.loads import Load
@@ -31,6 +32,7 @@ _BEYOND = 2.0
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class EquilibriumPath:
     """Equilibria under a load that grows in proportion, in order along their path.

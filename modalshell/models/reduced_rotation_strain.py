@@ -1,4 +1,4 @@
-"""Reduced RSW: the rotation-strain warp from a few sampled triangles, its fit trained beforehand."""
+"""Reduced RSW: the rotation-strain warp on a few sampled triangles, trained in advance."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ from modalshell.checks import LARGEST, checked_count, checked_kind, checked_numb
 from modalshell.errors import OptionError
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
+from modalshell.kernels.surface_loads import APART
 from modalshell.models.modal import ModalModel
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.modes import Basis
+from modalshell.reduction.load_points import LoadPoints
+from modalshell.reduction.load_quadrature import ModalPush
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
@@ -172,9 +175,22 @@ class ReducedRotationStrain(TurnedTriangles):
         return np.asarray(self._expansion @ amounts).reshape(-1, 3)
 
     def _adjoint(self, load: Array) -> LoadAdjoint:
-        pushed = load.ravel() @ self._expansion
+        return self._of_amounts(load.copy(), load.ravel() @ self._expansion)
+
+    def _of_amounts(self, load: Array, pushed: Array) -> LoadAdjoint:
+        """Adjoint of a load that pushes on the columns of the expansion by ``pushed`` (m + rank,)."""
         count = self.basis.count
-        return LoadAdjoint(load.copy(), (pushed[count:] @ self._map)[None], pushed[:count])
+        return LoadAdjoint(load, (pushed[count:] @ self._map)[None], pushed[:count])
+
+    def _modal_push(self, points: LoadPoints) -> ModalPush:
+        """By the reduced displacements of the points."""
+        expansion = points.mean(self._expansion).reshape(-1, self._expansion.shape[1])
+        none = np.empty((0, 3))
+
+        def at_points(q: Array, forces: Array) -> Array:
+            return self._work_of(self._of_amounts(none, forces.ravel() @ expansion), q)[1]
+
+        return ModalPush(APART, at_points, self._kept_force)
 
 
 def principal(snapshots: Array, count: int) -> tuple[Array, Array]:

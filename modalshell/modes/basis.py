@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_npz
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
 from modalshell.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
 from modalshell.loads import Load
@@ -28,18 +29,24 @@ from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.page import Page, modal_page
 from modalshell.plugins import load_plugins
+from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
 from modalshell.supports import SUPPORTS, Clamp, Support
 from modalshell.typing import Array
 
+_SHOWN_SHARE = 0.15
+"""Largest displacement of a mode that is drawn, as a share of the shell's size."""
+_STRIP = 8
+"""Mode shapes that a notebook shows of a basis."""
 _FORMAT = 1
 """Version of the saved file."""
 _COPIES, _RIGID_COPIES = 6, 6
 """Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
 
+@brief
 @dataclass(frozen=True)
 class Basis(ReadOnlyArrays):
     """What the modal models need of a shell.
@@ -177,6 +184,32 @@ class Basis(ReadOnlyArrays):
         if path is not None:
             page.save(path)
         return page
+
+    def plot(self, *, count: int | None = None, size: tuple[int, int] = (1600, 900)) -> Picture:
+        """Draw the first ``count`` mode shapes, all without it, coloured by their displacement, with frequencies.
+
+        A notebook shows the picture, and its ``save(path)`` writes it.
+        """
+        shown = self.count if count is None else checked_count("count", count, at_most=self.count)
+        views = [self._view(k) for k in range(shown)]
+        return Picture.of_views(views, size=size, scalar_label="relative displacement")
+
+    def _view(self, mode: int) -> View:
+        """A mode shape, its largest displacement a set share of the shell's size."""
+        shape = self.modes[:, mode].reshape(-1, 3)
+        length = np.linalg.norm(shape, axis=1)
+        moved = self.shell.rest_positions + shape * (_SHOWN_SHARE * self.shell.size / length.max())
+        told = "rigid" if mode < self.rigid_modes else f"{self.frequencies[mode]:.4g} Hz"
+        surface = ShadedSurface(moved, self.shell.mesh.faces, scalars=length / length.max(), smooth=True)
+        return View([surface], title=f"mode {mode + 1}: {told}")
+
+    def _repr_html_(self) -> str:
+        numbers = {
+            "shell": repr(self.shell),
+            "modes": f"{self.count}, {self.rigid_modes} rigid",
+            "frequencies [Hz]": ", ".join(f"{value:.4g}" for value in self.frequencies[:_STRIP]),
+        }
+        return html_of("Basis", numbers, self.plot(count=min(self.count, _STRIP), size=(960, 400)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Basis:

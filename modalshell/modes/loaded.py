@@ -8,6 +8,7 @@ from typing import Any, Protocol, final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from modalshell.brief import brief
 from modalshell.checks import finite_answer
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes.eigenpairs import canonical_pairs, dense_pairs, lanczos_pairs, mass_scaled
@@ -29,6 +30,7 @@ class State(Protocol):
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class LoadedModes(ReadOnlyArrays):
     """Small vibrations of a shell about a stable state under dead loads.

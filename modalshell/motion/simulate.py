@@ -1,4 +1,4 @@
-"""Motion of any rung under a dead load: time stepping, with a named outcome."""
+"""Simulation of any model: motion from rest under loads, with an outcome."""
 
 from __future__ import annotations
 
@@ -109,8 +109,13 @@ def simulate(
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
     stored = recorder.total // store_every + 2
-    # The frames one by one, then together.
-    size = 2.0 * stored * model.shell.rest_positions.size * dtype.itemsize
+    shape = model.shell.rest_positions.shape
+    size = float(stored) * shape[0] * shape[1] * dtype.itemsize
     demand_memory(f"a trajectory of {stored} frames", size, "store fewer (store_every), or in float32 (dtype)")
-    frames = [motion.positions().astype(dtype) for _ in recorder.frames(on_step)]
-    return with_fields(recorder.trajectory(np.array(frames)), model.shell, chosen)
+    frames, count = np.empty((stored, *shape), dtype=dtype), 0
+    for _ in recorder.frames(on_step):
+        frames[count] = motion.positions()
+        count += 1
+    # Of a motion that ended early the frames alone.
+    kept = frames[:count] if 2 * count > stored else frames[:count].copy()
+    return with_fields(recorder.trajectory(kept), model.shell, chosen)

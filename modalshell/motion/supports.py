@@ -1,4 +1,4 @@
-"""Moving supports: a rigid path of the held vertices, and the loads it makes in the shell's own frame."""
+"""Moving supports: a rigid motion of the clamped vertices, and its inertial loads in the moving frame."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_number, checked_times, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.kernels import rotations
@@ -18,6 +19,7 @@ from modalshell.typing import Array
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class Pose:
     """Where the supports are at one time, and how they move.

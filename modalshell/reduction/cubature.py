@@ -1,4 +1,4 @@
-"""Cubature of the reduced energy: few weighted elements whose forces stand for those of all [an2008; farhat2014]."""
+"""Cubature (hyper-reduction) of the reduced energy: few weighted elements replace all [an2008; farhat2014]."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import ArrayLike
 
+from modalshell.brief import brief
 from modalshell.checks import checked_vectors
 from modalshell.errors import OptionError
 from modalshell.reduction.candidates import candidates_of, picked
@@ -39,6 +40,7 @@ _LOADS = 24
 """Training loads."""
 
 
+@brief
 @dataclass(frozen=True)
 class Cubature:
     """A trained cubature.

@@ -1,4 +1,4 @@
-"""The least-squares fit of displacements to a wanted gradient on every triangle, held vertices staying at rest."""
+"""Poisson fit: displacements whose gradients on the triangles are closest to given ones, with fixed supports."""
 
 from __future__ import annotations
 
@@ -36,6 +36,8 @@ class PoissonFit:
         Rows a, b, n of every triangle: a along its first edge, n its normal, b = n x a.
     sides : ndarray, shape (T, 3)
         Height over the first edge, foot of that height from the first corner, and length of the first edge [m].
+    coupled : bool
+        Whether supports couple the axes.
     floating : list of tuple of ndarray
         Vertices of each part that nothing holds, and their shares of its mass.
     """
@@ -68,6 +70,7 @@ class PoissonFit:
         self.sides = np.column_stack([height, foot, length])
         laplacian = self._laplacian()
         self.factor: Factor
+        self.coupled = shell.unknowns.matrix is not None
         if shell.unknowns.matrix is None:
             self.factor = Factoriser(backend, use="solve").definite(laplacian)
         else:

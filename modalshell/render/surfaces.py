@@ -1,4 +1,4 @@
-"""Normals, contour lines and colours of a surface: shared by both back ends."""
+"""Normals, contour lines and colours of a surface, shared by both renderers."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from modalshell.checks import shown
 from modalshell.errors import OptionError
-from modalshell.mesh.topology import area_vectors
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface, rgb
+from modalshell.triangles import area_vectors
 
 # Neighbouring faces whose normals differ by more than this at the start meet in a line that is drawn.
 CREASE_ANGLE = math.radians(25.0)

@@ -1,4 +1,4 @@
-"""The run of a flock: stepped into a file of frames, then drawn from it, with a report on its levels of detail."""
+"""Run of a flock: steps into a file of frames, then draws them, with a report on the levels of detail."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.atomic_io import write_npz
+from modalshell.brief import brief
 from modalshell.crowd import Flight
 from modalshell.memory import demand_disk, demand_memory
 from modalshell.motion.recorder import step_count
@@ -35,6 +36,7 @@ _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "lev
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class FlightResult(RunResult):
     """What flying a flock gave.

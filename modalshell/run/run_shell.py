@@ -1,4 +1,4 @@
-"""The run of one shell: its equilibrium, or its motion, every stored frame of which goes to disk at once."""
+"""Run of one shell: its equilibrium, or its motion with every stored frame on disk at once."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.brief import brief
 from modalshell.errors import FileFormatError, OptionError
 from modalshell.export import load_trajectory
 from modalshell.memory import demand_disk
@@ -33,6 +34,7 @@ _SNAPSHOT = "snapshot_"
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class SceneResult(RunResult):
     """What running a scene of one shell gave.

@@ -1,10 +1,11 @@
-"""A scene of a flock: what its file declares, and the birds that are built from it."""
+"""Scene of a flock: the declaration in its file, and the birds built from it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, final
 
+from modalshell.brief import brief
 from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.modes import solve_modes
@@ -21,6 +22,7 @@ _FORMATS = ("npz", "png", "mp4")
 
 
 @final
+@brief
 @dataclass(frozen=True, kw_only=True)
 class FlockScene(Scene):
     """A scene of many such shells in flight, stepped by MWTS under gravity alone.

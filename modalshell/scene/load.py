@@ -19,7 +19,7 @@ from modalshell.scene.read import checked_table, chosen, read_toml, refuse_unkno
 from modalshell.scene.scene import Scene, ShellScene
 from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
-_NAME = "[A-Za-z0-9][A-Za-z0-9_-]{0,99}"
+_NAME = r"[^\W_][\w-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
 _OPTIONAL = ("supports", "energies", "loads", "constraints", "motion", "path", "flock", "output", "units")
 _TABLES = ("name", *_REQUIRED, *_OPTIONAL)
@@ -55,7 +55,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
     name = raw.get("name", file.stem)
-    if not isinstance(name, str) or not re.fullmatch(_NAME, name):
+    if not isinstance(name, str) or not (re.fullmatch(_NAME, name) and len(name.encode()) <= 200):
         allowed = "1 to 100 letters, digits, _ and -, a letter or digit first: it names the results' files"
         raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
     entries = raw.get("constraints", [])

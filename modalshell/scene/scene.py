@@ -1,4 +1,4 @@
-"""A scene: what its file declares, and the shell, model and motion that are built from it."""
+"""Scenes: the declaration in a file, and the shell, model and motion built from it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from typing import Any, cast, final
 
 import numpy as np
 
+from modalshell.brief import brief
 from modalshell.checks import checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
@@ -143,6 +144,7 @@ class Scene(ABC):
 
 
 @final
+@brief
 @dataclass(frozen=True, kw_only=True)
 class ShellScene(Scene):
     """A scene of one shell; :meth:`build` makes it real. Without ``motion`` it asks for an equilibrium.
@@ -254,6 +256,7 @@ class ShellScene(Scene):
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class BuiltScene:
     """A scene's parts.

@@ -1,4 +1,4 @@
-"""Material of a shell: the stiffnesses of the discrete-shell energies and the mass per area."""
+"""Material of a discrete shell: stiffnesses of the stretch, shear and flexure energies, and mass per area."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from modalshell.brief import brief
 from modalshell.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.errors import MaterialError, ModalShellWarning
 from modalshell.mesh import TriangleMesh
@@ -18,6 +19,7 @@ from modalshell.shell.orientation import orient
 from modalshell.typing import Array
 
 
+@brief
 @dataclass(frozen=True)
 class Material:
     """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3] and area density.

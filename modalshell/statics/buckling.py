@@ -1,4 +1,4 @@
-"""Linear buckling: at what multiples of a load the stresses of the linear answer take the stiffness away."""
+"""Linear buckling: load factors at which the stresses of the linear solution cancel the stiffness."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import scipy.linalg
 import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_kind
 from modalshell.errors import LoadError, OptionError, SolverError
 from modalshell.loads import Load
@@ -33,6 +34,7 @@ _NONE = 1e-9
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class Buckling(ReadOnlyArrays):
     """Linear buckling of a shell under a load.

@@ -1,4 +1,4 @@
-"""Run a sweep, or what is missing of it."""
+"""Running and resuming a sweep."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_folder, checked_number, shown
 from modalshell.errors import OptionError
 from modalshell.outcome import Outcome
@@ -36,6 +37,7 @@ _AGAIN = (Outcome.FAILED, Outcome.STOPPED)
 """Outcomes that another time or machine may change; done again only where that is asked for."""
 
 
+@brief
 @dataclass(frozen=True)
 class SweepResult:
     """What a sweep found.

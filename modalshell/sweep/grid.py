@@ -1,4 +1,4 @@
-"""Sweep files: a scene, the values that keys of it take, and the grid that they span."""
+"""Sweep files: a scene, values of some of its keys, and their grid."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from modalshell.brief import brief
 from modalshell.checks import shortened, shown
 from modalshell.errors import SceneError
 from modalshell.scene.models import model_tables
@@ -24,7 +25,7 @@ from modalshell.scene.read import checked_table, read_toml, refuse_unknown_keys
 from modalshell.scene.tables import Table
 
 _KEYS = ("name", "scene", "axes", "truth", "output")
-_NAME = "[A-Za-z0-9][A-Za-z0-9_-]*"
+_NAME = r"[^\W_][\w-]*"
 _LARGEST = 100_000
 """Cases of one sweep at most: more is a slip in an axis."""
 
@@ -63,6 +64,7 @@ class Axis:
     values: tuple[Any, ...]
 
 
+@brief
 @dataclass(frozen=True)
 class Sweep:
     """What a sweep file declares.

@@ -304,6 +304,21 @@ def test_missing_tables_are_named(scene_text, tmp_path, name):
         ms.load_scene(tmp_path / "scene.toml")
 
 
+@pytest.mark.parametrize("name", ["Blätter", "\u8449_2", "a-b"])
+def test_a_scene_is_named_after_its_file_in_any_alphabet(scene_text, tmp_path, name):
+    file = tmp_path / f"{name}.toml"
+    file.write_text(scene_text(), encoding="utf-8")
+    results = ms.run_scene(ms.load_scene(file), out=tmp_path / "results").files
+    assert {result.stem for result in results if result.is_file()} == {name}
+
+
+def test_names_longer_than_a_file_name_are_refused(scene_text, tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(f'name = "{90 * chr(0x8449)}"\n{scene_text()}', encoding="utf-8")
+    with pytest.raises(ms.SceneError, match="name: must be 1 to 100 letters"):
+        ms.load_scene(file)
+
+
 def test_unreadable_files_are_named(tmp_path):
     with pytest.raises(ms.SceneError, match="no such file"):
         ms.load_scene(tmp_path / "no.toml")
