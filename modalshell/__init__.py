@@ -1,4 +1,4 @@
-"""Thin shells from modal warping to discrete shells, and what each bit of accuracy costs."""
+"""Thin shells: a ladder of models from modal warping to discrete shells, and measures of their error and cost."""
 
 from modalshell import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 from modalshell import measure

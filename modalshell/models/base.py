@@ -1,4 +1,4 @@
-"""The interface that every rung of the ladder answers: equilibrium under a load, and stepping in time."""
+"""Abstract base of all models: equilibrium under a load, and time steps."""
 
 from __future__ import annotations
 

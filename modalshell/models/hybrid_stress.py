@@ -1,4 +1,4 @@
-"""Hybrid rung: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads."""
+"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads."""
 
 from __future__ import annotations
 

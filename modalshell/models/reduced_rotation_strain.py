@@ -1,4 +1,4 @@
-"""Reduced RSW: the rotation-strain warp from a few sampled triangles, its fit trained beforehand."""
+"""Reduced RSW: the rotation-strain warp on a few sampled triangles, trained in advance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the models of turned and strained triangles share: the work of a load, its derivatives, statics [huang2011]."""
+"""Base of rotation-strain models: potential of a load, its derivatives, and statics [huang2011]."""
 
 from __future__ import annotations
 

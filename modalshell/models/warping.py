@@ -1,4 +1,4 @@
-"""MWTS, modal warping for thin shells [choi2007, eq. 9-17]: linear modes carried by the vertices' own rotations."""
+"""MWTS, modal warping for thin shells [choi2007, eq. 9-17]: linear modes rotated by each vertex's own rotation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Self-contained web pages: a shell that moves in a browser, without a server, a network or a library."""
+"""Self-contained web pages that simulate a shell in the browser, without a server or a network."""
 
 from modalshell.page.clip_page import clip_page
 from modalshell.page.flock_page import flock_page

@@ -1,4 +1,4 @@
-"""Self-contained HTML: the template with its numbers, in base 64, and a picture for browsers that cannot draw them."""
+"""Self-contained HTML from a template and arrays in base 64, with a picture as a fallback."""
 
 from __future__ import annotations
 

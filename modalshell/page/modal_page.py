@@ -1,4 +1,4 @@
-"""The page of a modal basis: it steps LMA and MWTS in a browser, from modes and rotations in half floats."""
+"""Web page of a modal basis: steps LMA and MWTS, from modes and rotations in half precision."""
 
 from __future__ import annotations
 

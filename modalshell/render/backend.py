@@ -1,4 +1,4 @@
-"""Which library draws: found out once, in a child process, because VTK without OpenGL crashes instead of raising."""
+"""Choice of the renderer, tried once in a child process because VTK crashes without OpenGL."""
 
 from __future__ import annotations
 

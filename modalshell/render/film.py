@@ -1,4 +1,4 @@
-"""Films of moving shells: MP4 with H.264 through the ffmpeg that imageio-ffmpeg carries."""
+"""Films of moving shells: MP4 with H.264 by the ffmpeg of imageio-ffmpeg."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Opening the back end that draws on this machine."""
+"""Opens the renderer of this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a back end can do, and the light and lines that both share."""
+"""Abstract base of renderers, with the light and lines that both share."""
 
 from __future__ import annotations
 

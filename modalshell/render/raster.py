@@ -1,4 +1,4 @@
-"""A small depth-buffered triangle rasteriser in NumPy: exact coverage, so no seams and no order of painting."""
+"""Depth-buffered triangle rasteriser in NumPy, with exact coverage and so without seams."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The built-in rasteriser: projected triangles, shaded and drawn by NumPy, for machines without OpenGL."""
+"""Built-in rasteriser: projects, shades and draws triangles by NumPy, for machines without OpenGL."""
 
 from __future__ import annotations
 

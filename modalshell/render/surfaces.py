@@ -1,4 +1,4 @@
-"""Normals, contour lines and colours of a surface: shared by both back ends."""
+"""Normals, contour lines and colours of a surface, shared by both renderers."""
 
 from __future__ import annotations
 

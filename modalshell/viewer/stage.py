@@ -1,4 +1,4 @@
-"""What window and browser page both show: the shell, its supports, and an arrow for gravity."""
+"""Contents of window and web page: the shell, its supports, and an arrow for gravity."""
 
 from __future__ import annotations
 
