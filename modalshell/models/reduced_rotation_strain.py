@@ -13,6 +13,7 @@ from modalshell.errors import OptionError
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
 from modalshell.kernels.surface_loads import APART
+from modalshell.models.modal import ModalModel
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.modes import Basis
@@ -108,6 +109,10 @@ class ReducedRotationStrain(TurnedTriangles):
         reduced = np.array([self.raw_displacement(q).ravel() for q in given])
         errors, lengths = (np.linalg.norm(moved * root_mass, axis=1) for moved in (reduced - full, full))
         self.training_error = float((errors[lengths > 0.0] / lengths[lengths > 0.0]).max())
+
+    def on_basis(self, basis: Basis) -> ModalModel:
+        """OptionError: its training is that of one basis."""
+        raise OptionError(f"{self.name} is trained on one material: take RSW for derivatives by its constants")
 
     @classmethod
     def trained(

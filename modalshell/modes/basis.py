@@ -22,6 +22,7 @@ from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.attachments import attached_forces, with_attachments
+from modalshell.modes.derivatives import BasisSensitivity, basis_sensitivity
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
@@ -103,6 +104,24 @@ class Basis(ReadOnlyArrays):
     def effective_masses(self) -> Array:
         """Mass that moves with each mode along x, y and z (m, 3) [kg]; of all modes together the mass that can move."""
         return self.participation_factors**2
+
+    def sensitivity(self, wrt: str) -> BasisSensitivity:
+        """Derivatives of eigenvalues, frequencies and modes by a constant of the material [nelson1976; fox1968].
+
+        Parameters
+        ----------
+        wrt : str
+            A constant that is one number for the whole mesh, such as "young", "thickness", "flexure" or "density".
+
+        Raises
+        ------
+        OptionError
+            For a name that is none, attachment vectors in the basis, or modes that share an eigenvalue: those have no
+            derivatives of their own.
+        SolverError
+            Where the eigenvalue above the basis is nearly the last one in it.
+        """
+        return basis_sensitivity(self, checked_kind("wrt", wrt, str))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the basis with its shell to an ``.npz`` file (no pickle)."""
