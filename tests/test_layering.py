@@ -141,6 +141,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "mesh",
         "modes",
         "outcome",
+        "page",
         "plugins",
         "reduction",
         "render",

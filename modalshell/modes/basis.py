@@ -27,7 +27,7 @@ from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
-from modalshell.page import Page, modal_page
+from modalshell.page import Page, ReducedWarp, modal_page
 from modalshell.plugins import load_plugins
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
@@ -153,6 +153,7 @@ class Basis(ReadOnlyArrays):
         force: ArrayLike | None = None,
         damping: tuple[float, float] = (0.5, 0.001),
         dt: float = 1.0 / 60.0,
+        reduced: ReducedWarp | None = None,
     ) -> Page:
         """A self-contained web page on which the shell moves by LMA and MWTS; notebooks show it live.
 
@@ -160,7 +161,7 @@ class Basis(ReadOnlyArrays):
         ----------
         path : str or path, optional
             HTML file to write.
-        title, gravity, force, damping, dt
+        title, gravity, force, damping, dt, reduced
             See :func:`modalshell.page.modal_page`.
 
         Raises
@@ -180,6 +181,7 @@ class Basis(ReadOnlyArrays):
             force=force,
             damping=damping,
             dt=dt,
+            reduced=reduced,
         )
         if path is not None:
             page.save(path)
