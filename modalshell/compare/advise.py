@@ -1,4 +1,4 @@
-"""Advice: the cheapest rung that is as accurate and as fast as asked, from measured runs."""
+"""Advice: the cheapest model that meets an error and a frame rate, from measurements."""
 
 from __future__ import annotations
 

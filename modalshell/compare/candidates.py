@@ -1,4 +1,4 @@
-"""The rungs at their sizes: which a case allows."""
+"""Candidate models of a comparison, with their mode counts and coarse meshes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the rungs are compared on: a shell under a load that grows from nothing, and coarser meshes of it."""
+"""Case of a comparison: a shell under a growing load, and coarser meshes of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of tradeoffs: Pareto fronts, and the shapes that the rungs find beside that of DS."""
+"""Pictures of comparisons: Pareto fronts, and the models' shapes with that of DS."""
 
 from __future__ import annotations
 

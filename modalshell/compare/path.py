@@ -1,4 +1,4 @@
-"""Discrete shells along a growing load: the truth that the rungs are held against, and whether it snaps."""
+"""Reference path of a comparison: equilibria of discrete shells under a growing load, and their snaps."""
 
 from __future__ import annotations
 

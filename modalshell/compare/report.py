@@ -1,4 +1,4 @@
-"""Findings of a tradeoff as a Markdown table."""
+"""Comparison results as a Markdown table."""
 
 from __future__ import annotations
 

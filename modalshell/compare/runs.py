@@ -1,4 +1,4 @@
-"""One rung on one case, measured: its answers over the load range against those of DS, and what they cost."""
+"""Measurement of one model on one case: errors against DS over the load range, and cost."""
 
 from __future__ import annotations
 

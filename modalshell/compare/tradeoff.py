@@ -1,4 +1,4 @@
-"""Error against cost: every rung that a case allows, measured, with the rungs that no other one beats."""
+"""Error against cost of every model on a case, with the Pareto front."""
 
 from __future__ import annotations
 

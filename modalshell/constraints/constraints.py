@@ -1,4 +1,4 @@
-"""Manipulation constraints: where a vertex or a patch of vertices shall be, and how it shall be turned."""
+"""Manipulation constraints: prescribed position or orientation of a vertex or of a patch of vertices."""
 
 from __future__ import annotations
 

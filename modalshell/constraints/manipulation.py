@@ -1,4 +1,4 @@
-"""Meeting constraints in modal coordinates with the least modal work [choi2007, section 4.4]."""
+"""Constraints in modal coordinates, met with the least modal work [choi2007, section 4.4]."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Many instances of one shell: modal coordinates stepped at once, positions at a level of detail for each."""
+"""Crowds: many instances of one shell, stepped together, each with its own level of detail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Wing beats: modal forcing that is as strong as the flight of a boid asks for."""
+"""Wing beats: modal forcing in proportion to the thrust that a boid needs."""
 
 from __future__ import annotations
 

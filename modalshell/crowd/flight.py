@@ -1,4 +1,4 @@
-"""Birds in flight: boids lead, the shells that they carry bend."""
+"""Flight: a flock of boids whose shells bend with their motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A flock of boids: separation, alignment and cohesion, a target, bounds, and smooth noise in their speed."""
+"""Boids: separation, alignment and cohesion, a target, bounds, and smooth noise in their speed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a boid's neighbours add up to: the sums that the rules of a flock are made of."""
+"""Neighbour sums: what a boid's rules need of its neighbours."""
 
 from __future__ import annotations
 

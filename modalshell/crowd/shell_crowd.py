@@ -1,4 +1,4 @@
-"""What crowds share, wherever their positions are made: coordinates, their steps, and levels of detail."""
+"""Abstract base of crowds: modal coordinates, their steps, and levels of detail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One door for saving trajectories: the suffix names the format."""
+"""Saving of trajectories; the file suffix selects the format."""
 
 from __future__ import annotations
 

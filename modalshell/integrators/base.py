@@ -1,4 +1,4 @@
-"""What all rules share: the key by which users and scenes find them."""
+"""Base class of all time integrators, and their registry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What changes from step to step: coordinates, rates, and what a rule keeps from its last step."""
+"""State of a motion: coordinates, rates, and what an integrator keeps from its last step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numba's compiler, its results cached in the user's cache folder, else in a temporary one, else not at all."""
+"""Compilation by numba, cached in the user's cache folder, or a temporary one, or not at all."""
 
 from __future__ import annotations
 

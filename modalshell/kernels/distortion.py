@@ -1,4 +1,4 @@
-"""How far a deformed surface is from that at rest: one pass over its faces, one over pairs of neighbours."""
+"""Distortion measures of a deformed surface, in one pass over its faces and one over pairs of neighbours."""
 
 from __future__ import annotations
 

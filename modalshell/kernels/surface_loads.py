@@ -1,4 +1,4 @@
-"""Forces of pressure and wind on triangles, and of any load at a few points that stand for all, with modal forces."""
+"""Forces of pressure and wind on triangles, and hyper-reduced modal forces of loads at a few weighted points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A load on one shell: the forces of its elements, and their stiffness by complex steps."""
+"""Element forces of a load on one shell, and their stiffness by complex steps."""
 
 from __future__ import annotations
 

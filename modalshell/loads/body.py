@@ -1,4 +1,4 @@
-"""Loads by mass: weight, and the inertial forces of a frame that moves."""
+"""Body loads: weight, and inertial forces of a moving frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads on the triangles of a shell: pressure and wind."""
+"""Surface loads: pressure and wind."""
 
 from __future__ import annotations
 

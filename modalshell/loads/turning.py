@@ -1,4 +1,4 @@
-"""Loads that turn with the surface: moments along edges, and forces in the frame of the surface."""
+"""Loads that rotate with the surface: moments along edges, and follower forces."""
 
 from __future__ import annotations
 

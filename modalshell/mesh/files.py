@@ -1,4 +1,4 @@
-"""Meshes from and to files, through trimesh."""
+"""Reading and writing of mesh files, through trimesh."""
 
 from __future__ import annotations
 

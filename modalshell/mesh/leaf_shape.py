@@ -1,4 +1,4 @@
-"""A leaf: a stalk to clamp, a blade with a pointed tip, a folded midrib and gentle rest curvature."""
+"""Mesh of a leaf: a stalk to clamp, a blade with a pointed tip, a folded midrib and slight rest curvature."""
 
 from __future__ import annotations
 

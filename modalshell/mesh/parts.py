@@ -1,4 +1,4 @@
-"""The connected parts of a mesh: choosing one, joining those that touch, and finding those that nothing holds."""
+"""Connected parts of a mesh: selection, joining of parts that touch, and detection of unsupported ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Readers of OBJ, OFF and PLY: vertices and polygons in the file's own order, faults named by line or number.
+"""Readers of OBJ, OFF and PLY that keep the file's order and locate faults by line or number.
 
 trimesh reads these formats, too, but resolves relative indices of an OBJ wrongly, takes no binary PLY of unequal
 polygons, and passes over what is missing or does not say where a fault is.

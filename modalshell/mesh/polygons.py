@@ -1,4 +1,4 @@
-"""Polygons and their triangles."""
+"""Triangulation of polygons."""
 
 from __future__ import annotations
 

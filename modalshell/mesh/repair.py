@@ -1,4 +1,4 @@
-"""Repair of meshes as they come: what cannot be a shell is mended, and what was done is told."""
+"""Repair of meshes: faults that prevent a shell are corrected, and every correction is listed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cutting triangles apart into sheets: surfaces whose edges have one face or two, and which have two sides.
+"""Splitting of a triangle soup into manifold, two-sided sheets.
 
 Faces are joined over edges by pairs of half-edges; faces round a vertex that no chain of pairs joins get vertices of
 their own. This splits edges with three or more faces, and vertices at which two fans of faces meet, in one step.

@@ -1,4 +1,4 @@
-"""Edges, their faces and the hinges of a triangle list, found by sorting half-edges."""
+"""Edges and hinges of a triangle list, by sorting half-edges."""
 
 from __future__ import annotations
 

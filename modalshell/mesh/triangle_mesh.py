@@ -1,4 +1,4 @@
-"""The triangle mesh of a shell: vertices, faces and what follows from them."""
+"""Triangle mesh of a shell: vertices, faces and derived topology."""
 
 from __future__ import annotations
 

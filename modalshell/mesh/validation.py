@@ -1,4 +1,4 @@
-"""What a triangle mesh must satisfy to be a shell; every fault is named with its first offending indices."""
+"""Validation of triangle meshes: each fault is reported with its first offending indices."""
 
 from __future__ import annotations
 

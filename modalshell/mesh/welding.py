@@ -1,4 +1,4 @@
-"""Merging coincident vertices and dropping unused ones, on plain arrays.
+"""Merging of coincident vertices, and removal of unused ones, on plain arrays.
 
 trimesh merges vertices that round to one point of a grid: two close ones on both sides of a rounding bound stay apart.
 """

@@ -1,4 +1,4 @@
-"""Consistent winding: which faces to flip so that all triangles of a component show the same side.
+"""Consistent winding of the triangles of each component.
 
 trimesh.repair.fix_winding needs networkx, walks face by face, and says nothing of one-sided surfaces.
 """

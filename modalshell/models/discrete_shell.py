@@ -1,4 +1,4 @@
-"""DS, discrete shells: the full nonlinear shell [choi2007, section 3], the truth of the ladder."""
+"""DS, discrete shells: the full nonlinear shell [choi2007, section 3], the reference of all comparisons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a deformed surface is still one that modes can describe, by the same criteria for every modal model."""
+"""Distortion check: whether a deformed surface is within the range of modal models."""
 
 from __future__ import annotations
 

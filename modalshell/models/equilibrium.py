@@ -1,4 +1,4 @@
-"""A static answer and what its solver has to say about it."""
+"""Equilibria: positions, outcome and solver statistics of a static solve."""
 
 from __future__ import annotations
 
@@ -48,6 +48,9 @@ class Equilibrium:
         Seconds of each part of the solver (assembly, factorisation, solution) of full models.
     constraint_residuals : ndarray, shape (k,)
         How far each constraint is from its target: [m] for positions, [rad] for orientations.
+    constraint_reactions : ndarray, shape (k, 3)
+        What each constraint does to the shell: the force [N] that holds a patch at its position, or the moment [N m]
+        about its mean position that holds it in its orientation.
     conservative : bool
         Whether the load has a potential; ``message`` says so where it has none.
     loading, gravity
@@ -66,6 +69,7 @@ class Equilibrium:
     coordinates: Array | None = None
     costs: dict[str, float] = field(default_factory=dict)
     constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
+    constraint_reactions: Array = field(default_factory=lambda: np.empty((0, 3)))
     conservative: bool = True
     loading: Loading | None = field(default=None, repr=False, compare=False)
     gravity: Array | None = field(default=None, repr=False, compare=False)

@@ -1,4 +1,4 @@
-"""Models from their records: what they need (modes, training loads, coarse meshes) is made once for all of them."""
+"""Model factory: builds models from their records and shares bases, training loads and coarse meshes among them."""
 
 from __future__ import annotations
 

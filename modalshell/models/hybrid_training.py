@@ -1,4 +1,4 @@
-"""Training of the hybrid rung: random loads, motions of the coarse shell, POD, and errors on held-out loads."""
+"""Training of the hybrid model: random loads, motions of the coarse shell, POD, and errors on held-out loads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Load-deflection paths of models: limit points, bifurcations, stable and unstable parts, other branches."""
+"""Equilibrium paths of models: limit points, bifurcations, stability, and secondary branches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The registry of models: one record a model, which scenes, the ladder, the viewer, pictures and studies read."""
+"""Registry of models: one record per model, used by scenes, comparisons, viewer, pictures and studies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rigid rung: a shell that does not deform; held it rests, free it moves as a rigid body."""
+"""Rigid model: a shell without deformation, which rests on its supports or moves as a rigid body."""
 
 from __future__ import annotations
 

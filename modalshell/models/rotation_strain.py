@@ -1,4 +1,4 @@
-"""RSW, the rotation-strain warp [huang2011]: linear modes as turns and strains of triangles, fitted together again."""
+"""RSW, the rotation-strain warp [huang2011]: modes as rotations and strains of triangles, joined by a Poisson fit."""
 
 from __future__ import annotations
 

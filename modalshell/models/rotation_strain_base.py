@@ -1,4 +1,4 @@
-"""What the models of turned and strained triangles share: the work of a load, its derivatives, statics [huang2011]."""
+"""Base of rotation-strain models: potential of a load, its derivatives, and statics [huang2011]."""
 
 from __future__ import annotations
 
@@ -93,6 +93,10 @@ class TurnedTriangles(ModalModel):
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        return self.work(q, weights)[1]
 
     def work_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of the work ``f . u(q)``."""

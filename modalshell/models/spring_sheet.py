@@ -1,4 +1,4 @@
-"""A sheet of springs: the classical cloth model, beside which the shells are held."""
+"""Spring sheet: masses and springs, the classical cloth model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Attachment vectors: static shapes under named loads, which join the modes of a basis."""
+"""Attachment vectors: static shapes under given loads, which extend a basis of modes."""
 
 from __future__ import annotations
 

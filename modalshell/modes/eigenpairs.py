@@ -69,9 +69,11 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     elastic = count - rigid.shape[1]
     if size - rigid.shape[1] < elastic:
         raise OptionError(f"count must be at most {size}, the number of free unknowns (got {count})")
-    # At rest the exact Hessian is its Gauss-Newton part: positive semi-definite to the last bit.
-    _, _, data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)
     root = np.sqrt(mass)
+
+    def stiffness() -> Array:
+        # At rest the exact Hessian is its Gauss-Newton part: positive semi-definite to the last bit.
+        return shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
 
     name = "dense"
     if elastic <= 0:
@@ -81,15 +83,16 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         # One mode more shows whether the last one asked for is part of a repeated eigenvalue.
         wanted = min(elastic + 1, size - rigid.shape[1])
         if size <= max(_DENSE_BELOW, 3 * wanted):
-            dense = np.asarray(mass_scaled(shell, data) @ np.eye(size))
+            dense = np.asarray(mass_scaled(shell, stiffness()) @ np.eye(size))
             values, vectors = dense_pairs(0.5 * (dense + dense.T), root[:, None] * rigid, wanted)
         else:
             # The factor is the peak of memory: no matrix but its own stands beside it.
-            solver = RigidFreeSolver(shell.pattern.free_matrix(data), rigid, mass, backend)
+            solver = RigidFreeSolver(shell.pattern.free_matrix(stiffness()), rigid, mass, backend)
             name = solver.factor.backend
             values, vectors = lanczos_pairs(solver, root, root[:, None] * rigid, wanted)
             del solver
         values, vectors = canonical_pairs(values, vectors, elastic)
+    data = stiffness()
     scaled = mass_scaled(shell, data)
     norm = _norm(shell, data) or 1.0
     residuals = np.linalg.norm(scaled @ vectors - vectors * values, axis=0) / norm

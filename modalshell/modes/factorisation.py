@@ -1,4 +1,4 @@
-"""Sparse factorisation of symmetric matrices: one place that takes the faster back end and says which.
+"""Sparse factorisation of symmetric matrices, by the fastest suitable back end.
 
 Positive definite matrices of some size go to the multifrontal Cholesky factorisation of :mod:`modalshell.linalg`, small
 ones and indefinite ones to SciPy's SuperLU. PARDISO was as fast (within 15 % from 7,500 to 300,000 unknowns, its solves
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from modalshell.checks import checked_choice
 from modalshell.errors import SolverError
 from modalshell.linalg import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError
-from modalshell.linalg.cholesky import block_graph, minimum_degree
+from modalshell.linalg.cholesky import block_graph
+from modalshell.linalg.ordering import minimum_degree
 from modalshell.typing import Array
 from modalshell.work import count_factorisation, count_solves
 

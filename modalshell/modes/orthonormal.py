@@ -1,4 +1,4 @@
-"""Bases grown by further vectors, orthonormal in the mass."""
+"""Mass-orthonormal extension of a basis."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid motions that the supports leave free, exactly, and solves with the singular stiffness that they make."""
+"""Rigid motions that the supports leave free, and solves with the singular stiffness."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The step loop: takes a motion to its end, watches it at the stored frames and names its outcome."""
+"""Step loop: advances a motion, checks it at the stored frames, and determines its outcome."""
 
 from __future__ import annotations
 

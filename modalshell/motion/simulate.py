@@ -1,4 +1,4 @@
-"""Motion of any rung under a dead load: time stepping, with a named outcome."""
+"""Simulation of any model: motion from rest under loads, with an outcome."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One motion, step by step: what changes from step to step is a few arrays, which can be put away and taken up."""
+"""A time-stepping run whose state can be saved and restored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moving supports: a rigid path of the held vertices, and the loads it makes in the shell's own frame."""
+"""Moving supports: a rigid motion of the clamped vertices, and its inertial loads in the moving frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The stored frames of a motion, with what the solver has to say about them."""
+"""Trajectories: the stored frames of a motion, with outcome and solver statistics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A reduced energy with assumed membrane stresses: Hellinger-Reissner on a basis that would lock.
+"""Reduced energy with assumed membrane stresses (Hellinger-Reissner), on a basis that would lock otherwise.
 
 A basis that misses positions by a little makes large membrane strains. The membrane energy is therefore that of
 stresses in the span of a few trained ones, ``E_m = max_s (s . d - sum_e s_e^2 / (4 w_e))`` [hellinger1914;

@@ -1,4 +1,4 @@
-"""Steps of implicit Euler of a reduced energy with assumed membrane stresses, compiled; see :mod:`.assumed_stress`."""
+"""Compiled implicit Euler steps of a reduced energy with assumed membrane stresses; see :mod:`.assumed_stress`."""
 
 from __future__ import annotations
 

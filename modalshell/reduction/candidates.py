@@ -1,4 +1,4 @@
-"""Elements that cubature chooses from, their forces at the poses it trains on, and weighted sums of them."""
+"""Candidate elements of cubature, their forces at the training poses, and weighted sums of them."""
 
 from __future__ import annotations
 

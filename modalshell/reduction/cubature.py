@@ -1,4 +1,4 @@
-"""Cubature of the reduced energy: few weighted elements whose forces stand for those of all [an2008; farhat2014]."""
+"""Cubature (hyper-reduction) of the reduced energy: few weighted elements replace all [an2008; farhat2014]."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modal derivatives: how the modes change along each other, and the basis that they make [barbic2005]."""
+"""Modal derivatives: changes of the modes along one another, and the basis they form [barbic2005]."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modal forces of loads that change, by a few points that stand for all: a frame costs little more with them."""
+"""Hyper-reduction of loads that change: their modal forces from a few weighted points."""
 
 from __future__ import annotations
 

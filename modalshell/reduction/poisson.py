@@ -1,4 +1,4 @@
-"""The least-squares fit of displacements to a wanted gradient on every triangle, held vertices staying at rest."""
+"""Poisson fit: displacements whose gradients on the triangles are closest to given ones, with fixed supports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fine positions from those of a coarser mesh of the same surface: moving least squares in the tangent plane.
+"""Prolongation from a coarse mesh of the same surface to a fine one, by moving least squares.
 
 The weights of a fine vertex reproduce affine fields exactly and, where its coarse neighbours suffice, quadratic ones in
 the tangent plane [lancaster1981]. They reach no further than the smooth patch that the vertex lies in: folds stay

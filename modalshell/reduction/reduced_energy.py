@@ -1,4 +1,4 @@
-"""An elastic energy of displacements ``u = U z``: over all elements, or over a weighted few of them."""
+"""Elastic energy of displacements ``u = U z``, over all elements or over weighted ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The potential of a reduced shell as a problem of statics and implicit steps, with dense algebra."""
+"""Potential of a reduced shell for static and implicit solves, with dense algebra."""
 
 from __future__ import annotations
 

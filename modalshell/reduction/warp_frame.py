@@ -1,4 +1,4 @@
-"""Frames of modal warping in real time: positions from modal coordinates in one pass, on data laid out for it."""
+"""Real-time frames of modal warping: positions from modal coordinates by a fused kernel on tiled data."""
 
 from __future__ import annotations
 

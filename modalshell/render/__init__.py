@@ -1,4 +1,4 @@
-"""Pictures and films of shells, drawn by PyVista where OpenGL works and by the built-in rasteriser everywhere else.
+"""Pictures and films of shells, by PyVista where OpenGL works, otherwise by the built-in rasteriser.
 
 Importing this package imports neither PyVista nor matplotlib: they are loaded when something is drawn.
 """

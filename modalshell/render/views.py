@@ -1,4 +1,4 @@
-"""The one picture that everything draws: a page of views."""
+"""Drawing of a page of views into a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames of a flight as a camera sees them: levels of detail, positions, and a report on what these show and cost."""
+"""Film frames of a flight: levels of detail, positions, and a report on their error and cost."""
 
 from __future__ import annotations
 

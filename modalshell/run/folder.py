@@ -1,4 +1,4 @@
-"""The folder of a run: whose frames lie there, and what killed runs have left."""
+"""Output folder of a run: identity of its frames, and removal of leftover temporary files."""
 
 from __future__ import annotations
 

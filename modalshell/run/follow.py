@@ -1,4 +1,4 @@
-"""Following a run from another process: its newest frame, and how it stands."""
+"""Following a running simulation from another process: its newest frame and its state."""
 
 from __future__ import annotations
 

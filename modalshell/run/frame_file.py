@@ -1,4 +1,4 @@
-"""Append-only file of a run's frames: a header that says whose they are, then records of one size, each with its CRC.
+"""Append-only file of a run's frames: a header with the run's identity, then records of equal size with a CRC.
 
 A killed process leaves whole records and at most one torn one, at the end, which the next process cuts off. Other
 processes may read along (:mod:`modalshell.run.frame_reader`).

@@ -1,4 +1,4 @@
-"""A path of equilibria as files: its numbers, its load-deflection curve, and pictures at its marked points."""
+"""Files of an equilibrium path: numbers, load-deflection curve, and pictures at marked points."""
 
 from __future__ import annotations
 

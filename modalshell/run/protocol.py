@@ -1,4 +1,4 @@
-"""The protocol of every run: whole results are kept, stored frames are gone on from, anything else is computed."""
+"""Protocol of a run: keep complete results, resume from stored frames, otherwise compute."""
 
 from __future__ import annotations
 

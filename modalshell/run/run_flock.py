@@ -1,4 +1,4 @@
-"""The run of a flock: stepped into a file of frames, then drawn from it, with a report on its levels of detail."""
+"""Run of a flock: steps into a file of frames, then draws them, with a report on the levels of detail."""
 
 from __future__ import annotations
 

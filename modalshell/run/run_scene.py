@@ -1,4 +1,4 @@
-"""Run a scene, or go on with a run that was stopped."""
+"""Running a scene, or resuming a run that was stopped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The run of one shell: its equilibrium, or its motion, every stored frame of which goes to disk at once."""
+"""Run of one shell: its equilibrium, or its motion with every stored frame on disk at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coarser meshes of the surface that a scene declares."""
+"""Coarse meshes of a scene's surface."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``[flock]``: a flock of birds, each an instance of the scene's shell; its tables and what is built from them."""
+"""``[flock]``: a flock of birds, each an instance of the scene's shell; its tables and objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene of a flock: what its file declares, and the birds that are built from it."""
+"""Scene of a flock: the declaration in its file, and the birds built from it."""
 
 from __future__ import annotations
 

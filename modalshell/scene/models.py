@@ -1,4 +1,4 @@
-"""``[model]``: a registered model and its options, the keys being the parameters of its builder."""
+"""``[model]``: a registered model and its options; the keys are the parameters of its builder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the tables of a scene to its parts: mesh, material, path of the supports, forces, constraints."""
+"""Objects from the tables of a scene: mesh, material, path of the supports, forces, constraints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading of scene files: TOML into tables, with every refusal naming the file and the key's path."""
+"""Reading of scene files into typed tables; every refusal names the file and the key's path."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scene: what its file declares, and the shell, model and motion that are built from it."""
+"""Scenes: the declaration in a file, and the shell, model and motion built from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of a scene whose keys are the parameters of a function: shapes, loads and energies."""
+"""Tables of a scene derived from the parameters of functions: shapes, loads and energies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units of a scene's numbers, and values that no sheet has in them."""
+"""Units of a scene's numbers, and a check for implausible values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes written as TOML."""
+"""Writing of scenes as TOML."""
 
 from __future__ import annotations
 

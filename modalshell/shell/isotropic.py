@@ -1,4 +1,4 @@
-"""Isotropic sheet: Young's modulus, Poisson's ratio, thickness and density, as shell theory takes them."""
+"""Isotropic sheet of shell theory: Young's modulus, Poisson's ratio, thickness and density."""
 
 from __future__ import annotations
 

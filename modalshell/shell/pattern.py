@@ -1,4 +1,4 @@
-"""The sparse pattern of the stiffness matrix, found once, with the place of every element block in it."""
+"""Sparsity pattern of the stiffness matrix, with the location of every element block."""
 
 from __future__ import annotations
 

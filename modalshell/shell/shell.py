@@ -1,4 +1,4 @@
-"""The discrete shell: a mesh, a material and supports; its energy, force, stiffness and mass."""
+"""Shell: mesh, material and supports, with energy, force, stiffness and mass."""
 
 from __future__ import annotations
 

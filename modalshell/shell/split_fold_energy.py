@@ -1,4 +1,4 @@
-"""The split-fold energy: shell theory on fold angles, with a membrane smoothed over edges."""
+"""Split-fold energy: shell theory on fold angles, with a membrane smoothed over edges."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sheet of masses and springs stepped on a GPU, or by the same source on the processor (Warp)."""
+"""Sheet of springs on a GPU, or by the same source on the processor (Warp)."""
 
 from __future__ import annotations
 

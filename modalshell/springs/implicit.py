@@ -1,4 +1,4 @@
-"""Implicit Euler of a sheet of springs by conjugate gradients on blocks of particles, in parallel."""
+"""Implicit Euler of a sheet of springs, by parallel conjugate gradients on blocks of particles."""
 
 from __future__ import annotations
 

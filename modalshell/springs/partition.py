@@ -1,4 +1,4 @@
-"""Particles split over ranks: blocks of neighbours, and what each block reads from the others."""
+"""Partition of particles over ranks: blocks of neighbours, and the halo of each block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One large sheet over the ranks of an MPI run: the implicit step of springs, solved by PETSc.
+"""One large sheet over MPI ranks: implicit steps of springs, solved by PETSc.
 
 Every rank holds a block of neighbouring particles and the springs at them (:mod:`modalshell.springs.partition`). A step
 exchanges the places and velocities of the block's rim; PETSc's conjugate gradients, preconditioned by an incomplete

@@ -1,4 +1,4 @@
-"""A rectangular sheet of masses with three families of springs, as classical cloth programs have it [provot1995]."""
+"""Rectangular sheet of masses with three families of springs, as in classical cloth programs [provot1995]."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Springs between particles: which pairs, how long at rest, how stiff, how damped."""
+"""Springs between pairs of particles: rest lengths, stiffness and damping."""
 
 from __future__ import annotations
 

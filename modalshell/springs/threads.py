@@ -1,4 +1,4 @@
-"""How many of numba's threads a sheet takes: what was asked for, or what its own steps have shown to be faster."""
+"""Thread count of a sheet: as requested, or measured during its own steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rectangular sheet of masses and springs in motion by Verlet's method, fast and in parallel."""
+"""Rectangular sheet of springs in motion by Verlet's method, in parallel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the rectangular sheets of masses and springs stepped by Verlet's method share, wherever their state lives."""
+"""Abstract base of rectangular sheets stepped by Verlet's method, on processor or GPU."""
 
 from __future__ import annotations
 

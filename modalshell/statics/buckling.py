@@ -1,4 +1,4 @@
-"""Linear buckling: at what multiples of a load the stresses of the linear answer take the stiffness away."""
+"""Linear buckling: load factors at which the stresses of the linear solution cancel the stiffness."""
 
 from __future__ import annotations
 

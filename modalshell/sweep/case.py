@@ -1,4 +1,4 @@
-"""One case of a sweep: what a worker needs to compute it, and what it found."""
+"""Case of a sweep: the input of a worker, and its result."""
 
 from __future__ import annotations
 

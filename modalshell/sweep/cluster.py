@@ -1,4 +1,4 @@
-"""Cases computed by a cluster of dask.distributed."""
+"""Sweep cases on a cluster, by dask.distributed."""
 
 from __future__ import annotations
 

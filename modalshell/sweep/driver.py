@@ -1,4 +1,4 @@
-"""Run a sweep, or what is missing of it."""
+"""Running and resuming a sweep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The picture of a sweep.
+"""Picture of a sweep.
 
 The rule: an axis of numbers, or of vectors that differ by a factor alone (their lengths are taken), can be drawn along.
 Two such axes of four values or more become a map of the sixths that the value falls in, one panel for each combination

@@ -1,4 +1,4 @@
-"""Sweep files: a scene, the values that keys of it take, and the grid that they span."""
+"""Sweep files: a scene, values of some of its keys, and their grid."""
 
 from __future__ import annotations
 

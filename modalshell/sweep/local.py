@@ -1,4 +1,4 @@
-"""Cases computed by worker processes on this machine, each on one thread.
+"""Sweep cases on worker processes of this machine, one thread each.
 
 Every worker is asked one case at a time through its own pipes, so that a death tells which case it was at and leaves
 the other workers alone; ``ProcessPoolExecutor`` breaks as a whole, and its workers outlive a killed driver.

@@ -1,4 +1,4 @@
-"""From a sweep to its cases: every scene of the grid checked, named by its digest, and made ready to compute."""
+"""Plan of a sweep: every scene of the grid checked, identified by its digest, and prepared."""
 
 from __future__ import annotations
 

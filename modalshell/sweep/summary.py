@@ -1,4 +1,4 @@
-"""The summary of a sweep: a row for each case, in the order of the grid."""
+"""Summary of a sweep: one row per case, in the order of the grid."""
 
 from __future__ import annotations
 

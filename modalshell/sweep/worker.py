@@ -1,4 +1,4 @@
-"""A worker process of a sweep on this machine: tasks in on standard input, results out on standard output."""
+"""Worker process of a sweep: tasks from standard input, results to standard output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run of another process in a window, on a page, in a picture or as lines of text."""
+"""View of a run of another process: in a window, on a web page, as a picture or as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The viewer in a window: sliders and keys of PyVista around a session."""
+"""Desktop window of the viewer: PyVista's sliders and keys around a session."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who may speak to the page: its own address, with the secret of this start, in messages of bounded size."""
+"""Access control of the web viewer: own address, a secret per start, and bounded message sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A modal model takes up the motion of another model."""
+"""Transfer of a motion from one model to another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a viewer does, without any graphics: a scene in motion whose gravity and model change while it moves."""
+"""Viewer session, independent of graphics: a scene in motion whose gravity and model can change."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The viewer as a web page: trame serves controls, and pictures that are drawn here, to browsers on this machine."""
+"""Web viewer: trame serves controls and rendered pictures to browsers on this machine."""
 
 from __future__ import annotations
 

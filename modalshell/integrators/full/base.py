@@ -1,4 +1,4 @@
-"""What the rules of full models share: the forces of a shell in motion, and the potential of an implicit step."""
+"""Base of integrators of full models: forces in motion, and the incremental potential of an implicit step."""
 
 from __future__ import annotations
 

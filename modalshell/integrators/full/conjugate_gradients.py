@@ -1,4 +1,4 @@
-"""Linearised implicit Euler of a sheet of springs, its equations solved by conjugate gradients."""
+"""Linearised implicit Euler of a sheet of springs, solved by conjugate gradients."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the rules of modal models share: the step, and the theory of linear motion, which follows from it."""
+"""Base of modal integrators: the step, and the linear theory that follows from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The implicit midpoint rule of modes."""
+"""Implicit midpoint rule of modal coordinates."""
 
 from __future__ import annotations
 
