@@ -23,6 +23,7 @@ from modalshell.loads import Loading
 from modalshell.models.base import Model, ResolvedTarget, rigid_share
 from modalshell.models.distortion import Distortion
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.reduced_sensitivity import ModalTangent
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.reduction.load_quadrature import LoadQuadrature
@@ -94,6 +95,21 @@ class ModalModel(Model):
             ahead, behind = (self.modal_force(q + side * change, load) for side in (1.0, -1.0))
             jacobian[:, k] = (ahead - behind) / (2.0 * change[k])
         return jacobian
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
+
+        Repeated eigenvalues do no harm, unless the basis ends within one.
+        """
+        return ModalTangent(self, state).derivative(wrt, of)
+
+    def on_basis(self, basis: Basis) -> ModalModel:
+        """The same model on another basis of its shell."""
+        return type(self)(basis)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        raise OptionError(f"{self.name} has no derivatives: take LMA, MWTS or RSW")
 
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
