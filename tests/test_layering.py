@@ -39,7 +39,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "plugins": {"checks", "errors"},
     "reading": {"memory"},
     "atomic_io": {"checks", "errors", "memory", "reading"},
-    "render": {"atomic_io", "checks", "errors", "memory", "triangles", "typing"},
+    "render": {"atomic_io", "checks", "errors", "kernels", "memory", "typing"},
     "study": {"atomic_io", "checks", "errors"},
     "mesh": {"brief", "checks", "errors", "memory", "reading", "render", "sharing", "triangles"},
     "page": {"atomic_io", "checks", "errors", "mesh", "render", "typing"},

@@ -15,6 +15,8 @@ from modalshell.mesh import TriangleMesh
 from modalshell.outcome import Outcome
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.render.picture import SMALL
+from modalshell.shell.pattern import SparsePattern
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.typing import Array
 
 
@@ -77,6 +79,13 @@ class Equilibrium:
 
     def __post_init__(self) -> None:
         finite_answer("the equilibrium's positions", self.positions)
+
+    def load_stiffness(self, pattern: SparsePattern) -> Array:
+        """Minus the derivatives of the load's forces by the positions, as entries of a Hessian; zero of dead loads."""
+        data = np.zeros(pattern.size)
+        if self.loading is not None and self.loading.live:
+            LiveLoads(self.loading).add_stiffness(pattern, self.positions, data)
+        return data
 
     @property
     def converged(self) -> bool:

@@ -61,7 +61,7 @@ class HybridStress(Model):
     """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
-    K = 2 m trained stress states, so a basis that misses positions by a little does not lock; see
+    m trained stress states, so a basis that misses positions by a little does not lock; see
     :mod:`modalshell.reduction.assumed_stress`. Loads that the basis misses, states whose membrane the stresses do not
     see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they may be. Damping by the
     stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell

@@ -288,7 +288,9 @@ def solve_modes(
         Loads, or forces [N], under which the shell's linear answer shall be in the basis, too: for each that the modes
         do not hold already a vector follows them, so that vectors stay orthonormal and eigenvalues ascend.
     about : Equilibrium or array_like, shape (n, 3), optional
-        A stable state under dead loads, or its positions [m]: small vibrations are those about it.
+        A stable state: small vibrations are those about it. Loads of an equilibrium that follow the shell add their
+        stiffness, unsymmetric where they have no potential; forces by velocity, such as drag, are left out. About
+        positions [m] alone loads count as dead.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 
