@@ -69,7 +69,7 @@ def _most_seconds() -> float:
 
 
 notice = _Notice()
-event.register("numba:compile", notice)
+event.register("numba:compile", notice)  # type: ignore[no-untyped-call]
 
 
 def _user_folder() -> Path:
