@@ -132,6 +132,35 @@ class Model(ABC):
         """Equilibrium under configuration-dependent loads; by a sequence of dead loads unless overridden."""
         return settled(lambda load, begin: self._solve(load, begin, constraints), loading, start)
 
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium by parameters of the shell and its load, by the implicit-function theorem.
+
+        Parameters
+        ----------
+        state : Equilibrium
+            A converged answer of this model.
+        wrt : str or sequence of str
+            By what, k numbers in all: a constant of the material that is one number for the whole mesh, such as
+            "young", "thickness", "flexure" or "density"; "gravity" (k = 3); "load", a factor on the whole load;
+            "force", that on every vertex (k = 3n). DS has more.
+        of : array_like, shape (n, 3), optional
+            Derivative of a scalar by the positions: with it the scalar's derivatives are found.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, k), or (k,) with ``of``
+            Per unit of each.
+
+        Raises
+        ------
+        OptionError
+            For a model without derivatives, a state that has not converged or was not found by :meth:`equilibrium`
+            without constraints, a ``wrt`` that the model does not know, or loads that it does not take here.
+        SolverError
+            Where the state has no derivatives, at the end of a branch.
+        """
+        raise OptionError(f"{self.name} has no derivatives: take DS, LMA, MWTS, RSW, MD-ROM or the hybrid")
+
     def followable(self, load: Array) -> Followable:
         """The model as :func:`modalshell.equilibrium_path` follows it under a growing ``load`` (n, 3) [N].
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Self, final
 
 import numpy as np
+import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_number, checked_vectors
@@ -81,6 +82,11 @@ class CoarseDiscreteShell(Model):
     def compiled(self) -> bool:
         """Whether steps run in the compiled function."""
         return self._step is not None
+
+    @property
+    def weights(self) -> sps.csr_array:
+        """Weights (n, k) of :meth:`prolong`, and of :meth:`restrict`."""
+        return self._prolongation.matrix
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static equilibrium of the coarse shell, prolonged; a start (n, 3) is sampled to begin from."""

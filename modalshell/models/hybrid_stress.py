@@ -23,7 +23,9 @@ from modalshell.loads import Load
 from modalshell.models.base import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.hybrid_slopes import differences, forces_by_constants
 from modalshell.models.hybrid_training import Trained, train
+from modalshell.models.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.reduction.assumed_stress import ReducedStress, reduce_energy
 from modalshell.reduction.assumed_stress_step import evaluate, implicit_step
 from modalshell.sharing import PerThread
@@ -59,7 +61,7 @@ class HybridStress(Model):
     """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
-    K = 2 m trained stress states, so a basis that misses positions by a little does not lock; see
+    m trained stress states, so a basis that misses positions by a little does not lock; see
     :mod:`modalshell.reduction.assumed_stress`. Loads that the basis misses, states whose membrane the stresses do not
     see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they may be. Damping by the
     stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
@@ -261,6 +263,20 @@ class HybridStress(Model):
         strains = evaluate(self._reduced, z, np.zeros(modes))[1]
         value, _, _, gradient, lower = evaluate(self._reduced, z, strains[:modes])
         return value, gradient, np.tril(lower) + np.tril(lower, -1).T
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium under dead loads as trained, no matter what training would change.
+
+        See :class:`Model`; constants are those of the coarse shell.
+        """
+        z = dead_state(state)[0]
+        small = self.coarse.coarse.shell
+        columns = differences(lambda z: self._fine(self._coarse_positions(z)).ravel(), z)
+        spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
+        hessian = differences(lambda z: self._energy(z)[1], z)
+        constants = forces_by_constants(small, self._reduced, self._trained.stresses, z)
+        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
+        return tangent.derivative(wrt, of)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the reduced Hessian; None of answers by the coarse shell."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import cast
 
@@ -22,6 +23,7 @@ from modalshell.loads import Loading
 from modalshell.models.base import Model, ResolvedTarget, rigid_share
 from modalshell.models.distortion import Distortion
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.reduced_sensitivity import ModalTangent
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.reduction.load_quadrature import LoadQuadrature
@@ -94,6 +96,21 @@ class ModalModel(Model):
             jacobian[:, k] = (ahead - behind) / (2.0 * change[k])
         return jacobian
 
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
+
+        Repeated eigenvalues do no harm, unless the basis ends within one.
+        """
+        return ModalTangent(self, state).derivative(wrt, of)
+
+    def on_basis(self, basis: Basis) -> ModalModel:
+        """The same model on another basis of its shell."""
+        return type(self)(basis)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        raise OptionError(f"{self.name} has no derivatives: take LMA, MWTS or RSW")
+
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
         displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
@@ -104,7 +121,7 @@ class ModalModel(Model):
         begin = None if start is None else self.coordinates_of(start)
         self._refuse_slack()
         if constraints:
-            return self._answer(*self._constrained_statics(load, begin, constraints))
+            return self._constrained_answer(load, begin, constraints)
         return self._answer(self._free_statics(load, begin))
 
     def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
@@ -139,8 +156,8 @@ class ModalModel(Model):
                 "material a stretch, shear and flexure above 0, or let simulate move the shell"
             )
 
-    def _answer(self, found: Statics, left: Array | None = None) -> Equilibrium:
-        """The equilibrium at given coordinates, with residuals of constraints."""
+    def _answer(self, found: Statics) -> Equilibrium:
+        """The equilibrium at given coordinates."""
         positions = self.shell.rest_positions + self.raw_displacement(found.q)
         return Equilibrium(
             positions,
@@ -149,7 +166,6 @@ class ModalModel(Model):
             found.residual,
             found.stable,
             coordinates=found.q,
-            constraint_residuals=np.empty(0) if left is None else left,
         )
 
     def largest_turn(self, q: Array) -> float:
@@ -173,10 +189,8 @@ class ModalModel(Model):
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any."""
 
-    def _constrained_statics(
-        self, load: Array, start: Array | None, constraints: Sequence[Constraint]
-    ) -> tuple[Statics, Array]:
-        """Least modal energy under the constraints, the modal force iterated until it settles; and their residuals."""
+    def _constrained_answer(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Least modal energy under the constraints, the modal force iterated until it settles."""
         if self.basis.rigid_modes:
             raise OptionError(
                 "statics under constraints needs a shell that its supports hold; clamp some vertices, or let simulate "
@@ -204,7 +218,12 @@ class ModalModel(Model):
             outcome, message = Outcome.NO_FIXED_POINT, "the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
             outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {left.max():.2e} from its target"
-        return Statics(q, change, iterations, outcome, message), left
+        # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
+        units = np.array([[self._size if target.kind == "position" else 1.0] for target in targets])
+        out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
+        multipliers = np.linalg.lstsq(evaluate(q)[1].T, out_of_balance, rcond=None)[0].reshape(-1, 3)
+        answer = self._answer(Statics(q, change, iterations, outcome, message))
+        return replace(answer, constraint_residuals=left, constraint_reactions=multipliers / units)
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""

@@ -124,6 +124,14 @@ class ModalWarping(ModalModel):
         work = rotations.warped_work(w, linear, load, averaged, slope)
         return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
 
+    def on_basis(self, basis: Basis) -> ModalWarping:
+        """The same model on another basis of its shell."""
+        return ModalWarping(basis, consistent_force=self.consistent_force)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        return self.work(q, weights)[1]
+
     def work_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of the work."""
         w = self.rotation_vectors(q)

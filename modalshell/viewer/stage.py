@@ -15,7 +15,7 @@ from modalshell.render.camera import frame_points
 from modalshell.render.content import DEFAULT_CAMERA, ShadedSurface
 from modalshell.render.painter import LINE_WIDTH, reflectance
 from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
-from modalshell.render.surfaces import EdgeTable, line_color, vertex_normals
+from modalshell.render.surfaces import EdgeTable, line_color, normals
 from modalshell.typing import Array
 from modalshell.viewer.session import gravity_limit
 
@@ -84,7 +84,7 @@ class Stage:
         self._size = float(np.ptp(rest, axis=0).max())
         look = ShadedSurface(rest, faces)
         self._surface = self._pyvista.PolyData.from_regular_faces(rest.copy(), faces)
-        self._surface.point_data.active_normals = vertex_normals(rest, faces)
+        self._surface.point_data.active_normals = normals(rest, faces)[1]
         self._actors.append(add_faces(self.plotter, self._surface, look, color=look.color))
         table = EdgeTable.of(rest, faces)
         edges = table.edges[table.drawn]
@@ -125,7 +125,7 @@ class Stage:
             self._build()
         positions = self._shown.positions
         self._surface.points = positions
-        self._surface.point_data.active_normals = vertex_normals(positions, self._faces)
+        self._surface.point_data.active_normals = normals(positions, self._faces)[1]
         self._lines.points = positions
         if self._held_points is not None:
             self._held_points.points = positions[self._held]
