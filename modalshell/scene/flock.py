@@ -51,7 +51,9 @@ class CameraTable(Table, frozen=True):
     """``[flock.camera]``: position, and settings of films and pictures.
 
     ``position`` and ``target`` [m], vertical ``view_angle`` [degrees], picture ``size`` [pixels], time of the ``still``
-    [s] (the end without it), H.264's ``rate_factor`` (higher is smaller), ``color`` of the birds.
+    [s] (the end without it), H.264's ``rate_factor`` (higher is smaller), ``color`` of the birds. With ``follow`` the
+    camera goes along with the middle of the flock, which it has at ``target``; with the height of a ``ground`` [m]
+    there are ground, sky and shadows.
     """
 
     position: Vector
@@ -61,6 +63,8 @@ class CameraTable(Table, frozen=True):
     still: NotNegative | None = None
     rate_factor: Annotated[int, Meta(ge=0, le=51)] = 24
     color: str = "#8fb3d9"
+    follow: bool = False
+    ground: float | None = None
 
 
 class FlockTable(Table, frozen=True):
