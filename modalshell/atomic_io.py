@@ -1,4 +1,4 @@
-"""Files that are whole or not there: written in one move, their arrays read with every checksum."""
+"""Atomic writes, and checksummed reads of NPZ and JSON files."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from modalshell.memory import available_memory, gigabytes
 from modalshell.reading import open_regular, read_text
 
 _DIGEST = "sha256"
-"""Member of an ``.npz`` or JSON file over all others, so that not even one from another file goes unnoticed."""
+"""Name of the digest over all other members of an NPZ or JSON file, which detects members of another file."""
 
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A temporary path beside ``path``, with its suffix; what was written there is put in place in one move.
+    """Yield a temporary path in the folder of ``path``, with its suffix; on success rename it to ``path``.
 
-    FileFormatError where nothing can be written.
+    FileFormatError if nothing can be written.
     """
     target = Path(path)
     make_folder(target.parent)
@@ -44,7 +44,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder for results, and those above it; FileFormatError where there can be none."""
+    """Make a folder for results and its parents; FileFormatError if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:  # ValueError: a null character in the name
@@ -53,7 +53,7 @@ def make_folder(folder: Path) -> None:
 
 
 def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], None]) -> Path:
-    """Write through ``write`` into a temporary file beside ``path``, then put it in place in one move."""
+    """Call ``write`` on a temporary file in the same folder, then rename it to ``path``."""
     with replacing(path) as temporary, open(temporary, "wb") as file:
         write(file)
         file.flush()
@@ -62,16 +62,16 @@ def write_atomically(path: str | os.PathLike[str], write: Callable[[IO[bytes]], 
 
 
 def write_npz(path: str | os.PathLike[str], **arrays: ArrayLike) -> Path:
-    """Write arrays to a compressed ``.npz`` file (no pickle), with a digest over them all."""
+    """Write arrays and a digest of them to a compressed ``.npz`` file, without pickle."""
     given = {name: np.asarray(array) for name, array in arrays.items()}
     given[_DIGEST] = np.array(digest(given))
     return write_atomically(path, lambda file: np.savez_compressed(file, allow_pickle=False, **given))
 
 
 def read_npz(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
-    """Arrays of an ``.npz`` file, every one whole; any exception of zip, NumPy or the system where one is not.
+    """Read all arrays of an ``.npz`` file; exceptions of zip, NumPy or the system if one is damaged.
 
-    Files without a digest, as NumPy and earlier versions write them, are read by the checksums of their members alone.
+    For files without a digest, as NumPy and earlier versions write them, only the members' checksums are verified.
     """
     with open_regular(path) as file, zipfile.ZipFile(file) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
@@ -85,7 +85,7 @@ def read_npz(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
 
 
 def read_member(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """One array of an ``.npz`` file, its checksum verified; refused before memory is taken if it is not all there."""
+    """Read one array of an ``.npz`` file and verify its checksum; truncated ones are refused before allocation."""
     info = archive.getinfo(f"{name}.npy")
     with archive.open(info) as member:
         shape, _, dtype = read_header(member)
@@ -125,7 +125,7 @@ def write_record(path: str | os.PathLike[str], document: dict[str, Any]) -> Path
 
 
 def read_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
-    """What :func:`write_record` wrote; None where the file is missing, damaged or another one."""
+    """Read what :func:`write_record` wrote; None if the file is missing, damaged or of another kind."""
     try:
         return checked_record(path)
     except (OSError, ValueError, TypeError, AttributeError, RecursionError):
@@ -133,7 +133,7 @@ def read_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
 
 
 def checked_record(path: str | os.PathLike[str], *, bare: bool = False) -> dict[str, Any]:
-    """The same; any exception of JSON or the system where it is not whole. ``bare`` takes a file without a digest."""
+    """As :func:`read_record`, but raise what JSON or the system raises; ``bare`` accepts a file without a digest."""
     document: dict[str, Any] = json.loads(read_text(path))
     stored = document.pop(_DIGEST, None)
     if stored != _document_digest(document) and not (bare and stored is None):

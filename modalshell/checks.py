@@ -1,4 +1,4 @@
-"""Checks of what a user hands in: one place that says what was got and what is allowed."""
+"""Validation of user input: each check states the value it got and the values that are allowed."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from modalshell.errors import LoadError, ModalShellError, OptionError, SolverErr
 T = TypeVar("T")
 
 LARGEST = 1e50
-"""Size of a number above which its powers overflow in the energies; below its inverse they underflow."""
+"""Numbers above this overflow when raised to powers in the energies; numbers below its inverse underflow."""
 _APART = 1e-15
-"""Shortest time [s] between keyframes, whose third power splines divide by."""
+"""Shortest time [s] between keyframes; splines divide by its third power."""
 _SHOWN = 80
-"""Characters of a refused value that a message shows."""
+"""Characters of a refused value shown in a message."""
 _PLAIN = (str, bytes, int, float, complex, list, tuple, dict, type(None), np.ndarray, np.generic)
 
 
@@ -30,7 +30,7 @@ def shortened(text: str, most: int = 300) -> str:
 
 
 def shown(value: Any) -> str:
-    """What was got, for a message: its ``repr`` on one line, shortened; only the type of what has no plain one."""
+    """A value for a message: its ``repr`` on one line, shortened, or its type if it has no plain ``repr``."""
     if not isinstance(value, _PLAIN):
         return f"an object of type {type(value).__name__}"
     try:
@@ -124,8 +124,7 @@ def checked_output(out: Any, shape: tuple[int, ...], dtype: np.dtype[Any]) -> ND
 def as_array(name: str, values: Any, expected: str, error: type[ModalShellError], kinds: str = "iuf") -> NDArray[Any]:
     """``values`` as an array of real numbers (or other NumPy ``kinds`` of data), as they are; else ``error``.
 
-    Not taken: text, dates and complex numbers, which NumPy would convert with loss, and masked entries, whose mask it
-    would drop.
+    Text, dates, complex numbers and masked arrays are refused: NumPy would convert them with loss or drop the mask.
     """
     if np.ma.is_masked(values):
         raise error(f"{name} must be {expected} (got an array with masked entries: fill or drop them)")
@@ -141,7 +140,7 @@ def as_array(name: str, values: Any, expected: str, error: type[ModalShellError]
 def checked_vectors(
     name: str, values: Any, shape: tuple[int, ...], error: type[ModalShellError] = LoadError
 ) -> NDArray[np.float64]:
-    """Return ``values`` as a contiguous float64 array of one vector a vertex, else raise ``error``."""
+    """Return ``values`` as a contiguous float64 array of one vector per vertex, else raise ``error``."""
     given = as_array(name, values, f"numbers of shape {shape}", error)
     if given.shape != shape:
         raise error(f"{name} must have shape {shape} (got {given.shape})")
@@ -163,7 +162,7 @@ def checked_times(times: Any) -> NDArray[np.float64]:
 
 
 def checked_each(name: str, values: Any, count: int, error: type[ModalShellError]) -> NDArray[np.float64]:
-    """Return ``count`` finite numbers from so many or from one for all, else raise ``error``."""
+    """Return ``count`` finite numbers from a list of that length or from one number, else raise ``error``."""
     given = as_array(name, values, f"one number or {count}", error)
     if given.shape not in ((), (count,)):
         raise error(f"{name} must be one number or {count} (got shape {given.shape})")
@@ -178,7 +177,7 @@ def checked_folder(name: str, value: Any) -> Path:
 
 
 def vector_count(values: Any) -> int:
-    """Length of what should be a list of vectors, to check it against; 1 for what has none."""
+    """Length of a list of vectors that is yet to be checked; 1 if it has no length."""
     try:
         return len(values)
     except TypeError:
@@ -186,7 +185,7 @@ def vector_count(values: Any) -> int:
 
 
 def finite_answer(name: str, *answers: Any) -> None:
-    """Raise SolverError if an answer has left the finite numbers, as extreme but allowed input may make it."""
+    """Raise SolverError if a result is not finite, which extreme but allowed input may cause."""
     if not all(np.isfinite(answer).all() for answer in answers):
         raise SolverError(
             f"{name} left the finite numbers (got NaN or infinity): sizes, stiffnesses or loads are too many decades "

@@ -1,4 +1,4 @@
-"""The command line: figures, scenes, benchmarks, and motion and modes of meshes of your own."""
+"""Command line: figures, scenes, benchmarks, and motion and modes of meshes of your own."""
 
 from __future__ import annotations
 
@@ -25,7 +25,18 @@ from modalshell.memory import available_memory, gigabytes
 from modalshell.provenance import repository_module
 from modalshell.scene.page import write_pages
 
-app = App(name="modalshell", help="Thin shells from modal warping to discrete shells.", version=ms.__version__)
+_HELP = """Simulate thin shells: leaves, paper, sheet metal, cloth.
+
+Models: LMA (linear modal analysis), MWTS (modal warping for thin shells), RSW (rotation-strain warping), MD-ROM
+(modal-derivative reduced-order model), DS (discrete shells, the reference). A rung is one model of this ladder.
+
+Example: modalshell simulate meshes/leaf.obj
+"""
+app = App(name="modalshell", help=_HELP, version=ms.__version__)
+app.register_install_completion_command(
+    help="Install completion of commands and options for this shell.\n\n"
+    "Example: modalshell --install-completion --shell bash"
+)
 scenes.register(app)
 meshes.register(app)
 results.register(app)
@@ -43,7 +54,10 @@ def reproduce(
     quick: Annotated[bool, Parameter(help="Coarser meshes and fewer loads, to try things out.")] = False,
     pages: Annotated[bool, Parameter(help="Write a web page of each scene into 'pages' instead.")] = False,
 ) -> None:
-    """Run the studies and draw the paper's figures."""
+    """Run the studies and draw the paper's figures.
+
+    Example: modalshell reproduce --only flat_vs_v_beam --quick
+    """
     if pages:
         with progress("pages") as on_step:
             written = write_pages(out / "pages", on_step)
@@ -69,7 +83,12 @@ def tradeoff(
     modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
-    """Measure every rung that a scene allows: error against DS, cost of a frame, and what none cheaper matches."""
+    """Measure every model that a scene allows: its error against DS (discrete shells) and its cost per frame.
+
+    Rows in bold have the least error at their cost.
+
+    Example: modalshell tradeoff studies/scenes/flat_beam.toml --modes 4 --modes 8
+    """
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         found = ms.tradeoff(scene, truth=truth, modes=modes, on_step=on_step)
@@ -82,13 +101,18 @@ def tradeoff(
 def advise(
     scene: Annotated[Path, Parameter(help="TOML file.")],
     *,
-    error: Annotated[float, Parameter(help="Largest displacement error against DS, relative.")] = 0.02,
-    fps: Annotated[float, Parameter(help="Frames a second at least.")] = 60.0,
+    error: Annotated[float, Parameter(help="Largest relative displacement error against DS.")] = 0.02,
+    fps: Annotated[float, Parameter(help="Least frame rate [1/s].")] = 60.0,
     modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
     write: Annotated[Path | None, Parameter(help="Write the scene with the named model to this file.")] = None,
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
-    """Name the cheapest rung that is as accurate and as fast as asked on a scene, from measured runs."""
+    """Name the cheapest model that meets an error and a frame rate on a scene, from measured runs.
+
+    Errors are of displacement, against DS (discrete shells).
+
+    Example: modalshell advise studies/scenes/flat_beam.toml --error 0.02 --fps 60
+    """
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
@@ -106,7 +130,10 @@ def bench(
     out: Annotated[Path, Parameter(help="Folder of the tables and the picture.")] = Path("results"),
     quick: Annotated[bool, Parameter(help="Without the largest sizes.")] = False,
 ) -> None:
-    """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy."""
+    """Measure this machine: frames, modes, assembly, implicit steps and flocks against plain NumPy and SciPy.
+
+    Example: modalshell bench --quick --only assembly
+    """
     with progress("benchmarks") as on_step:
         written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
@@ -116,8 +143,11 @@ def bench(
 
 @app.command
 def doctor() -> None:
-    """Show what this machine brings: versions, solvers, threads, what draws, and which extras are missing."""
-    table = Table("what", "found", "what would better it")
+    """List versions, solvers, threads, renderers and missing extras of this machine.
+
+    Example: modalshell doctor
+    """
+    table = Table("what", "found", "how to improve it")
     for reading in examine():
         table.add_row(reading.name, escape(reading.value), escape(reading.hint))
     CONSOLE.print(table)

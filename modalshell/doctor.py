@@ -1,4 +1,4 @@
-"""What this machine brings: versions, solvers, the BLAS and its threads, what draws, and which extras are there."""
+"""Diagnosis of the machine: versions, solvers, BLAS and its threads, renderer, and installed extras."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _EXTRAS = {
     "mpi": ("petsc4py", "one sheet of springs over several processes"),
     "cluster": ("distributed", "sweeps over several machines"),
     "parquet": ("pyarrow", "the summary of a sweep as Parquet"),
-    "symbolic": ("sympy", "generating the energies' kernels anew"),
+    "symbolic": ("sympy", "generation of the energies' kernels"),
 }
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One line of what was found: ``value``, and in ``hint`` what would better it, empty where nothing would."""
+    """One line of the diagnosis; ``hint`` says how to improve ``value`` and is empty if nothing is missing."""
 
     name: str
     value: str
@@ -39,7 +39,7 @@ class Reading:
 
 
 def examine() -> list[Reading]:
-    """Read the machine; drawing is tried out in a child process, which takes a second."""
+    """Examine the machine; rendering is tried in a child process, which takes a second."""
     packages = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _CORE)
     readings = [
         Reading("machine", f"{platform.system()} on {platform.machine()}, {os.cpu_count()} cores"),
@@ -57,7 +57,7 @@ def examine() -> list[Reading]:
 
 
 def _blas() -> list[Reading]:
-    """Each BLAS in this process with its threads and the processor that it takes this one for."""
+    """Each BLAS in this process, with its threads and the processor type that it detected."""
     readings = []
     for pool in threadpool_info():
         if pool["user_api"] == "blas":
@@ -71,7 +71,7 @@ def _blas() -> list[Reading]:
 
 
 def _drawing() -> Reading:
-    """Which library draws shapes here."""
+    """The renderer of this machine."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModalShellWarning)
         renders = choose_backend() == "pyvista"

@@ -1,6 +1,6 @@
 """Named errors and warnings of the package.
 
-Every message says what was got, what was expected and how to mend it. The command line prints such an error as one
+Every message says what was got, what was expected and how to correct it. The command line prints such an error as one
 line and exits with status 2.
 """
 
@@ -32,7 +32,7 @@ class OptionError(ModalShellError, ValueError):
 
 
 class SolverError(ModalShellError, RuntimeError):
-    """A linear solve or an eigensolve that gave no usable answer."""
+    """A linear solve or an eigensolve without a usable result."""
 
 
 class FileFormatError(ModalShellError, ValueError):
@@ -48,7 +48,7 @@ class WorkerError(ModalShellError, RuntimeError):
 
 
 class ModalShellWarning(UserWarning):
-    """An answer that stands but that the user should read with care."""
+    """A result that is valid but needs care."""
 
 
 REPAIR = "ms.repair(vertices, faces) or, on the command line, --repair"

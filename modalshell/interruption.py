@@ -1,4 +1,4 @@
-"""Ctrl-C while the command still imports ends it with one line; the package imports this module first."""
+"""Handle Ctrl-C during import: the command ends with one line. The package imports this module first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Locking a file: one process at a time has it, and others may ask whether one has without taking it themselves."""
+"""Advisory file lock: one process holds it; others can test it without acquiring it."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _FLAGS = getattr(os, "O_BINARY", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os,
 _FLOCK = "@hhqqi"
 """The C struct of a record lock: kind, origin, start and length (0: all of the file), process."""
 _OWN_LOCKS = sys.platform == "linux"
-"""Whether locks can belong to a descriptor and still be asked about, as flock's cannot."""
+"""Whether open-file-description locks exist here, which unlike ``flock`` can be tested without acquiring them."""
 
 
 def acquire_lock(path: Path) -> int:
-    """Descriptor of the file, made if missing, and locked until it is closed or the process ends (not under Windows).
+    """Open a file, create it if missing, and lock it until it is closed or the process ends (no lock under Windows).
 
     Raises
     ------
@@ -59,7 +59,7 @@ def acquire_lock(path: Path) -> int:
 
 
 def is_locked(descriptor: int) -> bool | None:
-    """Whether a process has locked the open file; None where the system cannot tell. This takes no lock."""
+    """Whether a process has locked the open file; None if the system cannot tell. Acquires no lock."""
     if not _OWN_LOCKS:
         return None
     asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)

@@ -1,4 +1,4 @@
-"""Measures of one answer against another."""
+"""Error measures, fields, support reactions and the dimensionless load Gamma."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from modalshell.checks import checked_kind, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
-from modalshell.mesh.topology import area_vectors
 from modalshell.shell import Shell
+from modalshell.triangles import area_vectors
 from modalshell.typing import Array
 
 
@@ -53,7 +53,7 @@ def displacement_error(
 
 
 def field(shell: Shell, positions: ArrayLike, name: str) -> Array:
-    """One number a triangle (T,) of a field of a deformed shell.
+    """Field of a deformed shell, one number per triangle (T,).
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def field(shell: Shell, positions: ArrayLike, name: str) -> Array:
     LoadError
         For positions of the wrong shape or not finite.
     OptionError
-        For another name, or one that needs a thickness which the material has not.
+        For an unknown name, or a field that needs a thickness if the material has none.
     """
     return checked_kind("shell", shell, Shell).fields(positions).scalar(name)
 
@@ -83,10 +83,10 @@ def support_reactions(
     force: ArrayLike | None = None,
     loads: Sequence[Load] | None = None,
 ) -> Array:
-    """Force (k, 3) [N] of each of the k supports on a shell in equilibrium.
+    """Force (k, 3) [N] of each of the k supports on a shell in equilibrium: together they balance the load.
 
-    The sums of :meth:`Shell.reactions` over the supports' vertices, in the order of ``shell.supports``; a vertex of
-    several supports counts for the first. Together they balance the load.
+    The sums over the vertices of :meth:`Shell.support_reactions`, in the order of ``shell.supports``: supports that
+    hold a vertex along one direction share its force evenly.
 
     Parameters
     ----------
@@ -102,13 +102,8 @@ def support_reactions(
     LoadError
         For arrays of the wrong shape or not finite, or where a triangle has collapsed.
     """
-    left = checked_kind("shell", shell, Shell).reactions(positions, gravity=gravity, force=force, loads=loads)
-    sums = np.zeros((len(shell.supports), 3))
-    for total, support in zip(sums, shell.supports, strict=True):
-        mask = support.vertices(shell.mesh.vertices)
-        total += left[mask].sum(axis=0)
-        left[mask] = 0.0
-    return sums
+    shares = checked_kind("shell", shell, Shell).support_reactions(positions, gravity=gravity, force=force, loads=loads)
+    return np.array([share.sum(axis=0) for share in shares]).reshape(-1, 3)
 
 
 def area_change(positions: ArrayLike, mesh: TriangleMesh) -> float:

@@ -1,4 +1,4 @@
-"""How much memory and disk are free, and refusals of work that needs more before it starts."""
+"""Free memory and disk space, and refusal of work that needs more, before it starts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from modalshell.errors import OptionError
 
 _UNKNOWN = 2**40
-"""Taken for the free memory where the system does not tell."""
+"""Assumed free memory if the system does not report it."""
 _CGROUPS = (
     ("/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"),
     ("/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"),
@@ -17,7 +17,7 @@ _CGROUPS = (
 
 
 def available_memory() -> int:
-    """Bytes that this process may still take: of the machine, of its container, and by its own limit."""
+    """Bytes this process may still allocate: limited by the machine, its container, and its own limit."""
     free = [_UNKNOWN]
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
@@ -48,7 +48,7 @@ def gigabytes(size: float) -> str:
 
 
 def demand_memory(what: str, size: float, remedy: str) -> None:
-    """OptionError if ``what`` needs ``size`` bytes and there are fewer; ``remedy`` says what would need less."""
+    """OptionError if ``what`` needs more bytes than are free; ``remedy`` says what would need less."""
     free = available_memory()
     if size > free:
         raise OptionError(f"{what} needs about {gigabytes(size)} of memory (got {gigabytes(free)} free): {remedy}")

@@ -1,4 +1,4 @@
-"""How an answer ended: one vocabulary for statics, motion, sweeps and the stability atlas."""
+"""Outcomes: one enumeration for statics, motion, sweeps and the stability atlas."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from enum import StrEnum
 class Outcome(StrEnum):
     """Named outcome of an equilibrium, a motion or a case of a sweep; ``str(outcome)`` is its status.
 
-    Members stand from the best to the gravest: where several hold, the last one names the result.
+    Members are ordered from best to worst: if several apply, the last one is reported.
     """
 
     CONVERGED = "converged"
     """Statics: the residual met its tolerance at a state that the model can hold."""
     COMPLETED = "completed"
-    """Motion: every step was taken, and nothing is to be said against it."""
+    """Motion: every step succeeded."""
     STOPPED = "stopped"
     """Ended by a time limit or by the user; can be resumed."""
     STEPS_NOT_CONVERGED = "steps not converged"
@@ -24,27 +24,27 @@ class Outcome(StrEnum):
     ROUNDING_LIMITED = "rounding limited"
     """Statics: rounding keeps the residual above its tolerance."""
     INACCURATE = "inaccurate"
-    """Finished, but farther from the reference than asked."""
+    """Finished, but farther from the reference than requested."""
     OUT_OF_REACH = "out of reach"
     """Statics: no state of the model meets the constraints."""
     DISTORTED = "distorted"
-    """Area doubled or halved, of the surface or of a tenth of it, or triangles folded over: no modal model's state."""
+    """Area (of all or a tenth of the surface) doubled or halved, or triangles inverted: beyond modal models."""
     CYCLING = "cycling"
     """Motion: damped motion under a constant load does not settle."""
     UNSTABLE = "unstable"
-    """In balance, or at rest after motion, at a saddle, which the smallest disturbance leaves."""
+    """In equilibrium, or at rest after motion, at a saddle of the energy: unstable."""
     NO_FIXED_POINT = "no fixed point"
     """Statics: the branch of fixed points ends before the load is reached."""
     NO_EQUILIBRIUM = "no equilibrium"
-    """Statics: the load drives a rigid motion that the supports leave free."""
+    """Statics: the load acts on a rigid motion that the supports leave free."""
     NOT_CONVERGED = "not converged"
     """Statics: the residual missed its tolerance."""
     WOUND_UP = "wound up"
     """A vertex or triangle turned by more than 2 pi."""
     RUNS_AWAY = "runs away"
-    """Motion: its energy grows far beyond the work of the load."""
+    """Motion: the energy grows far beyond the work of the load."""
     DIVERGED = "diverged"
-    """The state left the finite numbers."""
+    """The state is not finite any more."""
     REFUSED = "refused"
     """The input was refused before any work."""
     FAILED = "failed"
@@ -57,16 +57,16 @@ class Outcome(StrEnum):
 
     @property
     def solved(self) -> bool:
-        """Whether an answer of statics solves the model's own equations, if need be where these describe no shell."""
+        """Whether a static result solves the model's equations, even if the state is outside the model's range."""
         return self in (Outcome.CONVERGED, Outcome.DISTORTED)
 
     def with_message(self, message: str) -> str:
-        """The outcome for a reader, with the sentence about it where there is one."""
+        """The outcome as text, followed by the message if there is one."""
         return f"{self}: {message}" if message else str(self)
 
 
 def gravest(*outcomes: Outcome) -> Outcome:
-    """The gravest of some outcomes."""
+    """The worst of some outcomes."""
     order = list(Outcome)
     return max(outcomes, key=order.index)
 
@@ -85,13 +85,13 @@ _IN_WORDS = {
     "constraints were missed": Outcome.CONSTRAINTS_MISSED,
     "steps did not converge": Outcome.STEPS_NOT_CONVERGED,
 }
-"""What earlier versions wrote, the gravest first: a status of theirs was a sentence that could name several."""
+"""Statuses that earlier versions wrote, worst first; one sentence could name several."""
 
 
 def read_outcome(status: str, message: str | None) -> tuple[Outcome, str]:
-    """Outcome and message of a file, where earlier versions (``message`` None) wrote one sentence as the status.
+    """Outcome and message of a file; earlier versions (``message`` None) wrote one sentence as the status.
 
-    A sentence that names no known outcome is taken for "not converged".
+    A sentence that names no known outcome counts as "not converged".
     """
     if status in list(Outcome):
         return Outcome(status), message or ""

@@ -1,4 +1,4 @@
-"""Other packages that add loads, energies or models: found by their entry points in the group ``modalshell``."""
+"""Plug-ins: packages that add loads, energies, integrators or models through the entry-point group ``modalshell``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def load_plugins() -> tuple[str, ...]:
         except Exception as error:  # whatever another package's import may raise
             raise OptionError(
                 f"the package behind the entry point {entry.name!r} ({entry.value}) cannot be imported: "
-                f"{shortened(str(error))}; mend or uninstall it"
+                f"{shortened(str(error))}; repair or uninstall it"
             ) from error
         names.append(entry.name)
     return tuple(names)

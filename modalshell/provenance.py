@@ -1,4 +1,4 @@
-"""What a result was made with: versions, seed, parameters, machine; and where the package's data files are."""
+"""Provenance of results (versions, seed, parameters, machine), and paths of the package's data files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PACKAGES = ("modalshell", "numpy", "scipy", "numba")
 
 
 def run_record(parameters: dict[str, Any], seed: int = 0) -> dict[str, Any]:
-    """What must be known to make a result again: versions, seed, parameters, machine."""
+    """Record of what reproduces a result: versions, seed, parameters, machine."""
     return {
         "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "versions": {name: importlib.import_module(name).__version__ for name in _PACKAGES}
@@ -33,7 +33,7 @@ def repository_file(name: str) -> Path:
     for root in (_PACKAGE.parent, _PACKAGE / "bundled"):
         if (root / name).is_file():
             return root / name
-    raise FileFormatError(f"{name} is neither beside the package nor inside it; reinstall modalshell")
+    raise FileFormatError(f"{name} is neither in the checkout nor in the installed package; reinstall modalshell")
 
 
 def repository_module(name: str) -> ModuleType:

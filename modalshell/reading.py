@@ -1,4 +1,4 @@
-"""Files opened for reading: regular files of a size that fits into memory, refused before a byte is read."""
+"""Reading of files: only regular files that fit into memory, checked before a byte is read."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _KINDS = {
     stat.S_IFBLK: "a device",
 }
 DOCUMENT = 100 * 2**20
-"""Bytes that a file of tables, such as a scene or a record, may have."""
+"""Largest size [bytes] of a file of tables, such as a scene or a record."""
 
 
 def open_regular(path: str | os.PathLike[str], most: int | None = None) -> BinaryIO:
-    """Open a regular file for reading; a pipe or device, which could be read for ever, is not waited for.
+    """Open a regular file for reading; pipes and devices are refused without waiting for them.
 
     Parameters
     ----------
     path : path
         The file; links are followed.
     most : int, optional
-        Size [bytes] above which it is refused; without it whatever it has.
+        Size [bytes] above which it is refused; no limit if omitted.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def open_regular(path: str | os.PathLike[str], most: int | None = None) -> Binar
 
 
 def read_regular(path: str | os.PathLike[str], most: int | None = None) -> bytes:
-    """Contents of a regular file; as :func:`open_regular`, and at most what fits into a fourth of the free memory."""
+    """Contents of a regular file, at most a fourth of the free memory; see :func:`open_regular`."""
     fits = available_memory() // 4
     with open_regular(path, fits if most is None else min(most, fits)) as file:
         return file.read()
 
 
 def read_text(path: str | os.PathLike[str], most: int = DOCUMENT) -> str:
-    """Contents of a regular file as UTF-8 text; as :func:`read_regular`, and UnicodeDecodeError for other text."""
+    """Contents of a regular file as UTF-8 text; UnicodeDecodeError otherwise. See :func:`read_regular`."""
     return read_regular(Path(path), most).decode("utf-8")

@@ -1,9 +1,10 @@
-"""Selection of vertices: by a text such as ``x < 0.01 and abs(y) > 0.2``, by a mask, or by indices.
+"""Selection of vertices by an expression such as ``x < 0.01 and abs(y) > 0.2``, by a mask, or by indices.
 
 Texts compare the coordinates ``x``, ``y``, ``z`` [m] at rest, and ``angle(nx, ny, nz)``, the angle [deg] between the
-surface's normal at a vertex and a direction. Besides, ``boundary`` selects all boundary vertices, ``boundary(k)`` those
-of one boundary loop, counted from 0 by falling length, ``component(k)`` those of one connected part, counted from 0 by
-falling area, ``nearest(x, y, z)`` the vertex nearest to a point, and ``box(x0, y0, z0, x1, y1, z1)`` those in a box.
+surface's normal at a vertex and a direction. ``boundary`` selects all boundary vertices, ``boundary(k)`` those
+of one boundary loop, numbered from 0 in order of decreasing length, ``component(k)`` those of one connected part,
+numbered from 0 in order of decreasing area, ``nearest(x, y, z)`` the vertex nearest to a point, and
+``box(x0, y0, z0, x1, y1, z1)`` those in a box.
 They are parsed, never evaluated as code.
 """
 
@@ -41,7 +42,7 @@ _ALLOWED = (
     "component(k), nearest(x, y, z), box(x0, y0, z0, x1, y1, z1), joined by and, or, not"
 )
 _LONGEST = 1000
-"""Characters of a selection: the parser's own limits end in no message."""
+"""Longest selection [characters]; Python's parser ends without a message on longer ones."""
 
 
 _ON_MESH: dict[str, tuple[int, Callable[..., NDArray[np.bool_]]]] = {
@@ -56,7 +57,7 @@ _ON_POINTS: dict[str, tuple[int, Callable[..., NDArray[np.bool_]]]] = {
 """Functions of points that select vertices, and how many numbers they take."""
 
 Selection = str | Sequence[int] | NDArray[np.bool_] | NDArray[np.int64]
-"""Vertices by a text, by indices, or by a mask."""
+"""Vertices by an expression, by indices, or by a mask."""
 
 
 class _NoSuchPartError(OptionError):
@@ -64,7 +65,7 @@ class _NoSuchPartError(OptionError):
 
 
 def checked_selection(name: str, selection: Selection) -> Selection:
-    """A selection that no one can change, before there is a mesh; OptionError about ``name`` where it can be none."""
+    """A read-only copy of a selection, checked before a mesh is known; OptionError about ``name`` if invalid."""
     if isinstance(selection, str):
         try:
             select_vertices(selection, _SAMPLE)
@@ -257,4 +258,4 @@ def _angles(mesh: TriangleMesh, direction: NDArray[np.float64]) -> NDArray[np.fl
 
 
 _SAMPLE = TriangleMesh([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], [[0, 1, 2]])
-"""A mesh on which a text is tried before there is one."""
+"""A mesh on which expressions are checked before the actual mesh is known."""

@@ -1,4 +1,4 @@
-"""Objects that threads may share and that may be copied and pickled: read-only arrays, working state per thread."""
+"""Thread-safe objects that can be copied and pickled: read-only arrays, and working state per thread."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 def read_only(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
-    """``array`` itself, writeable no more: for arrays that the caller owns."""
+    """Make ``array`` read-only and return it: for arrays that the caller owns."""
     array.flags.writeable = False
     return array
 
 
 def read_only_copy(array: NDArray[_Scalar]) -> NDArray[_Scalar]:
-    """``array`` itself if nobody can write to it, else a copy of it that nobody can write to."""
+    """Return ``array`` if it is read-only throughout, else a read-only copy."""
     return array if not array.flags.writeable and array.flags.owndata else read_only(array.copy())
 
 
 class ReadOnlyArrays:
-    """Base of classes whose arrays are read-only: a copy or a pickle of NumPy's forgets that."""
+    """Base of classes whose arrays stay read-only when copied or pickled, which NumPy does not ensure."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for value in state.values():
@@ -37,7 +37,7 @@ class ReadOnlyArrays:
 
 @final
 class PerThread(Generic[T]):
-    """One value for every thread that asks, made when it first does; copies and pickles start without any.
+    """One value per thread, made on first use; copies and pickles start empty.
 
     Parameters
     ----------

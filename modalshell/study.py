@@ -24,7 +24,7 @@ _ARRAYS = "arrays"
 
 @dataclass(frozen=True)
 class StudyResult:
-    """What a study found.
+    """Result of a study.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class StudyResult:
 
 
 def _plain(value: Any) -> Any:
-    """NumPy numbers and arrays as JSON has them."""
+    """Convert NumPy numbers and arrays to JSON types."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"no JSON form for {type(value).__name__}")

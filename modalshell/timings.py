@@ -1,4 +1,4 @@
-"""Wall time of an answer, and of the parts of a solver."""
+"""Wall times of computations and of the parts of a solver."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 
 class Stopwatch:
-    """Wall time since it was made [s]."""
+    """Wall time since construction [s]."""
 
     def __init__(self) -> None:
         self._start = time.perf_counter()
@@ -31,5 +31,5 @@ class Timings(dict[str, float]):
             self[name] = self.get(name, 0.0) + time.perf_counter() - start
 
     def since(self, before: dict[str, float]) -> dict[str, float]:
-        """What was added after the copy ``before`` was taken; other threads may add meanwhile."""
+        """Times added since the copy ``before`` was made; other threads may add concurrently."""
         return {name: seconds - before.get(name, 0.0) for name, seconds in list(self.items())}

@@ -1,4 +1,4 @@
-"""Counted work: element evaluations, linear solves, and bytes of model data read; the same on every machine."""
+"""Machine-independent cost: counts of element evaluations, linear solves and bytes of model data read."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SOLVED = 0.003
 @final
 @dataclass
 class Work:
-    """What was counted.
+    """Counted work.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ _open: ContextVar[Work | None] = ContextVar("work", default=None)
 
 @contextmanager
 def counted() -> Iterator[Work]:
-    """Count the work done inside; a count outside does not see it."""
+    """Count the work done inside the block; an enclosing count does not include it."""
     token = _open.set(work := Work())
     try:
         yield work
@@ -77,13 +77,13 @@ def count_read(number: int) -> None:
 
 
 def count_products(number: float) -> None:
-    """Count multiplications of dense matrix products, which tell in the cost alone."""
+    """Count multiplications of dense matrix products, which enter only the cost."""
     if (work := _open.get()) is not None:
         work.cost += _PRODUCT * number
 
 
 def count_factorisation(unknowns: int, number: int = 1, products: float | None = None) -> None:
-    """Count sparse factorisations; of those whose multiplications are known these tell in the cost."""
+    """Count sparse factorisations; known numbers of multiplications enter the cost."""
     if (work := _open.get()) is not None:
         work.factorisations += number
         work.cost += number * (_FACTORISED * unknowns**1.5 if products is None else _PRODUCT * products)

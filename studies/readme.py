@@ -14,29 +14,85 @@ from studies.reproduce import studies
 FOLDER = Path(__file__).resolve().parent
 HEAD = """# Studies
 
-Each study answers one question; its module says how, its page has every number, and its figure module draws the result.
+Each study answers one question. Its module explains how, its page has every number, and its figure module draws the
+result.
 
 ```sh
-modalshell reproduce --only NAME      # --quick for a coarse version; --all runs every study
+modalshell reproduce --only flat_vs_v_beam
 ```
 
-writes `results/NAME.json`, `NAME.npz` and `NAME.md`, and the pictures into `results/figures`. The page committed here
-as `studies/NAME.md` is of a full run; its times hold for the machine that ran it. A new study is one module with
-`main`, `table`, `finding` and `FIGURES`, and one module of `paper_figures` with `draw`. `python -m studies.readme`
-writes this page.
+writes `results/flat_vs_v_beam.json`, `.npz` and `.md`, and the picture into `results/figures`; `--quick` takes coarser
+meshes, `--all` runs every study. The page committed here as `studies/NAME.md` is of a full run; its times hold for the
+machine that ran it. [.github/CONTRIBUTING.md](../.github/CONTRIBUTING.md) explains how to add a study.
+`python -m studies.readme` writes this page.
+
+## The paper's figures
+
+`modalshell reproduce` draws these, from studies in the table below.
+
+| figure | what it shows |
+|---|---|
+"""
+BENCHMARKS = """
+## Benchmarks
+
+```sh
+modalshell bench
+python -m studies.benchmarks.ranks --rows 256 --columns 256
+```
+
+The first measures this machine against plain NumPy and SciPy in one run (`--quick` leaves out 100,000 vertices);
+[benchmarks/results.md](benchmarks/results.md) has its tables from a shared 2-core x86-64 machine. The second steps a
+sheet of springs over MPI ranks (extra `mpi`): on that machine a step of 256 x 256 masses to 1e-12 took 8.7, 6.2 and
+6.5 s on 1, 2 and 4 ranks, and 6.1 and 3.3 s on one and two threads of one process. Ranks gain memory there, not time.
+
+## All studies
 
 | study | picture | finding |
 |---|---|---|
 """
+TUTORIALS = """
+## Tutorials
+
+Scripts in cells (`# %%`): open one in a notebook or an editor that knows cells, or run it, `python -m
+studies.tutorials.first_film`; it writes into the working folder.
+
+| tutorial | question |
+|---|---|
+"""
+PAPER = {
+    "3": "A creature of 13,000 vertices with four modes on moving ground, in real time. "
+    "`python meshes/make_creature.py --vertices 100000 --out FILE` makes a larger one.",
+    "4": "A fold stiffens a beam: flat and V-beams at flexure x1, x10, x100.",
+    "5": "One load, three models: LMA lengthens, MWTS and DS bend.",
+    "6a": "Displacement error over the load.",
+    "6b": "Area change over the load.",
+    "7": "A beam led by its tip. Prescribing both position and rotation of the tip costs far more energy than in DS, "
+    "because the modes cannot represent the bend.",
+    "8": "A dancer whose hat, shirt and trouser legs are shells on a skeleton of 17 joints.",
+}
+"""The paper's figures, and what each shows."""
 SCENES = """
 ## Scenes
 
-`modalshell run studies/scenes/NAME.toml` runs one; `modalshell reproduce --pages` writes the web pages anew. Download a
-page and open it: it moves without a server or a network, in any browser with WebGL2.
+```sh
+modalshell run studies/scenes/leaf_wind.toml
+```
+
+runs one. `modalshell reproduce --pages` writes the web pages anew. Download a page and open it: it moves without a
+server or a network, in any browser with WebGL2. The flock's run makes [a film](../paper_figures/flock.mp4) and reports
+the largest error of its levels of detail in pixels.
 
 | scene | page | what it is |
 |---|---|---|
 """
+
+
+def paper_figure(number: str, caption: str) -> str:
+    """The line of one figure of the paper."""
+    film = f"../paper_figures/figure_{number}.mp4"
+    link = f", [film]({film})" if (FOLDER / film).is_file() else ""
+    return f"| [Fig. {number}](../paper_figures/figure_{number}.png){link} | {caption} |\n"
 
 
 def row(name: str) -> str:
@@ -60,9 +116,19 @@ def scenes() -> str:
     return SCENES + "".join(lines)
 
 
+def tutorials() -> str:
+    """The tutorials, with the question of each."""
+    lines = []
+    for file in sorted((FOLDER / "tutorials").glob("[!_]*.py")):
+        about = file.read_text(encoding="utf-8").splitlines()[0].strip('"')
+        lines.append(f"| [{file.stem}](tutorials/{file.name}) | {about} |\n")
+    return TUTORIALS + "".join(lines)
+
+
 def page() -> str:
     """The whole page."""
-    return HEAD + "".join(map(row, studies())) + scenes()
+    figures = "".join(paper_figure(number, caption) for number, caption in PAPER.items())
+    return HEAD + figures + BENCHMARKS + "".join(map(row, studies())) + tutorials() + scenes()
 
 
 if __name__ == "__main__":

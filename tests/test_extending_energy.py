@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from guide import source
 
 import modalshell as ms
 from modalshell.cli import main
@@ -14,53 +15,8 @@ from modalshell.shell.elements import ENERGIES
 
 pytest.importorskip("sympy", reason="SymPy generates the toy's kernel: pip install 'modalshell[symbolic]'")
 
-DEFINITION = '''
-"""Half the squared length of an edge; run as a module this writes kernel.py."""
-
-from pathlib import Path
-
-import sympy as sp
-
-from modalshell.symbolic.energies import Energy
-from modalshell.symbolic.generator import generate
-
-e = sp.symbols("e_x e_y e_z", real=True)
-FIBRE = Energy(
-    name="fibre",
-    measure_name="half the squared edge length [m^2]",
-    stencil="x0, x1: the edge",
-    formula="E = k c^4 (|e|^2 - L^2)^2 / (4 L^3)",
-    unknowns=e,
-    measure=sum(x**2 for x in e) / 2,
-    gradient=e,
-    squares=tuple((sp.Integer(1), tuple(row)) for row in sp.eye(3).tolist()),
-)
-Path(__file__).with_name("kernel.py").write_text(generate(FIBRE).source)
-'''
-
-REGISTRATION = '''
-"""Fibres along a direction, on the edges of a shell."""
-
-from dataclasses import dataclass
-
-import numpy as np
-
-from modalshell.shell.elements import ElementSet, Energy
-from modalshell.typing import Vector
-from toy_fibres import kernel
-
-
-@dataclass(frozen=True)
-class Fibres(Energy, key="fibres"):
-    stiffness: float
-    direction: Vector = (1.0, 0.0, 0.0)
-
-    def elements(self, mesh):
-        edges = mesh.vertices[mesh.edges[:, 1]] - mesh.vertices[mesh.edges[:, 0]]
-        cosine = edges @ np.array(self.direction) / mesh.edge_lengths / np.linalg.norm(self.direction)
-        weight = self.stiffness * cosine**4 / mesh.edge_lengths**3
-        return ElementSet.at_rest("fibres", kernel, mesh, mesh.edges, weight)
-'''
+DEFINITION = source("toy_fibres/definition.py")
+REGISTRATION = source("toy_fibres/__init__.py")
 
 ENTRY = "[modalshell]\nfibres = toy_fibres\n"
 METADATA = "Metadata-Version: 2.1\nName: toy-fibres\nVersion: 0.1\n"

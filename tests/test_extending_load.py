@@ -2,29 +2,13 @@
 
 import numpy as np
 import pytest
+from guide import source
 
 import modalshell as ms
 from modalshell.cli import main
 from modalshell.loads import LOADS
 
-MODULE = '''
-"""A force that grows along the shell."""
-
-import numpy as np
-
-from modalshell.loads import Load
-from modalshell.selection import Selection, selected
-from modalshell.typing import Vector
-
-
-class Ramp(Load, key="ramp"):
-    def __init__(self, sel: Selection, slope: Vector, power: int = 1):
-        self.sel, self.slope, self.power = sel, np.array(slope), power
-
-    def force(self, mesh):
-        chosen = selected("sel", self.sel, mesh.vertices)
-        return np.where(chosen, mesh.vertices[:, 0] ** self.power, 0.0)[:, None] * self.slope
-'''
+MODULE = source("toy_ramp.py")
 
 TABLE = '[[loads.ramp]]\nsel = "x > 0.5"\nslope = [0, 0, -1e-3]\n'
 STILL = ("[motion]\nduration = 1\n", "")

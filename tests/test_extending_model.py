@@ -2,35 +2,14 @@
 
 import numpy as np
 import pytest
+from guide import source
 
 import modalshell as ms
 from modalshell.cli import main
 from modalshell.models.registry import MODELS, register
 
-MODEL = '''
-"""Linear modes whose displacements are scaled."""
-
-from modalshell.models.linear import LinearModal
-
-
-class ScaledModal(LinearModal):
-    name = "scaled"
-
-    def __init__(self, basis, *, integrator: str = "implicit_euler", factor: float = 1.0):
-        super().__init__(basis, integrator=integrator)
-        self.factor = factor
-
-    def raw_displacement(self, q):
-        return self.factor * super().raw_displacement(q)
-'''
-RECORD = '''
-"""The record of the model."""
-
-from modalshell.models.registry import ModelSpec, register
-from toy_model import ScaledModal
-
-register(ModelSpec("scaled", "scaled", ScaledModal, "basis", 15, quadratic=True, color="#112233"))
-'''
+MODEL = source("toy_model.py")
+RECORD = source("toy_record.py")
 TOY = ('name = "mwts"', 'name = "scaled"\nfactor = 0.5\nmodes = 4')
 STILL = ("[motion]\nduration = 1\n", "")
 WEAK = ("-9.81", "-0.5")

@@ -1,1 +1,1 @@
-"""Commands of the command line, by what they work on."""
+"""Commands of the command line, one module per kind of input."""

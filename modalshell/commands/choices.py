@@ -1,7 +1,7 @@
-"""What a command chooses for a mesh of which nothing is known but its shape: supports, stiffness and time step.
+"""Defaults for a mesh without further information: supports, stiffness and time step.
 
-The weight bends the shell by a set share of its size, so that a film of any mesh, in whatever unit, shows motion that
-a modal model can follow.
+The stiffness is chosen such that the weight bends the shell by a fixed fraction of its size; so a film of any mesh, in
+any unit, shows motion within the range of modal models.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from modalshell.outcome import Outcome
 from modalshell.typing import Array
 
 SAG = 0.15
-"""Share of the mesh's size by which its weight bends it, in linear theory."""
+"""Deflection under the weight as a fraction of the mesh's size, in linear theory."""
 _END, _LARGEST_END = 0.05, 0.5
-"""Share of a part's length that is held, and the share up to which that grows until a triangle is held."""
+"""Clamped fraction of a part's length, and the largest fraction tried until a triangle is clamped."""
 _STEPS, _PERIODS = 24, 2.5
-"""Steps a period and periods of the motion."""
+"""Steps per period, and periods of the motion."""
 _NOTHING = 1e-9
-"""Share of the highest eigenvalue below which a mode is a motion that nothing but rounding resists."""
+"""Modes below this fraction of the highest eigenvalue are resisted by rounding errors only."""
 UNSEEN, LARGE = 2e-3, 1.0
-"""Largest displacement, as a share of the size, below which nothing is seen and above which a shell is a rag."""
+"""Largest displacement over size below which motion is invisible, and above which the shell is too soft."""
 
 
 @final
 @dataclass(frozen=True)
 class Ends:
-    """Vertices that are held at one end of a mesh.
+    """Clamped vertices at one end of a mesh.
 
     Attributes
     ----------
     held : ndarray of bool, shape (n,)
         One end of each connected part.
     told : str
-        What that is, in words.
+        Description for the user.
     """
 
     held: NDArray[np.bool_]
@@ -51,7 +51,7 @@ class Ends:
 def hold_one_end(mesh: TriangleMesh, gravity: Array) -> Ends:
     """The end of each connected part that lies lowest along the longest axis across ``gravity`` (3,).
 
-    At least one triangle of a part is held, and of a part with others not all of its vertices where that can be.
+    At least one triangle of each part is clamped, and if possible not all vertices of a part.
     """
     axis = _axis_across(mesh, gravity)
     along = mesh.vertices[:, axis]
@@ -65,8 +65,8 @@ def hold_one_end(mesh: TriangleMesh, gravity: Array) -> Ends:
         held[_end_of_part(along, faces)] = True
     if held.all():
         raise SupportError(
-            f"the mesh is {parts} single triangles, none of which hangs together with another: nothing can bend, and "
-            "no repair can tell which belong together; join what is near by --join DISTANCE"
+            f"the mesh is {parts} single triangles without shared vertices: nothing can bend, and "
+            "no repair can tell which belong together; join near vertices by --join DISTANCE"
         )
     name = "xyz"[axis]
     if parts == 1:
@@ -84,7 +84,7 @@ def _axis_across(mesh: TriangleMesh, gravity: Array) -> int:
 
 
 def _end_of_part(along: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Vertices of the part ``faces`` near its lower end, a whole triangle of them at least."""
+    """Vertices of the part ``faces`` near its lower end, at least one whole triangle."""
     heights = along[faces]
     low, length = float(heights.min()), float(np.ptp(heights))
     highest = heights.max(axis=1)
@@ -98,14 +98,14 @@ def _end_of_part(along: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def softening(basis: Basis, gravity: Array) -> float:
-    """Factor on all stiffnesses at which the weight bends the shell by the share SAG of its size, in linear theory.
+    """Factor on all stiffnesses such that the weight bends the shell by SAG times its size, in linear theory.
 
-    1 without weight.
+    1 if there is no weight.
 
     Raises
     ------
     SupportError
-        If the supports leave motions that nothing resists.
+        If the supports leave motions without resistance.
     """
     load = basis.shell.gravity_force(gravity).ravel()
     values = np.maximum(basis.eigenvalues, 1e-300)
@@ -123,7 +123,7 @@ def softening(basis: Basis, gravity: Array) -> float:
 @final
 @dataclass(frozen=True)
 class Timing:
-    """Steps of a motion.
+    """Duration, time step and damping of a motion.
 
     Attributes
     ----------
@@ -139,7 +139,7 @@ class Timing:
 
     @classmethod
     def of_sag(cls, size: float, gravity: Array) -> Timing:
-        """What suits a shell of ``size`` [m] that its weight bends by the share SAG of it."""
+        """Timing for a shell of ``size`` [m] whose weight bends it by SAG times the size."""
         strength = float(np.linalg.norm(gravity))
         period = 2.0 * np.pi * np.sqrt(SAG * size / strength) if strength > 0.0 else 1.0
         period = float(f"{period:.2g}")
@@ -147,7 +147,7 @@ class Timing:
 
 
 def motion_in_words(run: Trajectory, size: float) -> str:
-    """One line on how far a shell of ``size`` [m] moved: too stiff, too soft, flown apart, or right."""
+    """One line on how far a shell of ``size`` [m] moved: too stiff, too soft, diverged, or fine."""
     moved = np.linalg.norm(run.positions - run.rest_positions, axis=2).max() / size
     share = f"moves by up to {100.0 * moved:.2g} % of its size"
     if run.outcome in (Outcome.DIVERGED, Outcome.RUNS_AWAY):

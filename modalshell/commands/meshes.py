@@ -21,7 +21,6 @@ from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.motion.fields import checked_fields, with_fields
-from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.run import write_results
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_material
@@ -29,25 +28,25 @@ from modalshell.scene.tables import PhysicalSheet
 from modalshell.selection import select_vertices
 from modalshell.statics.buckling import ADVICE, buckles
 
-_OR_FILE = ", or a file of one number a triangle"
+_OR_FILE = ", or a file with one number per triangle"
 _YOUNG = 1e9
-"""Young's modulus [Pa] where none is named or chosen."""
+"""Young's modulus [Pa] if none is given or chosen."""
 _TIMING = Timing(2.0, 1.0 / 30.0, (0.5, 0.001))
-"""Steps of a motion where none are named or chosen."""
+"""Duration, time step and damping if none are given or chosen."""
 _FILM_RATE = 30.0
 """Frames a second of a film whose time step was chosen: small shells are shown slowed down, large ones sped up."""
 
 MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")]
-Repair = Annotated[bool, Parameter(name="--repair", negative="", help="Mend the mesh first, and tell what was done.")]
+Repair = Annotated[bool, Parameter(name="--repair", negative="", help="Repair the mesh first, and list what was done.")]
 Part = Annotated[
     Literal["largest", "all"] | int | None,
-    Parameter(help="Part of a mesh in several: its number from 0 by falling area, largest, or all as they are."),
+    Parameter(help="Connected part to take: its number, from 0 in order of decreasing area; largest; or all."),
 ]
 Join = Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")]
 
 
 Triangles = Annotated[
-    int | None, Parameter(help="Mesh it anew with about so many nearly equilateral triangles (extra remesh).")
+    int | None, Parameter(help="Remesh into about this many nearly equilateral triangles (extra remesh).")
 ]
 
 
@@ -58,17 +57,15 @@ class _ShellOptions:
     def __init__(
         self,
         *,
-        clamp: Annotated[
-            str | None, Parameter(help="Vertices to hold, such as 'x < 0.01', or 'none'; see the command without it.")
-        ] = None,
+        clamp: Annotated[str | None, Parameter(help="Vertices to clamp, such as 'x < 0.01', or 'none'.")] = None,
         young: Annotated[float | Path | None, Parameter(help=f"Young's modulus [Pa]{_OR_FILE}.")] = None,
         poisson: Annotated[float | Path, Parameter(help=f"Poisson's ratio{_OR_FILE}.")] = 0.3,
         thickness: Annotated[
-            float | Path | None, Parameter(help=f"Thickness [m]{_OR_FILE}; else 1/200 of the mesh's size.")
+            float | Path | None, Parameter(help=f"Thickness [m]{_OR_FILE}; 1/200 of the mesh's size if omitted.")
         ] = None,
         density: Annotated[float | Path, Parameter(help=f"Mass per volume [kg/m^3]{_OR_FILE}.")] = 1000.0,
         calibrated: Annotated[
-            bool, Parameter(help="Discrete shells, calibrated on the mesh, in place of shell theory.", negative="")
+            bool, Parameter(help="Springs and hinges calibrated on the mesh, in place of shell theory.", negative="")
         ] = False,
         repair: Repair = False,
         component: Part = None,
@@ -123,7 +120,7 @@ def _remeshed(path: Path, mesh: ms.TriangleMesh, triangles: int | None) -> ms.Tr
     if triangles is None:
         return mesh
     made = ms.remesh(mesh, triangles)
-    print(f"{path}: meshed anew, {len(made.faces)} triangles in place of {len(mesh.faces)}")
+    print(f"{path}: remeshed: {len(made.faces)} triangles in place of {len(mesh.faces)}")
     return made
 
 
@@ -178,11 +175,14 @@ def simulate(
     ] = None,
     out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
 ) -> None:
-    """Let a mesh of your own hang, fall or swing; write a film or a picture, and the positions.
+    """Simulate a mesh under gravity; write a film, or with --static a picture, and the positions.
 
-    Without --clamp one end of each part is held, and what is not named of Young's modulus, duration, time step and
-    damping is chosen by the mesh's size, so that its weight bends it visibly; the choice is printed. --clamp none lets
-    it fall.
+    Without --clamp one end of each part is clamped, and Young's modulus, duration, time step and damping, unless
+    given, are chosen from the mesh's size such that its weight bends it visibly; the choice is printed. --clamp none
+    lets it fall. Models: LMA (linear modal analysis), MWTS (modal warping), RSW (rotation-strain warping), MD-ROM
+    (modal-derivative reduced-order model), DS (discrete shells).
+
+    Example: modalshell simulate meshes/leaf.obj --clamp "x < 0.08" --model rsw --duration 1
     """
     known = model_tables()
     if model not in known:
@@ -244,31 +244,25 @@ def modes(
     mesh: MeshPath,
     *,
     shell: _ShellOptions | None = None,
-    count: Annotated[int, Parameter(help="Number of modes, rigid ones counted in.")] = 8,
+    count: Annotated[int, Parameter(help="Number of modes, rigid ones included.")] = 8,
     out: Annotated[Path, Parameter(help="Folder for the picture and the basis.")] = Path("results"),
 ) -> None:
-    """Print the natural frequencies of a mesh and draw its mode shapes; without --clamp nothing is held."""
+    """Print the natural frequencies of a mesh and draw its mode shapes; without --clamp it is free.
+
+    Example: modalshell modes meshes/leaf.obj --clamp "x < 0.08" --count 8
+    """
     options = shell or _ShellOptions()
     loaded = options.mesh(mesh)
     built = options.build(loaded, options.held(loaded))
     make_folder(out)
     basis = ms.solve_modes(built, count)
     table = Table("mode", "frequency [Hz]", "kind")
-    size = built.size
-    views = []
     for k, frequency in enumerate(basis.frequencies):
-        rigid = k < basis.rigid_modes
-        table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if rigid else "elastic")
-        shape = basis.modes[:, k].reshape(-1, 3)
-        length = np.linalg.norm(shape, axis=1)
-        moved = built.rest_positions + shape * (0.15 * size / length.max())
-        title = f"mode {k + 1}: " + ("rigid" if rigid else f"{frequency:.4g} Hz")
-        surface = ShadedSurface(moved, built.mesh.faces, scalars=length / length.max(), smooth=True)
-        views.append(View([surface], title=title))
+        table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if k < basis.rigid_modes else "elastic")
     CONSOLE.print(table)
     basis.save(out / f"{mesh.stem}_basis.npz")
     print(out / f"{mesh.stem}_basis.npz")
-    print(draw_views(views, out / f"{mesh.stem}_modes.png", scalar_label="relative displacement"))
+    print(basis.plot().save(out / f"{mesh.stem}_modes.png"))
 
 
 def repair(
@@ -279,9 +273,9 @@ def repair(
     join: Join = None,
     triangles: Triangles = None,
 ) -> None:
-    """Make a shell's mesh of a file as it comes, and tell what was done; see ms.repair. Nothing is filled.
+    """Repair a mesh so that it can be a shell, and list what was done (see ms.repair); holes stay open.
 
-    Example: modalshell repair scan.stl --out scan_mended.ply --component largest
+    Example: modalshell repair scan.stl --out scan_repaired.ply --component largest
     """
     if out.exists() and mesh.exists() and out.samefile(mesh):
         raise OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")

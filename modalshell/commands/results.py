@@ -23,9 +23,9 @@ def export(
     to: Annotated[
         Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd"], Parameter(help="Format to write.")
     ],
-    out: Annotated[Path | None, Parameter(help="File to write; beside RESULT without it.")] = None,
+    out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
 ) -> None:
-    """Write a saved motion, or a basis, for other programs.
+    """Convert a saved motion or basis to a format of other programs.
 
     Example: modalshell export results/leaf.npz --to usd
     """

@@ -25,9 +25,12 @@ def run(
     color: Annotated[
         str | None, Parameter(help="Field that colours the film or picture: curvature, von_mises, energy_density, ...")
     ] = None,
-    restart: Annotated[bool, Parameter(help="Drop what a stopped run has left and start anew.")] = False,
+    restart: Annotated[bool, Parameter(help="Discard the frames of a stopped run and start again.")] = False,
 ) -> None:
-    """Run a scene file, or go on with a run of it that was stopped."""
+    """Run a scene file, or resume a run of it that was stopped.
+
+    Example: modalshell run studies/scenes/leaf_wind.toml --out results
+    """
     with progress(f"{scene.stem} steps") as on_step:
         result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
     print(f"{scene.stem}: {result.summary}")
@@ -40,18 +43,21 @@ def view(
     scene: Annotated[Path | None, Parameter(help="TOML file; not with --attach.")] = None,
     *,
     web: Annotated[bool, Parameter(help="A page for a browser on this machine instead of a window.")] = False,
-    port: Annotated[int, Parameter(help="Of the page; 0 takes a free one.")] = 8080,
+    port: Annotated[int, Parameter(help="Port of the page; 0 takes a free one.")] = 8080,
     frames: Annotated[
-        int | None, Parameter(help="Frames to play, of 1/30 s each, before the screenshot; 30 without it.")
+        int | None, Parameter(help="Frames of 1/30 s to play before the screenshot; 30 if omitted.")
     ] = None,
-    screenshot: Annotated[Path | None, Parameter(help="Write the window's picture to this PNG file instead.")] = None,
+    screenshot: Annotated[Path | None, Parameter(help="Write a picture of the window to this PNG file.")] = None,
     attach: Annotated[
         Path | None, Parameter(help="Folder, scene file or .frames file of a run to follow live instead of playing.")
     ] = None,
-    wait: Annotated[float, Parameter(help="Time [s] that an attached run may take to its first frame.")] = 60.0,
+    wait: Annotated[float, Parameter(help="Longest time [s] to wait for the first frame of an attached run.")] = 60.0,
     follow: Annotated[bool, Parameter(help="Print a line for each new frame of an attached run instead.")] = False,
 ) -> None:
-    """Play a scene: pause it, pull at it by gravity, give it another model or number of modes; or follow a run."""
+    """Play a scene, and change gravity, the model or its mode count while it plays; or follow a running simulation.
+
+    Example: modalshell view studies/scenes/leaf.toml --web
+    """
     if attach is not None:
         if scene is not None or frames is not None:
             raise OptionError("--attach shows a run's own scene and frames: leave out SCENE and --frames")
@@ -60,7 +66,7 @@ def view(
     if scene is None or follow:
         raise OptionError("name a scene file to play, or a run to follow with --attach RUN")
     if web and screenshot is not None:
-        raise OptionError("--screenshot pictures the window: leave out --web")
+        raise OptionError("--screenshot is a picture of the window: leave out --web")
     declared = ms.load_scene(scene)
     if web:
         serve_page(declared, port)
@@ -74,15 +80,18 @@ def sweep(
     file: Annotated[Path, Parameter(help="TOML file.")],
     *,
     out: Annotated[Path | None, Parameter(help="Folder of the results instead of the sweep's own.")] = None,
-    workers: Annotated[int | None, Parameter(help="Processes; one for each core without it.")] = None,
+    workers: Annotated[int | None, Parameter(help="Number of worker processes; one per core if omitted.")] = None,
     cluster: Annotated[str | None, Parameter(help="Scheduler of dask.distributed, tcp:// or tls://.")] = None,
     certificates: Annotated[
         tuple[Path, Path, Path] | None, Parameter(help="Files for tls://: authority, certificate, key.")
     ] = None,
-    time_limit: Annotated[float | None, Parameter(help="Seconds after which a case is given up.")] = None,
-    retry: Annotated[bool, Parameter(help="Also do again what failed or took too long.")] = False,
+    time_limit: Annotated[float | None, Parameter(help="Time [s] after which a case is aborted.")] = None,
+    retry: Annotated[bool, Parameter(help="Also repeat cases that failed or were aborted.")] = False,
 ) -> None:
-    """Run a grid of scenes, or what is missing of it, and sum up what each found."""
+    """Run a grid of scenes, or the cases that are still missing, and write a summary.
+
+    Example: modalshell sweep studies/sweeps/v_beam_gravity.toml --workers 2
+    """
     checked = progress(f"{file.stem} scenes checked", delay=1.0)
     with checked as on_check, progress(f"{file.stem} cases") as on_step:
         found = ms.run_sweep(
@@ -108,11 +117,11 @@ def sweep(
 def path(
     scene: Annotated[Path, Parameter(help="TOML file; its [path] table says how.")],
     *,
-    until: Annotated[float | None, Parameter(help="Load factor at the end instead of the scene's.")] = None,
-    branches: Annotated[int | None, Parameter(help="Bifurcations whose other branch is followed.")] = None,
+    until: Annotated[float | None, Parameter(help="Last load factor, in place of the scene's.")] = None,
+    branches: Annotated[int | None, Parameter(help="Number of bifurcations whose other branch is followed.")] = None,
     out: Annotated[Path, Parameter(help="Folder of the numbers and pictures.")] = Path("results"),
 ) -> None:
-    """Follow a scene's equilibria under its growing load through snaps: load-deflection curve, stable or not.
+    """Follow the equilibria of a scene under a growing load, through snaps: load-deflection curve with stability.
 
     Example: modalshell path studies/scenes/v_beam_stiff.toml --branches 1
     """
@@ -136,7 +145,9 @@ def page(
     *,
     out: Annotated[Path, Parameter(help="HTML file to write.")],
 ) -> None:
-    """Write a scene as one web page that moves by itself: LMA and MWTS in any browser, without a server.
+    """Write a scene as one web page that simulates it in any browser, without a server.
+
+    Models: LMA (linear modal analysis) and MWTS (modal warping for thin shells).
 
     Example: modalshell page studies/scenes/v_beam.toml --out v_beam.html
     """

@@ -1,4 +1,4 @@
-"""What the commands share: the terminal, a progress bar, and the exit status."""
+"""Terminal, progress bar and exit status, shared by all commands."""
 
 from __future__ import annotations
 
@@ -44,6 +44,6 @@ def progress(text: str, *, delay: float = 0.0) -> Iterator[Callable[[int, int], 
 
 
 def end_with(*outcomes: Outcome) -> None:
-    """End with exit status 1 where some work did not succeed; what it wrote stays."""
+    """End with exit status 1 if some work did not succeed; its files stay."""
     if not all(outcome.succeeded for outcome in outcomes):
         sys.exit(1)

@@ -1,4 +1,4 @@
-"""What accuracy costs: every rung on one scene, measured, and advice which one to take."""
+"""Comparison of models on one scene: error against cost, and advice which model to take."""
 
 from modalshell.compare.advise import Advice, advise
 from modalshell.compare.candidates import MODES

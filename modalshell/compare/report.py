@@ -1,7 +1,9 @@
-"""Findings of a tradeoff as a Markdown table."""
+"""Comparison results as a Markdown table."""
 
 from __future__ import annotations
 
+import html
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,7 +18,7 @@ _HEADS = (
 
 
 def markdown_table(found: dict[str, Any]) -> str:
-    """One row a rung, cheapest frame first, those of the Pareto front in bold, and what has to be said of them."""
+    """One row per model, cheapest frame first, the Pareto front in bold, with notes."""
     outside = any(row["outside_error"] is not None for row in found["rows"])
     heads = [*_HEADS, *(["outside solution"] if outside else []), "notes"]
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
@@ -46,8 +48,16 @@ def markdown_table(found: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def html_table(markdown: str) -> str:
+    """The table of :func:`markdown_table` for a notebook."""
+    rows = [line.strip("|").split("|") for line in markdown.splitlines() if line.startswith("| ")]
+    cells = ["".join(f"<td>{html.escape(cell.strip())}</td>" for cell in row) for row in rows]
+    table = "".join(f"<tr>{row}</tr>" for row in cells)
+    return "<table>" + re.sub(r"\*\*(.+?)\*\*", r"<b>\1</b>", table) + "</table>"
+
+
 def percent(value: float | None, form: str = ".3g") -> str:
-    """A share as per cent; a dash where there is none."""
+    """A fraction in per cent; a dash for None."""
     return "-" if value is None else f"{100.0 * value:{form}} %"
 
 

@@ -1,4 +1,4 @@
-"""Error against cost: every rung that a case allows, measured, with the rungs that no other one beats."""
+"""Error against cost of every model on a case, with the Pareto front."""
 
 from __future__ import annotations
 
@@ -13,17 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_text
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_vectors, shortened, shown, vector_count
 from modalshell.compare.candidates import MODES, candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.draw import draw_fronts, draw_shapes
 from modalshell.compare.path import LoadPath, follow_loads
-from modalshell.compare.report import markdown_table
+from modalshell.compare.report import html_table, markdown_table
 from modalshell.compare.runs import Measurement, measure_row
 from modalshell.errors import FileFormatError, ModalShellError, OptionError
 from modalshell.mesh import TriangleMesh, flat_beam, load_mesh
 from modalshell.models import CoarseMesh
 from modalshell.provenance import run_record
+from modalshell.render import Picture, html_of
 from modalshell.scene import Scene
 from modalshell.shell import Material, Shell
 from modalshell.study import StudyResult
@@ -32,7 +34,7 @@ from modalshell.typing import Array, Progress
 LOADS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the load at which rungs are compared."""
 _GAIN = 0.02
-"""Share by which a dearer rung must lower the error to count as better: mode counts often change nothing."""
+"""Relative decrease of the error by which a costlier model counts as better: mode counts often change nothing."""
 
 _FINDINGS = (
     *("key", "rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
@@ -42,9 +44,10 @@ _FINDINGS = (
 """What of a row goes to the findings."""
 
 
+@brief
 @dataclass(frozen=True)
 class Tradeoff:
-    """What every rung gets right on one case, and what it costs.
+    """Error and cost of every model on one case.
 
     Attributes
     ----------
@@ -102,6 +105,13 @@ class Tradeoff:
         """The rows as a Markdown table, cheapest frame first; those of the Pareto front in bold."""
         return markdown_table(self.findings())
 
+    def plot(self) -> Picture:
+        """Draw error over milliseconds per frame; a notebook shows the picture, and ``save(path)`` writes it."""
+        return Picture.of(lambda path: draw_fronts([self.findings()], path))
+
+    def _repr_html_(self) -> str:
+        return html_of(f"Tradeoff of {self.case.name}", {}, self.plot()) + html_table(self.table())
+
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write ``NAME_tradeoff`` as JSON, NPZ, Markdown and pictures into ``folder``; return the paths."""
         stem = f"{self.case.name}_tradeoff"
@@ -109,7 +119,7 @@ class Tradeoff:
         arrays |= {"faces": np.asarray(self.case.shell.mesh.faces), "rest": self.case.shell.rest_positions}
         written = StudyResult(stem, self.findings(), arrays, run_record({"case": self.case.name})).save(folder)
         written.append(write_text(Path(folder) / f"{stem}.md", f"# {self.case.name}\n\n{self.table()}\n"))
-        written.append(draw_fronts([self.findings()], Path(folder) / f"{stem}.png"))
+        written.append(self.plot().save(Path(folder) / f"{stem}.png"))
         shapes = {row.label: row.positions for row in self.rows}
         faces = self.case.shell.mesh.faces
         written.append(draw_shapes([(self.findings(), shapes, faces)], Path(folder) / f"{stem}_shapes.png"))
@@ -142,10 +152,10 @@ def tradeoff(
     loads : sequence of float
         Growing shares of the load at which answers are compared, the last one 1.
     truth : array_like, shape (n, 3), or path, optional
-        An outside solution under the whole load [m]: positions, an ``.npz`` file with ``positions``, or a mesh file
+        An external solution under the whole load [m]: positions, an ``.npz`` file with ``positions``, or a mesh file
         with the same vertices in the same order. Rungs, DS among them, are then judged by it.
     on_step : callable, optional
-        Called with what is done and the total.
+        Called with the models done and their total.
 
     Raises
     ------

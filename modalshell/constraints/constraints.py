@@ -1,4 +1,4 @@
-"""Manipulation constraints: where a vertex or a patch of vertices shall be, and how it shall be turned."""
+"""Manipulation constraints: prescribed position or orientation of a vertex or of a patch of vertices."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Constraint:
 
 
 class PositionConstraint(Constraint):
-    """Holds the mean position of a vertex or a patch at a point of the world.
+    """Prescribes the mean position of a vertex or a patch, in the world frame.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class PositionConstraint(Constraint):
 
 
 class OrientationConstraint(Constraint):
-    """Holds the mean rotation of a vertex or a patch at a rotation from its rest orientation.
+    """Prescribes the mean rotation of a vertex or a patch from its rest orientation.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Trajectories as files: NumPy archives, clips, VTK files, and the formats of animation programs."""
+"""Trajectory files: NumPy archives, clips, VTK files, and formats of animation programs."""
 
 from modalshell.export.archive import load_trajectory, save_archive
 from modalshell.export.clip import load_clip, read_clip

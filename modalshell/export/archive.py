@@ -1,4 +1,4 @@
-"""Trajectories as ``.npz``: stored without compression or pickle, the positions aligned so that they can be mapped."""
+"""Trajectories as ``.npz``: uncompressed, without pickle, with aligned positions that can be memory-mapped."""
 
 from __future__ import annotations
 

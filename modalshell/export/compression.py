@@ -1,4 +1,4 @@
-"""A motion as a few shapes and their amplitudes: proper orthogonal decomposition of the stored frames."""
+"""Compression of a motion into a few shapes and amplitudes, by proper orthogonal decomposition of its frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""glTF: morph targets, for mode shapes and for baked motions; metres, y up by a turned node."""
+"""glTF files of mode shapes and motions as morph targets, in metres, with y up by a rotated node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Point caches: PC2 and MDD, positions of a mesh's vertices frame by frame, as animation programs read them."""
+"""Point caches, PC2 and MDD: vertex positions frame by frame, as animation programs read them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One door for saving trajectories: the suffix names the format."""
+"""Saving of trajectories; the file suffix selects the format."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from modalshell.export.point_cache import save_mdd, save_pc2
 from modalshell.export.usd import save_usd
 from modalshell.export.vtk import save_pvd, save_vtkhdf
 from modalshell.motion import Trajectory
+from modalshell.motion.trajectory import WRITERS
 from modalshell.typing import Progress
 
-_WRITERS: dict[str, Callable[[Trajectory, Path, Progress | None], Path]] = {
+_FORMATS: dict[str, Callable[[Trajectory, Path, Progress | None], Path]] = {
     ".npz": lambda run, path, _: save_archive(run, path),
     ".vtkhdf": save_vtkhdf,
     ".pvd": save_pvd,
@@ -78,10 +79,19 @@ def save_trajectory(
     FileFormatError
         If the file cannot be written.
     """
-    target = Path(path)
-    if target.suffix not in _WRITERS:
-        raise OptionError(f"a trajectory is saved as {', '.join(_WRITERS)} (got {target.name!r})")
-    if target.suffix not in _WITHOUT_FACES and len(run.faces) == 0:
-        raise OptionError(f"{target.suffix} files need the triangles: give the trajectory its faces (simulate does)")
-    check_formats([target.suffix[1:]])
-    return _WRITERS[target.suffix](run, target, on_frame)
+    return run.save(path, on_frame=on_frame)
+
+
+def _writer(suffix: str) -> Callable[[Trajectory, Path, Progress | None], Path]:
+    """What writes a format once all that it needs is there."""
+
+    def write(run: Trajectory, path: Path, on_frame: Progress | None) -> Path:
+        if suffix not in _WITHOUT_FACES and len(run.faces) == 0:
+            raise OptionError(f"{suffix} files need the triangles: give the trajectory its faces (simulate does)")
+        check_formats([suffix[1:]])
+        return _FORMATS[suffix](run, path, on_frame)
+
+    return write
+
+
+WRITERS.update({suffix: _writer(suffix) for suffix in _FORMATS})

@@ -1,4 +1,4 @@
-"""USD: a mesh whose points have a sample at each time, in metres, z up."""
+"""USD files of a mesh with time-sampled points, in metres, z up."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Rules that step a motion: one file a rule, found by its key."""
+"""Time integrators, one file each, registered by key."""

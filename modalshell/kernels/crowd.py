@@ -1,4 +1,4 @@
-"""Many instances of one shell at once: their positions and their modal forces, over tiles of vertices [choi2007].
+"""Positions and modal forces of many instances of one shell, over tiles of vertices [choi2007].
 
 The modal data lie in tiles as for one frame (:mod:`modalshell.kernels.frame`). While a tile is in the first cache,
 32 instances take their turns at it, two at a time: what is read for one serves both, and sums and rotations stay in

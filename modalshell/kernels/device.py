@@ -1,4 +1,4 @@
-"""Warp, which runs one source on processors and GPUs, loaded where it is asked for; and what devices are here."""
+"""Warp, imported on demand, and the devices of this machine."""
 
 from __future__ import annotations
 

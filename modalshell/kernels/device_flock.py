@@ -1,4 +1,4 @@
-"""One source for the processor and for GPUs: the sums over boids' neighbours and a crowd's positions and modal forces.
+"""Warp kernels of flocks and crowds: sums over neighbours, positions and modal forces.
 
 The same rules as :mod:`modalshell.kernels.flock` and :mod:`modalshell.kernels.crowd`, one thread to a boid and one to a
 vertex of an instance. Imported only where a device is asked for: Warp is an optional dependency. No ``from __future__

@@ -1,4 +1,4 @@
-"""One source for the processor and for GPUs: a Verlet step of a grid of masses, in NVIDIA's Warp.
+"""Warp kernel of a Verlet step of a grid of masses.
 
 Imported only where a device is asked for: Warp is an optional dependency. No ``from __future__ import annotations``
 here, since Warp reads the annotations.

@@ -1,4 +1,4 @@
-"""What the kernels of all elements share: forces on vertices, 3 x 3 blocks of a matrix, and positive parts.
+"""Shared by the kernels of all elements: vertex forces, 3 x 3 matrix blocks, and positive parts.
 
 Everything is inlined where it is called, so that loops over an element's vertices have constant bounds.
 """

@@ -1,4 +1,4 @@
-"""Sums over the neighbours of every boid: by brute force, and by a grid of cells that wraps round.
+"""Sums over the neighbours of every boid, by brute force or by a periodic grid of cells.
 
 The neighbours of boid i are the others nearer than a distance, within its field of view. Every boid gathers its own
 sums, so that the result does not depend on the threads.

@@ -137,6 +137,42 @@ def warp_frame(modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     warp_tiles(0, modal.shape[0], modal, rest, q, work[0], out)
 
 
+@_kernel
+def push_frame(modal, load, q, work, force):  # type: ignore[no-untyped-def]
+    """Write the modal force ``Phi^T R(Psi q)^T f`` of ``load`` (n, 3) into ``force`` (m,) [choi2007, eq. 20].
+
+    ``work`` is (WORK,); all of them are of one precision.
+    """
+    force[:] = 0.0
+    for tile in range(modal.shape[0]):
+        for i in range(3 * TILE):
+            work[3 * TILE + i] = q[0] * modal[tile, 0, 3 * TILE + i]
+        for mode in range(1, q.size):
+            amount = q[mode]
+            for i in range(3 * TILE):
+                work[3 * TILE + i] += amount * modal[tile, mode, 3 * TILE + i]
+        rotation_coefficients(work)
+        start = tile * TILE
+        size = min(TILE, load.shape[0] - start)
+        work[: 3 * TILE] = 0.0
+        for j in range(size):
+            work[j], work[TILE + j], work[2 * TILE + j] = load[start + j, 0], load[start + j, 1], load[start + j, 2]
+        for j in range(TILE):
+            fx, fy, fz = work[j], work[TILE + j], work[2 * TILE + j]
+            wx, wy, wz = work[3 * TILE + j], work[4 * TILE + j], work[5 * TILE + j]
+            quadratic = work[6 * TILE + j]
+            linear = (wx * wx + wy * wy + wz * wz) * work[7 * TILE + j] - 1.0  # minus c1
+            cx, cy, cz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
+            work[j] = fx + linear * cx + quadratic * (wy * cz - wz * cy)
+            work[TILE + j] = fy + linear * cy + quadratic * (wz * cx - wx * cz)
+            work[2 * TILE + j] = fz + linear * cz + quadratic * (wx * cy - wy * cx)
+        for mode in range(q.size):
+            amount = 0.0
+            for i in range(3 * TILE):
+                amount += modal[tile, mode, i] * work[i]
+            force[mode] += amount
+
+
 @njit(error_model="numpy", fastmath=False, parallel=True)
 def warp_frame_parallel(modal, rest, q, work, out):  # type: ignore[no-untyped-def]
     """:func:`warp_tiles` over as many equal parts as ``work`` (parts, WORK) has rows, each on a thread."""

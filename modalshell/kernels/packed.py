@@ -1,4 +1,4 @@
-"""Explicit SIMD vectors for numba kernels: as many numbers of one precision as a register of this processor holds.
+"""Explicit SIMD vectors for numba kernels, of the width of this processor's registers.
 
 LLVM packs a plain loop only as far as its cost model dares, which on processors with registers of 512 bits is half of
 one, and it neither keeps several sums in registers over an inner loop nor stores x, y, z one after the other without

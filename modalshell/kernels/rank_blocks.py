@@ -1,4 +1,4 @@
-"""The rows of an implicit step's matrix that one rank holds, as 3 x 3 blocks in compressed rows."""
+"""One rank's rows of an implicit step's matrix, as 3 x 3 blocks in compressed rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""Turned and strained triangles of the rotation-strain warp [huang2011]: positions, potential, force and Hessian.
+r"""Kernels of the rotation-strain warp [huang2011]: positions, potential, force and Hessian.
 
 Every triangle has its own frame (a, b, n): a along its first edge, n normal. In it, modal coordinates q give a rotation
 vector :math:`w = \sum_k q_k w_k` and a surface strain :math:`S = \sum_k q_k S_k` (s_aa, s_bb, s_ab), and the tangents

@@ -1,4 +1,4 @@
-r"""Rotations from rotation vectors, their running average, and its derivative [choi2007, eq. 16-17; choi2005].
+r"""Rotations from rotation vectors, their average over time, and its derivative [choi2007, eq. 16-17; choi2005].
 
 For a rotation vector :math:`w`, with :math:`\phi = |w|`,
 

@@ -1,4 +1,4 @@
-"""Kernels of the split-fold energy: fold angles and their derivatives from the generated hinge kernel, and products.
+"""Kernels of the split-fold energy: fold angles and their derivatives from the generated hinge kernel.
 
 Both parts of the energy are quadratic forms with constant matrices, of fold angles and of half squared edge lengths.
 """

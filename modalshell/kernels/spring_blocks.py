@@ -1,4 +1,4 @@
-"""Implicit Euler of springs, gathered by particle [baraff1998]: forces, 3 x 3 blocks, and conjugate gradients on them.
+"""Implicit Euler of springs [baraff1998]: forces, 3 x 3 blocks per particle, and conjugate gradients.
 
 Particle i lists its springs from ``starts[i]`` to ``starts[i + 1]``: the particle at the other end, stiffness, rest
 length, dashpot. Every spring is so worked out at both ends, which writes each particle's numbers from one thread only:

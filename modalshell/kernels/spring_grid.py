@@ -1,4 +1,4 @@
-"""Verlet steps of a rectangular sheet of masses and springs, in tiles of columns and a sliding window of rows.
+"""Verlet steps of a rectangular sheet of springs, in tiles of columns and a sliding window of rows.
 
 A tile is 1024 columns. The rows that are worked on lie in rings that stay near the processor, at distances that the
 compiler knows; every inner loop runs along a row and compiles to packed instructions. A row works out its springs to

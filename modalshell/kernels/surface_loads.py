@@ -1,19 +1,25 @@
-"""Forces of pressure and wind on triangles, and their modal forces by a few triangles that stand for all."""
+"""Forces of pressure and wind on triangles, and hyper-reduced modal forces of loads at a few weighted points."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients
 
-_DRAG_STRIDE = 8
-"""Triangles of which one is taken for the drag: the stability of a step needs no more."""
+_DRAG_STRIDE = 4
+"""Points of which one is taken for the drag: the stability of a step needs no more."""
+SURFACE, TURNING, BODY = 0, 1, 2
+"""Kinds of points: pressed or blown at, pushed by a force that turns with a triangle, and with mass."""
+APART, LINEAR, TURNED = 0, 1, 2
+"""Ways to modal forces: elsewhere, by the modes as they are, or by modes that turn."""
 
 
 @njit(error_model="numpy", fastmath=False, forceinline=True)
 def _loaded(x, before, rate, a, b, c, air, size):  # type: ignore[no-untyped-def]
-    """Force, unit normal, slip t, area, velocity across and slip's size of a triangle; see :func:`surface_push`."""
+    """Force, unit normal, slip t, area, velocity across and slip's size of a triangle; see :func:`point_forces`."""
     px, py, pz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
     rx, ry, rz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
     ax, ay, az = 0.5 * (py * rz - pz * ry), 0.5 * (pz * rx - px * rz), 0.5 * (px * ry - py * rx)
@@ -46,7 +52,7 @@ def _turned_back(w, linear, quadratic, f):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=False)
 def surface_forces(x, before, rate, faces, size, air, out):  # type: ignore[no-untyped-def]
-    """Add a third of the force of every triangle (T, 3) to each corner of ``out`` (n, 3); see :func:`surface_push`."""
+    """Add a third of the force of every triangle (T, 3) to each corner of ``out`` (n, 3); see :func:`point_forces`."""
     for e in range(len(faces)):
         a, b, c = faces[e, 0], faces[e, 1], faces[e, 2]
         force = _loaded(x, before, rate, a, b, c, air[e % len(air)], size)[0]
@@ -57,45 +63,102 @@ def surface_forces(x, before, rate, faces, size, air, out):  # type: ignore[no-u
             out[c, axis] += part
 
 
-@njit(error_model="numpy", fastmath=False)
-def surface_push(x, before, rate, faces, sizes, air, modes, turns, q, turned, push, drag):  # type: ignore[no-untyped-def]
-    """Add modal forces (m,) to ``push`` and minus their derivatives by the modal rates (m, m) to ``drag``.
+@njit(error_model="numpy", fastmath=False, forceinline=True)
+def _turning(x, a, b, c, local):  # type: ignore[no-untyped-def]
+    """Components along a triangle's first edge, across it and along its normal, as a vector."""
+    px, py, pz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
+    rx, ry, rz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
+    nx, ny, nz = py * rz - pz * ry, pz * rx - px * rz, px * ry - py * rx
+    along, up = px * px + py * py + pz * pz, nx * nx + ny * ny + nz * nz
+    along = 1.0 / math.sqrt(along) if along > 0.0 else 0.0
+    up = 1.0 / math.sqrt(up) if up > 0.0 else 0.0
+    px, py, pz, nx, ny, nz = along * px, along * py, along * pz, up * nx, up * ny, up * nz
+    first, second, third = local
+    return (
+        first * px + second * (ny * pz - nz * py) + third * nx,
+        first * py + second * (nz * px - nx * pz) + third * ny,
+        first * pz + second * (nx * py - ny * px) + third * nz,
+    )
 
-    Of triangles ``faces`` (k, 3) at positions x (n, 3), velocities ``rate (x - before)``, in an air of velocity (k, 3).
-    ``sizes`` (k, 3) are pressure, and half the density times the coefficients of wind across and along, each times the
-    number of triangles that one stands for. ``modes`` and ``turns`` (k, 3, m) are those of the area around it; where
-    ``turned``, modes turn with them.
+
+@njit(error_model="numpy", fastmath=False, forceinline=True)
+def _add_drag(block, rows, drag):  # type: ignore[no-untyped-def]
+    """Add ``rows^T block rows`` of a matrix (3, 3) and rows (3, m) to ``drag`` (m, m)."""
+    for j in range(rows.shape[1]):
+        vx, vy, vz = rows[0, j], rows[1, j], rows[2, j]
+        sx = block[0, 0] * vx + block[0, 1] * vy + block[0, 2] * vz
+        sy = block[1, 0] * vx + block[1, 1] * vy + block[1, 2] * vz
+        sz = block[2, 0] * vx + block[2, 1] * vy + block[2, 2] * vz
+        for i in range(rows.shape[1]):
+            drag[i, j] += rows[0, i] * sx + rows[1, i] * sy + rows[2, i] * sz
+
+
+@njit(error_model="numpy", fastmath=False)
+def point_forces(  # type: ignore[no-untyped-def]
+    x, before, rate, points, faces, sizes, air, bodies, factors, modes, turns, q, way, forces, push, drag
+):
+    """Forces (k, 3) at points into ``forces``, their modal forces (m,) and drag (m, m) added to ``push`` and ``drag``.
+
+    At positions x (n, 3) and velocities ``rate (x - before)``. Each of ``points`` (k, 2), a kind and a load, is on one
+    of triangles ``faces`` (k, 3) and has ``sizes`` (k, 3). For SURFACE these are the pressure, and half the density
+    times the coefficients of wind across and along, each times the number of triangles that one stands for, in ``air``
+    (k, 3) or (1, 3) of that velocity; for TURNING the force in the triangle's frame; for BODY first the mass, in
+    ``bodies`` (loads, 3, 7) with c, X and V of forces ``m (c - X x - V v)``, ``air`` being where its centre is from the
+    triangle's. ``factors`` (loads,) are those at the
+    time. ``modes`` and ``turns`` (k, 3, m) are those of the area around; ``drag`` is minus the derivatives of the
+    modal forces by the modal rates, with modes turned unless ``way`` is LINEAR.
     """
     count, _, size = modes.shape
+    block, rows, centre, speed = np.empty((3, 3)), np.empty((3, size)), np.empty(3), np.empty(3)
     for e in range(count):
-        force, normal, tangent, area, across, slip = _loaded(
-            x, before, rate, faces[e, 0], faces[e, 1], faces[e, 2], air[e], sizes[e]
-        )
-        wx = wy = wz = 0.0
-        if turned:
+        a, b, c, load = faces[e, 0], faces[e, 1], faces[e, 2], points[e, 1]
+        dragging = False
+        if points[e, 0] == SURFACE:
+            force, normal, tangent, area, across, slip = _loaded(x, before, rate, a, b, c, air[e], sizes[e])
+            if (sizes[e, 1] != 0.0 or sizes[e, 2] != 0.0) and e % _DRAG_STRIDE == 0:
+                # Minus the derivative is out n n + along (1 - n n) + along t t / t^2.
+                dragging, share = True, factors[load] * min(_DRAG_STRIDE, count - e)
+                out, along = share * 2.0 * sizes[e, 1] * abs(across) * area, share * sizes[e, 2] * area * slip
+                twice = along / (slip * slip) if slip > 0.0 else 0.0
+                for i in range(3):
+                    for j in range(3):
+                        block[i, j] = (out - along) * normal[i] * normal[j] + twice * tangent[i] * tangent[j]
+                    block[i, i] += along
+        elif points[e, 0] == TURNING:
+            force = _turning(x, a, b, c, sizes[e])
+        else:
+            mass, body = sizes[e, 0], bodies[load]
+            for i in range(3):
+                centre[i] = (x[a, i] + x[b, i] + x[c, i]) / 3.0
+                speed[i] = rate * (centre[i] - (before[a, i] + before[b, i] + before[c, i]) / 3.0)
+                centre[i] += air[e, i]
+            for i in range(3):
+                felt = body[i, 0]
+                for j in range(3):
+                    felt -= body[i, 1 + j] * centre[j] + body[i, 4 + j] * speed[j]
+                    block[i, j] = factors[load] * mass * body[i, 4 + j]
+                    dragging = dragging or block[i, j] != 0.0
+                forces[e, i] = mass * felt
+            force = (forces[e, 0], forces[e, 1], forces[e, 2])
+        force = (factors[load] * force[0], factors[load] * force[1], factors[load] * force[2])
+        forces[e, 0], forces[e, 1], forces[e, 2] = force
+        if way == APART and not dragging:
+            continue
+        w, linear, quadratic = (0.0, 0.0, 0.0), 1.0, 0.5
+        if way != LINEAR:
+            wx = wy = wz = 0.0
             for j in range(size):
                 wx += turns[e, 0, j] * q[j]
                 wy += turns[e, 1, j] * q[j]
                 wz += turns[e, 2, j] * q[j]
-        w = (wx, wy, wz)
-        linear, quadratic, _ = coefficients(wx, wy, wz)
-        local = _turned_back(w, linear, quadratic, force)
-        for j in range(size):
-            push[j] += modes[e, 0, j] * local[0] + modes[e, 1, j] * local[1] + modes[e, 2, j] * local[2]
-        if e % _DRAG_STRIDE or (sizes[e, 1] == 0.0 and sizes[e, 2] == 0.0):
-            continue
-        share = min(_DRAG_STRIDE, count - e)
-        across_it = share * 2.0 * sizes[e, 1] * abs(across) * area
-        along = share * sizes[e, 2] * area * slip
-        twice = along / (slip * slip) if slip > 0.0 else 0.0
-        # Minus the derivative is across_it n n + along (1 - n n) + twice t t, here in the frame that is turned back.
-        nx, ny, nz = _turned_back(w, linear, quadratic, normal)
-        tx, ty, tz = _turned_back(w, linear, quadratic, tangent)
-        for j in range(size):
-            vx, vy, vz = modes[e, 0, j], modes[e, 1, j], modes[e, 2, j]
-            out, slid = (across_it - along) * (vx * nx + vy * ny + vz * nz), twice * (vx * tx + vy * ty + vz * tz)
-            sx = along * vx + out * nx + slid * tx
-            sy = along * vy + out * ny + slid * ty
-            sz = along * vz + out * nz + slid * tz
-            for i in range(size):
-                drag[i, j] += modes[e, 0, i] * sx + modes[e, 1, i] * sy + modes[e, 2, i] * sz
+            w = (wx, wy, wz)
+            linear, quadratic, _ = coefficients(wx, wy, wz)
+        if way != APART:
+            local = _turned_back(w, linear, quadratic, force)
+            for j in range(size):
+                push[j] += modes[e, 0, j] * local[0] + modes[e, 1, j] * local[1] + modes[e, 2, j] * local[2]
+        if dragging:
+            for j in range(size):
+                v = (modes[e, 0, j], modes[e, 1, j], modes[e, 2, j])
+                rows[0, j], rows[1, j], rows[2, j] = _turned_back((-w[0], -w[1], -w[2]), linear, quadratic, v)
+            _add_drag(block, rows, drag)

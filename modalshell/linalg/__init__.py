@@ -1,4 +1,4 @@
-"""Direct solution of sparse symmetric systems: multifrontal Cholesky of large ones, profile factors of small ones."""
+"""Direct solvers for sparse symmetric systems: multifrontal Cholesky for large ones, profile factors for small ones."""
 
 from modalshell.linalg.cholesky import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError, block_graph
 from modalshell.linalg.profile import ProfileAnalysis, ProfileFactor

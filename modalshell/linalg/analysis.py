@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-import numba
+from typing import Any
+
 import numpy as np
 
+from modalshell.kernels.compiler import njit
 from modalshell.typing import Index
 
-_ALWAYS, _OFTEN, _SOMETIMES = 12, 48, 144
-"""Widths [unknowns] of a merged supernode up to which zeros are accepted freely, by half, or by a tenth."""
-_ZEROS_OFTEN, _ZEROS_SOMETIMES, _ZEROS_RARELY = 0.5, 0.1, 0.05
+_ALWAYS, _OFTEN, _SOMETIMES = 12, 24, 72
+"""Widths [unknowns] of a merged supernode up to which zeros are accepted freely, by a third, or by a tenth."""
+_ZEROS_OFTEN, _ZEROS_SOMETIMES, _ZEROS_RARELY = 0.3, 0.1, 0.01
 """Shares of explicit zeros in a merged supernode of these widths, and of wider ones."""
 
 
-@numba.njit(cache=True)
+@njit
 def elimination_tree(starts: Index, neighbours: Index) -> Index:
     """Parent of each column (n,) in the elimination tree, -1 at roots [liu1990]; rows in compressed form."""
     n = len(starts) - 1
@@ -31,7 +33,7 @@ def elimination_tree(starts: Index, neighbours: Index) -> Index:
     return parent
 
 
-@numba.njit(cache=True)
+@njit
 def postorder(parent: Index) -> Index:
     """Columns (n,) in an order in which every column follows its descendants, and these are contiguous."""
     n = len(parent)
@@ -62,7 +64,7 @@ def postorder(parent: Index) -> Index:
     return order
 
 
-@numba.njit(cache=True)
+@njit
 def column_counts(starts: Index, neighbours: Index, parent: Index) -> Index:
     """Entries (n,) in each column of the factor, the diagonal included: every row's subtree is walked."""
     n = len(parent)
@@ -79,7 +81,7 @@ def column_counts(starts: Index, neighbours: Index, parent: Index) -> Index:
     return counts
 
 
-@numba.njit(cache=True)
+@njit
 def supernodes(parent: Index, counts: Index, block: int) -> Index:
     """First columns (s + 1,) of relaxed supernodes of a postordered tree, a column being one of ``block`` unknowns.
 
@@ -137,7 +139,7 @@ def supernodes(parent: Index, counts: Index, block: int) -> Index:
     return merged[: top + 1].copy()
 
 
-@numba.njit(cache=True)
+@njit
 def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index) -> tuple[Index, Index, Index]:
     """Rows of every supernode, sorted, its own columns first; and the tree of supernodes.
 
@@ -190,7 +192,7 @@ def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index
     return row_starts, rows, above
 
 
-@numba.njit(cache=True)
+@njit
 def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) -> Index:
     """Where each row below a supernode's own columns stands among the rows of the one above; aligned with ``rows``."""
     relative = np.full(len(rows), -1, np.int64)
@@ -205,20 +207,31 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
     return relative
 
 
-@numba.njit(cache=True)
+@njit
 def entry_places(
-    starts: Index, indices: Index, order: Index, block: int, first: Index, row_starts: Index, rows: Index, panels: Index
+    starts: Index,
+    indices: Index,
+    order: Index,
+    block: int,
+    first: Index,
+    row_starts: Index,
+    rows: Index,
+    panels: Index,
+    sources: Any,
+    places: Any,
 ) -> Index:
-    """Where each stored entry of the matrix goes in the factor's panels; -1 for those above the diagonal.
+    """Write where the stored entries on and below the diagonal go in the factor's panels, supernode after supernode.
 
     ``starts`` and ``indices`` are the matrix's columns, ``order`` (n,) its blocks in the order of elimination,
-    ``panels`` (s + 1,) where the column-major panel of each supernode begins.
+    ``panels`` (s + 1,) where the column-major panel of each supernode begins. ``sources`` receives the entries,
+    ``places`` where they go; returns where those of each supernode begin (s + 1,).
     """
-    places = np.full(len(indices), -1, np.int64)
     position = np.empty(len(order), np.int64)
     for j in range(len(order)):
         position[order[j]] = j
     local = np.empty(len(order), np.int64)
+    begins = np.zeros(len(first), np.int64)
+    count = 0
     for s in range(len(first) - 1):
         for e in range(row_starts[s], row_starts[s + 1]):
             local[rows[e]] = e - row_starts[s]
@@ -230,5 +243,10 @@ def entry_places(
                 for e in range(starts[column], starts[column + 1]):
                     i = position[indices[e] // block]
                     if i > j or (i == j and indices[e] >= column):
-                        places[e] = begin + local[i] * block + indices[e] % block
-    return places
+                        if count == len(sources):
+                            raise ValueError("the matrix must store both triangles")
+                        sources[count] = e
+                        places[count] = begin + local[i] * block + indices[e] % block
+                        count += 1
+        begins[s + 1] = count
+    return begins

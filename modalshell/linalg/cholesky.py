@@ -1,7 +1,6 @@
-"""Sparse Cholesky factorisation of blocks: one analysis of a pattern, many factors.
+"""Sparse block Cholesky factorisation: one symbolic analysis per pattern, many factors.
 
-Minimum degree orders the blocks, not the unknowns: a shell's vertices. A geometric nested dissection was tried and gave
-the same times to within a tenth up to 50,000 vertices, and 17 % less at 100,000.
+The blocks are ordered, not the unknowns: a shell's vertices; see :mod:`modalshell.linalg.ordering`.
 """
 
 from __future__ import annotations
@@ -11,13 +10,14 @@ from typing import final
 
 import numpy as np
 import scipy.sparse as sps
-import scipy.sparse.linalg as spla
 from threadpoolctl import ThreadpoolController
 
 from modalshell.errors import SolverError
 from modalshell.linalg import analysis, multifrontal
 from modalshell.linalg.blas import BLAS
-from modalshell.typing import Array, Index
+from modalshell.linalg.ordering import best_elimination, row_lists
+from modalshell.linalg.three_right_sides import solve_three
+from modalshell.typing import Array
 
 
 @final
@@ -55,32 +55,29 @@ class CholeskyAnalysis:
     def __init__(self, matrix: sps.csc_array) -> None:
         self.size = matrix.shape[0]
         self.block, graph = block_graph(matrix)
-        order = minimum_degree(graph)
-        graph = _permuted(graph, order)
-        after = analysis.postorder(analysis.elimination_tree(*_rows(graph)))
-        order, graph = order[after], _permuted(graph, after)
-        lists = _rows(graph)
-        parent = analysis.elimination_tree(*lists)
-        first = analysis.supernodes(parent, analysis.column_counts(*lists, parent), self.block)
-        row_starts, rows, parent = analysis.supernode_rows(*lists, first, parent)
+        order, graph, parent, counts = best_elimination(graph)
+        first = analysis.supernodes(parent, counts, self.block)
+        row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, parent)
         relative = analysis.relative_rows(first, row_starts, rows, parent)
         widths, heights = np.diff(first) * self.block, np.diff(row_starts) * self.block
         panels = np.concatenate([[0], np.cumsum(widths * heights)])
         self._height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
-        self._stack = multifrontal.stack_size(first, row_starts, parent, self.block)
+        self._storage = multifrontal.storage(first, row_starts, parent, panels, self.block)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
-        places = analysis.entry_places(*pattern, order, self.block, first, row_starts, rows, panels)
-        self._to_factorise = places, self.block, first, row_starts, relative, parent, panels
+        kind = np.int32 if self._storage < 2**31 else np.int64
+        sources, places = np.empty((2, (matrix.nnz + self.size) // 2), kind)
+        layout = first, row_starts, rows, panels
+        begins = analysis.entry_places(*pattern, order, self.block, *layout, sources, places)
+        self._to_factorise = sources, places, begins, self.block, first, row_starts, relative, parent, panels
         self._to_solve = self.block, first, row_starts, rows, panels
 
     def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""
-        values = np.empty(self.entries)
-        data, stack, numbers = np.asarray(matrix.data, dtype=np.float64), np.empty(self._stack), np.empty(6, np.int32)
+        values, numbers = np.empty(self._storage), np.empty(6, np.int32)
         with _blas().limit(limits=1, user_api="blas"):
-            wrong = multifrontal.factorise(data, *self._to_factorise, values, stack, numbers, *BLAS)
+            wrong = multifrontal.factorise(matrix.data, *self._to_factorise, values, numbers, *BLAS)
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
         return BlockCholesky(self, values)
@@ -90,8 +87,11 @@ class CholeskyAnalysis:
         columns = right_sides[:, None] if right_sides.ndim == 1 else right_sides
         permuted = np.ascontiguousarray(columns[self.order].T, dtype=np.float64)
         work = np.empty((len(permuted), self._height))
-        with _blas().limit(limits=1, user_api="blas"):
-            multifrontal.solve(values, *self._to_solve, permuted, work, np.empty(6, np.int32), *BLAS)
+        if self.block == 1 and len(permuted) == 3:
+            solve_three(values, *self._to_solve, permuted, work)
+        else:
+            with _blas().limit(limits=1, user_api="blas"):
+                multifrontal.solve(values, *self._to_solve, permuted, work, np.empty(6, np.int32), *BLAS)
         solution = np.empty(columns.shape)
         solution[self.order] = permuted.T
         return solution.reshape(right_sides.shape)
@@ -136,23 +136,3 @@ def block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
     graph = sps.csr_array((np.ones(matrix.nnz, dtype=np.int32), matrix.indices, matrix.indptr), shape=matrix.shape)
     graph.sort_indices()
     return 1, graph
-
-
-def minimum_degree(graph: sps.csr_array) -> Index:
-    """Minimum-degree order (n,) of a graph, by SuperLU."""
-    degrees = np.diff(graph.indptr).astype(np.float64)
-    ones = sps.csc_matrix((np.ones(graph.nnz), graph.indices, graph.indptr), shape=graph.shape)
-    definite = sps.csc_matrix(sps.diags(2.0 * degrees + 1.0, format="csc") - ones)
-    options = {"SymmetricMode": True}
-    factor = spla.splu(definite, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
-    return np.argsort(factor.perm_c).astype(np.int64)
-
-
-def _permuted(graph: sps.csr_array, order: Index) -> sps.csr_array:
-    permuted = sps.csr_array(graph[order][:, order])
-    permuted.sort_indices()
-    return permuted
-
-
-def _rows(graph: sps.csr_array) -> tuple[Index, Index]:
-    return graph.indptr.astype(np.int64), graph.indices.astype(np.int64)

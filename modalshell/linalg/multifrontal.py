@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from modalshell.kernels.compiler import njit
 from modalshell.linalg.blas import GEMM, GEMV, POTRF, SYRK, TRSM, TRSV, address, call
 from modalshell.typing import Array, Index
 
 
-@numba.njit(cache=True)
+@njit
 def factorise(
     data: Array,
-    places: Index,
+    sources: Any,
+    places: Any,
+    entries: Index,
     block: int,
     first: Index,
     row_starts: Index,
@@ -22,7 +24,6 @@ def factorise(
     parent: Index,
     panels: Index,
     values: Array,
-    stack: Array,
     numbers: Any,
     addresses: Index,
     letters: Any,
@@ -30,78 +31,80 @@ def factorise(
 ) -> int:
     """Factorise into ``values``; returns -1, or the first unknown, in elimination order, whose pivot is not positive.
 
-    Each supernode's panel holds its columns of L, column-major. Its update matrix, lower triangle, waits on ``stack``
-    for its parent: children are contiguous in postorder, so that a supernode finds theirs on top.
+    Each supernode's panel holds its columns of L, column-major; its entries of the matrix are ``data[sources]`` from
+    ``entries[s]`` on. Its update matrix waits for its parent, the lower triangle packed, on a stack that grows down
+    from the end of ``values``, where no panel is yet: children are contiguous in postorder, so that a supernode finds
+    theirs on top.
     """
-    values[:] = 0.0
-    for e in range(len(data)):
-        if places[e] >= 0:
-            values[places[e]] += data[e]
     lower, no = address(letters), address(letters) + 1
     transposed, right = address(letters) + 2, address(letters) + 3
     p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
     p_info = address(numbers) + 12
     p_one, p_minus, p_zero = (address(scalars), address(scalars) + 8, address(scalars) + 16)
-    base, stack_base = address(values), address(stack)
+    base = address(values)
     count = len(parent)
     begins = np.empty(count, np.int64)  # of the updates on the stack
     waiting = np.empty(count, np.int64)
-    depth, top = 0, 0
+    depth, top = 0, len(values)
     for s in range(count):
         columns = first[s + 1] - first[s]
         width, height = columns * block, (row_starts[s + 1] - row_starts[s]) * block
         below = height - width
         panel = panels[s]
-        update = top
+        values[panel : panels[s + 1]] = 0.0
+        for e in range(entries[s], entries[s + 1]):
+            values[places[e]] = data[sources[e]]
+        update, bottom = top - below * below, top
         has_children = depth > 0 and parent[waiting[depth - 1]] == s
         if has_children:
             for j in range(below):
-                stack[update + j * below + j : update + (j + 1) * below] = 0.0
-        bottom = top
+                values[update + j * below + j : update + (j + 1) * below] = 0.0
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
-            child, bottom = waiting[depth], begins[depth]
-            entries = row_starts[child] + first[child + 1] - first[child]
-            blocks = row_starts[child + 1] - entries
+            child, source = waiting[depth], begins[depth]
+            rows = row_starts[child] + first[child + 1] - first[child]
+            blocks = row_starts[child + 1] - rows
             size = blocks * block
+            bottom = source + size * (size + 1) // 2
             for jb in range(blocks):
-                target = relative[entries + jb]
+                target = relative[rows + jb]
                 for dj in range(block):
-                    source = bottom + (jb * block + dj) * size
+                    source -= jb * block + dj  # of the column's entries above the diagonal, which are not stored
                     if target < columns:
-                        into, column = values, panel + (target * block + dj) * height
+                        column = panel + (target * block + dj) * height
                     else:
-                        into, column = stack, update + ((target - columns) * block + dj) * below - width
+                        column = update + ((target - columns) * block + dj) * below - width
                     for di in range(dj, block):
-                        into[column + target * block + di] += stack[source + jb * block + di]
+                        values[column + target * block + di] += values[source + jb * block + di]
                     for ib in range(jb + 1, blocks):
-                        row = column + relative[entries + ib] * block
+                        row = column + relative[rows + ib] * block
                         for di in range(block):
-                            into[row + di] += stack[source + ib * block + di]
+                            values[row + di] += values[source + ib * block + di]
+                    source += size
         numbers[0], numbers[1], numbers[2] = width, height, below
         at = base + 8 * panel
         call(addresses[POTRF], (lower, p_width, at, p_height, p_info))
         if numbers[3] != 0:
             return int(first[s] * block + numbers[3] - 1)
+        top = bottom
         if below > 0:
-            under, own = at + 8 * width, stack_base + 8 * update
+            under, own = at + 8 * width, base + 8 * update
             call(
                 addresses[TRSM], (right, lower, transposed, no, p_below, p_width, p_one, at, p_height, under, p_height)
             )
             beta = p_one if has_children else p_zero
             call(addresses[SYRK], (lower, no, p_below, p_width, p_minus, under, p_height, beta, own, p_below))
-            if bottom < update:  # over the children's updates, which are done with
-                for k in range(below * below):
-                    stack[bottom + k] = stack[update + k]
-            waiting[depth], begins[depth] = s, bottom
-            depth += 1
-            top = bottom + below * below
-        else:
             top = bottom
+            for j in range(below - 1, -1, -1):  # packed, over the children's updates, which are done with
+                for i in range(below - 1, j - 1, -1):
+                    top -= 1
+                    values[top] = values[update + j * below + i]
+            waiting[depth], begins[depth] = s, top
+            depth += 1
     return -1
 
 
-@numba.njit(cache=True)
+@njit
 def solve(
     values: Array,
     block: int,
@@ -180,21 +183,20 @@ def solve(
             call(addresses[TRSM], (left, lower, transposed, no, p_width, p_count, p_one, at, p_height, own, p_size))
 
 
-@numba.njit(cache=True)
-def stack_size(first: Index, row_starts: Index, parent: Index, block: int) -> int:
-    """Most numbers that updates take at a time on the stack of :func:`factorise`."""
+@njit
+def storage(first: Index, row_starts: Index, parent: Index, panels: Index, block: int) -> int:
+    """How many numbers :func:`factorise` needs for the panels so far and the updates that wait, at most."""
     most, top, depth = 0, 0, 0
-    begins = np.empty(len(parent), np.int64)
+    sizes = np.empty(len(parent), np.int64)
     waiting = np.empty(len(parent), np.int64)
     for s in range(len(parent)):
         below = (row_starts[s + 1] - row_starts[s] - (first[s + 1] - first[s])) * block
-        most = max(most, top + below * below)
-        bottom = top
+        most = max(most, panels[s + 1] + top + below * below)
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
-            bottom = begins[depth]
+            top -= sizes[depth]
         if below > 0:
-            waiting[depth], begins[depth] = s, bottom
+            waiting[depth], sizes[depth] = s, below * (below + 1) // 2
             depth += 1
-        top = bottom + below * below
+            top += below * (below + 1) // 2
     return most

@@ -1,4 +1,4 @@
-"""Loads on a shell: point, line and edge loads, pressure, wind, weight, inertia, and the base of further ones."""
+"""Loads on a shell: point, line and edge loads, pressure, wind, weight, inertia, and their base class."""
 
 from modalshell.loads.applied import AppliedLoad
 from modalshell.loads.base import LOADS, LiveLoad, Load

@@ -1,4 +1,4 @@
-"""A load on one shell: the forces of its elements, and their stiffness by complex steps."""
+"""Element forces of a load on one shell, and their stiffness by complex steps."""
 
 from __future__ import annotations
 
@@ -57,6 +57,44 @@ class SurfaceForm:
 
 @final
 @dataclass(frozen=True, eq=False)
+class TurningForm:
+    """A load on the corners of triangles that turns with these, in numbers.
+
+    Attributes
+    ----------
+    weights : ndarray, shape (E, 3)
+        What each corner feels of the force.
+    vector : ndarray, shape (3,), optional
+        The force [N] on the shape at rest; a unit normal without it.
+    """
+
+    weights: Array
+    vector: Array | None = None
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class BodyForm:
+    """A load by mass that is linear in positions and velocities, in numbers: ``m (c - X x - V v)``.
+
+    Attributes
+    ----------
+    mass : ndarray, shape (n,)
+        Of the vertices [kg].
+    constant : ndarray, shape (3,)
+        c [m/s^2].
+    by_position, by_velocity : ndarray, shape (3, 3)
+        X [1/s^2] and V [1/s].
+    """
+
+    mass: Array
+    constant: Array
+    by_position: Array
+    by_velocity: Array
+
+
+@final
+@dataclass(frozen=True, eq=False)
 class AppliedLoad:
     """Forces on the corners of elements, which follow the corners' positions and velocities, and the time.
 
@@ -75,8 +113,8 @@ class AppliedLoad:
         What the forces depend on.
     factor : callable, optional
         Factor on the forces at a time [s].
-    surface : SurfaceForm, optional
-        The load in numbers, if it is one on triangles.
+    form : SurfaceForm, TurningForm or BodyForm, optional
+        The load in numbers, if it is of such a form; elements of a :class:`BodyForm` are the vertices, one by one.
     constant : ndarray, shape (n, 3), optional
         Its forces [N], if they depend on nothing but the factor.
     times : tuple of float
@@ -90,7 +128,7 @@ class AppliedLoad:
     by_position: bool = True
     by_velocity: bool = False
     factor: Callable[[float], float] | None = None
-    surface: SurfaceForm | None = None
+    form: SurfaceForm | TurningForm | BodyForm | None = None
     constant: Array | None = None
     times: tuple[float, ...] = (0.0,)
 
@@ -126,14 +164,14 @@ class AppliedLoad:
 
     def add_force(self, x: Array, before: Array, rate: float, time: float, total: Array) -> None:
         """Add the forces (n, 3) [N] at positions x (n, 3) [m] and velocities ``rate (x - before)`` to ``total``."""
-        factor, form = self.factor_at(time), self.surface
+        factor, form = self.factor_at(time), self.form
         if self.constant is not None:
             total += factor * self.constant
-        elif form is None:
-            total += self.force(x, rate * (x - before) if self.by_velocity else None, time)
-        else:
+        elif isinstance(form, SurfaceForm):
             air = form.air(x, self.stencils, time)
             surface_forces(x, before, rate, self.stencils, factor * form.sizes, air, total)
+        else:
+            total += self.force(x, rate * (x - before) if self.by_velocity else None, time)
 
     def value(self, x: Array, time: float) -> float:
         """Potential [J]; 0 where there is none."""

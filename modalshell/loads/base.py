@@ -1,4 +1,4 @@
-"""The base of loads, and their registry."""
+"""Base class of loads, and their registry."""
 
 from __future__ import annotations
 

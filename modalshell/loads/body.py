@@ -1,4 +1,4 @@
-"""Loads by mass: weight, and the inertial forces of a frame that moves."""
+"""Body loads: weight, and inertial forces of a moving frame."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.checks import checked_vectors
 from modalshell.errors import LoadError
-from modalshell.loads.applied import AppliedLoad, Corners
+from modalshell.loads.applied import AppliedLoad, BodyForm, Corners
 from modalshell.loads.base import LiveLoad
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import read_only_copy
@@ -102,7 +102,10 @@ class FrameInertia(_MassLoad, key="frame"):
 
         vertices = np.arange(len(mass), dtype=np.int64)[:, None]
         conservative = None if speeding.any() else energy
-        return AppliedLoad(vertices, forces, conservative, by_velocity=bool(turn.any()))
+        spin, speed = (np.cross(vector, np.eye(3)).T for vector in (turn, speeding))  # w x r = [w] r
+        by_position = speed + spin @ spin
+        form = BodyForm(mass, by_position @ origin - self.acceleration, by_position, 2.0 * spin)
+        return AppliedLoad(vertices, forces, conservative, by_velocity=bool(turn.any()), form=form)
 
 
 def constant_load(mesh: TriangleMesh, force: Array) -> AppliedLoad:

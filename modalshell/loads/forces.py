@@ -1,4 +1,4 @@
-"""Dead forces at vertices and along edges."""
+"""Dead forces on vertices and along edges."""
 
 from __future__ import annotations
 

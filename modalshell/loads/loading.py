@@ -1,4 +1,4 @@
-"""All loads on one shell together: a dead part, and loads that follow positions, velocities or the time."""
+"""Sum of all loads on one shell: a dead part, and parts that depend on positions, velocities or time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Loads that change in time by a factor."""
+"""Loads times a factor that depends on time."""
 
 from __future__ import annotations
 

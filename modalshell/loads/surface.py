@@ -1,4 +1,4 @@
-"""Loads on the triangles of a shell: pressure and wind."""
+"""Surface loads: pressure and wind."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Pressure(LiveLoad, key="pressure"):
             one, two, three = np.moveaxis(x[faces], 1, 0)
             return -p / 6.0 * float(np.vdot(one, np.cross(two, three)))
 
-        return AppliedLoad(faces, forces, energy, held=_boundary(faces), surface=SurfaceForm(pressure=p))
+        return AppliedLoad(faces, forces, energy, held=_boundary(faces), form=SurfaceForm(pressure=p))
 
 
 def _boundary(faces: Index) -> Index:
@@ -163,4 +163,4 @@ class Wind(LiveLoad, key="wind"):
             return np.repeat(force[:, None] / 3.0, 3, axis=1)
 
         form = SurfaceForm(0.0, by_normal, by_tangent, self.velocity_at if callable(self.velocity) else self.velocity)
-        return AppliedLoad(selected_faces(mesh, self.sel), forces, by_velocity=True, surface=form)
+        return AppliedLoad(selected_faces(mesh, self.sel), forces, by_velocity=True, form=form)

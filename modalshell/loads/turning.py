@@ -1,4 +1,4 @@
-"""Loads that turn with the surface: moments along edges, and forces in the frame of the surface."""
+"""Loads that rotate with the surface: moments along edges, and follower forces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.checks import checked_number, checked_vectors
 from modalshell.errors import LoadError, OptionError
-from modalshell.loads.applied import AppliedLoad, Corners, length
+from modalshell.loads.applied import AppliedLoad, Corners, TurningForm, length
 from modalshell.loads.base import LiveLoad
 from modalshell.loads.surface import area_vectors
 from modalshell.mesh import TriangleMesh
@@ -67,7 +67,11 @@ class EdgeMoment(LiveLoad, key="moment"):
             push = -moments[chosen][:, None] * lever
             return np.stack([-(1.0 - foot) * push, -foot * push, push], axis=1)
 
-        return AppliedLoad(edges, forces)
+        one, two, apex = np.moveaxis(mesh.vertices[edges], 1, 0)
+        foot = np.sum((apex - one) * (two - one), axis=1) / rest**2
+        push = -moments * 0.5 * rest / np.linalg.norm(area_vectors(mesh.vertices[edges]), axis=1)
+        weights = push[:, None] * np.stack([foot - 1.0, -foot, np.ones_like(foot)], axis=1)
+        return AppliedLoad(edges, forces, form=TurningForm(weights))
 
 
 @final
@@ -105,17 +109,17 @@ class FollowerForce(LiveLoad, key="follower"):
             stencils.append(turned[at])
             shares.append(areas[at] / around[turned[at, 0]])
         triangles, share = np.concatenate(stencils), np.concatenate(shares)
-        local = np.einsum("eij,i->ej", _frames(mesh.vertices[triangles]), self.vector) * share[:, None]
+        local = np.einsum("eij,i->ej", triangle_frames(mesh.vertices[triangles]), self.vector) * share[:, None]
 
         def forces(corners: Corners, velocities: Corners, time: float, chosen: Index) -> Corners:  # noqa: ARG001
             out = np.zeros_like(corners)
-            out[:, 0] = np.einsum("eij,ej->ei", _frames(corners), local[chosen])
+            out[:, 0] = np.einsum("eij,ej->ei", triangle_frames(corners), local[chosen])
             return out
 
-        return AppliedLoad(triangles, forces)
+        return AppliedLoad(triangles, forces, form=TurningForm(share[:, None] * [1.0, 0.0, 0.0], self.vector))
 
 
-def _frames(corners: Corners) -> Corners:
+def triangle_frames(corners: Corners) -> Corners:
     """Unit vectors along the first edge, across it and along the normal of triangles, as columns (E, 3, 3)."""
     along, normal = corners[:, 1] - corners[:, 0], area_vectors(corners)
     along = along / length(along)[:, None]

@@ -1,4 +1,4 @@
-"""A bird folded from paper: a narrow body, open at the top, and two wings that are folded out from it."""
+"""Mesh of a folded paper bird: a narrow body, open at the top, with two folded wings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Faults of STL and glTF files that trimesh's readers pass over in silence or report without saying where."""
+"""Checks of STL and glTF files for faults that trimesh ignores or does not locate."""
 
 from __future__ import annotations
 

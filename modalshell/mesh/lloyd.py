@@ -1,4 +1,4 @@
-"""Lloyd relaxation: point sets whose Delaunay triangles are near-equilateral without a lattice direction."""
+"""Lloyd relaxation: point sets with near-equilateral Delaunay triangles and no lattice direction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parametric shells: beams, sheets and panels."""
+"""Parametric meshes: beams, sheets and panels."""
 
 from __future__ import annotations
 

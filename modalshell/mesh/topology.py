@@ -1,4 +1,4 @@
-"""Edges, their faces and the hinges of a triangle list, found by sorting half-edges."""
+"""Edges and hinges of a triangle list, by sorting half-edges."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class HalfEdges:
     face_edges : (T, 3) int
         Index into `edges` of each face's three half-edges.
     counts : (E,) int
-        How many faces hold each edge.
+        Number of faces at each edge.
     forward : (T, 3) bool
         Whether the face runs along the edge from its smaller to its larger vertex.
     """
@@ -60,12 +60,6 @@ def faces_of_edges(links: HalfEdges) -> IntArray:
     side = np.where(links.forward.ravel() | (links.counts[links.face_edges.ravel()] == 1), 0, 1)
     edge_faces[links.face_edges.ravel(), side] = face
     return edge_faces
-
-
-def area_vectors(vertices: FloatArray, faces: IntArray) -> FloatArray:
-    """Vectors (T, 3) along the normals of triangles, twice their areas [m^2] long."""
-    corners = vertices[faces]
-    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def hinges_of_edges(faces: IntArray, links: HalfEdges, edge_faces: IntArray) -> tuple[IntArray, IntArray]:

@@ -1,4 +1,4 @@
-"""The triangle mesh of a shell: vertices, faces and what follows from them."""
+"""Triangle mesh of a shell: vertices, faces and derived topology."""
 
 from __future__ import annotations
 
@@ -12,9 +12,15 @@ from scipy.sparse.csgraph import connected_components
 from modalshell.checks import checked_vectors
 from modalshell.errors import MeshError
 from modalshell.mesh import validation
-from modalshell.mesh.topology import FloatArray, IntArray, area_vectors, faces_of_edges, hinges_of_edges
+from modalshell.mesh.topology import FloatArray, IntArray, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
+from modalshell.render import Picture, ShadedSurface, View, html_of
+from modalshell.render.picture import SMALL
 from modalshell.sharing import ReadOnlyArrays, read_only
+from modalshell.triangles import area_vectors
+
+_EDGES_SHOWN = 3000
+"""Triangles up to which a small picture shows their sides."""
 
 
 class TriangleMesh(ReadOnlyArrays):
@@ -46,7 +52,7 @@ class TriangleMesh(ReadOnlyArrays):
 
     @classmethod
     def from_soup(cls, vertices: ArrayLike, faces: ArrayLike, tolerance: float | None = None) -> TriangleMesh:
-        """Build a mesh from a triangle soup: merge coincident vertices, drop or mend faces without area."""
+        """Build a mesh from a triangle soup: merge coincident vertices, drop or repair faces without area."""
         points = validation.as_vertices(vertices)
         merged, kept, _ = weld_arrays(points, validation.as_faces(faces, len(points)), tolerance)
         return cls(*drop_unused(merged, without_flat_faces(merged, kept)))
@@ -160,6 +166,27 @@ class TriangleMesh(ReadOnlyArrays):
         """
         vertices, faces, _ = weld_arrays(self.vertices, self.faces, tolerance)
         return TriangleMesh(vertices, faces)
+
+    def plot(self, *, size: tuple[int, int] = (960, 600), edges: bool = True) -> Picture:
+        """Draw the mesh at rest; a notebook shows the picture, and its ``save(path)`` writes it.
+
+        Parameters
+        ----------
+        size : tuple of int
+            Width and height [pixels].
+        edges : bool
+            Draw the sides of every triangle.
+        """
+        return Picture.of_views([View([ShadedSurface(self.vertices, self.faces, edges=edges)])], size=size)
+
+    def _repr_html_(self) -> str:
+        numbers = {
+            "vertices": f"{len(self.vertices):,}",
+            "faces": f"{len(self.faces):,}",
+            "extents [m]": " x ".join(f"{extent:.4g}" for extent in np.ptp(self.vertices, axis=0)),
+            "area [m²]": f"{self.area:.4g}",
+        }
+        return html_of("TriangleMesh", numbers, self.plot(size=SMALL, edges=len(self.faces) <= _EDGES_SHOWN))
 
     def __repr__(self) -> str:
         return (

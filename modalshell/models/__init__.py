@@ -1,4 +1,4 @@
-"""The ladder: models that answer the same scene, cheapest first."""
+"""Models of a shell, from cheap to accurate; all answer the same scene."""
 
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Model

@@ -1,13 +1,15 @@
-"""Coarse shells: fewer vertices of the same surface, calibrated to the fine shell's lowest frequency."""
+"""Coarse shells: fewer vertices of the same surface, calibrated to the fine shell's lowest frequencies."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import final
 
 import numpy as np
 from scipy.optimize import brentq
 
+from modalshell.brief import brief
 from modalshell.checks import checked_kind, shown
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
@@ -15,14 +17,24 @@ from modalshell.modes import solve_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.prolongation import closest_points
 from modalshell.shell import Isotropic, Material, Shell
+from modalshell.typing import Array, Index
 
 _WIDEST = 2.5
 """Logarithm of the largest factor on the membrane that calibration tries."""
 _MEMBRANE_SHARE = 0.1
 """Slope of the lowest eigenvalue over the membrane stiffness, both as logarithms, below which bending decides."""
+_COMPARED = 6
+"""Lowest modes among which one is looked for that the other stiffness decides."""
+_APART = 0.3
+"""Least difference of two modes' fractions of membrane energy for them to determine both stiffnesses."""
+_ALIKE = 0.7
+"""Square of the cosine between a fine mode and the coarse one that is it."""
+_ROUNDS, _MET = 12, 1e-4
+"""Newton steps on both stiffnesses at most, and the logarithm of a ratio of eigenvalues that counts as met."""
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class CoarseMesh:
     """A coarser mesh of the same surface.
@@ -46,10 +58,12 @@ class CoarseMesh:
 
 
 def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropic | None = None) -> Shell:
-    """A coarse shell on ``mesh`` with the supports of ``shell`` and, by calibration, its lowest frequency.
+    """A coarse shell on ``mesh`` with the supports of ``shell`` and, by calibration, its lowest frequencies.
 
-    A coarse mesh is too stiff, mostly in its membrane: that is scaled until the lowest elastic eigenvalues agree; or
-    the flexure, where the lowest mode hardly stretches. Sheets of :class:`Isotropic` need no calibration. To clamp
+    A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Where the
+    membrane decides the lowest mode and bending another of the lowest six, both stiffnesses are scaled until the
+    elastic eigenvalues of these two modes agree. Else one is scaled, until the lowest eigenvalues agree: the membrane,
+    or the flexure where the lowest mode hardly stretches. Sheets of :class:`Isotropic` need no calibration. To clamp
     alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
 
     Parameters
@@ -67,7 +81,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
     OptionError
         If ``material`` is left out and that of ``shell`` has values of single elements.
     SupportError
-        If no vertex of ``mesh`` lies where ``shell`` is held.
+        If no vertex of ``mesh`` lies where ``shell`` is held, or if those that do leave it free to turn.
     """
     checked_kind("shell", shell, Shell)
     checked_kind("mesh", mesh, TriangleMesh)
@@ -82,6 +96,11 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
     clamped = shell.clamped[corners]
     if shell.clamped.any() and not clamped.any():
         raise SupportError("no vertex of the coarse mesh lies where the fine shell is held: refine it there")
+    if clamped.any() and rigid_motions(Shell(mesh, given, clamped)).shape[1] > rigid_motions(shell).shape[1]:
+        raise SupportError(
+            "a row of held vertices leaves the coarse shell free to turn where the fine one is clamped: give its "
+            "mesh a second row there, as drawn_to_supports does"
+        )
     if isinstance(given, Isotropic):
         return Shell(mesh, given, clamped, energies=shell.energies)
     if material is None:
@@ -100,6 +119,9 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
         )
         return Shell(mesh, changed, clamped, energies=shell.energies)
 
+    if (both := _both_stiffnesses(shell, stiffened, nearest, shares)) is not None:
+        return both
+
     def excess(logarithm: float) -> float:
         return float(np.log(_lowest(stiffened(np.exp(logarithm), 1.0)) / goal))
 
@@ -107,6 +129,62 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
     if high - low > _MEMBRANE_SHARE * 2.0 * _WIDEST and low < 0.0 < high:
         return stiffened(float(np.exp(brentq(excess, -_WIDEST, _WIDEST, xtol=1e-3))), 1.0)
     return stiffened(1.0, float(np.exp(-middle)))
+
+
+def _both_stiffnesses(
+    shell: Shell, stiffened: Callable[[float, float], Shell], nearest: Index, shares: Array
+) -> Shell | None:
+    """Coarse shell with both stiffnesses scaled to two modes of ``shell``; None if no two modes determine them.
+
+    Coarse vertices lie on the fine mesh in triangles ``nearest`` (k,), at barycentric ``shares`` (k, 3).
+    """
+    eigenvalues, modes, parts = _elastic_modes(shell)
+    apart = parts[0, 0] - parts[:, 0]
+    if apart.max() < _APART:
+        return None
+    pair = [0, int(np.argmax(apart >= _APART))]
+    corners = modes.reshape(len(shell.mass), 3, -1)[shell.mesh.faces[nearest]]
+    sampled = np.einsum("kc,kcxm->kxm", shares, corners)[:, :, pair].reshape(-1, 2)
+    factors = np.zeros(2)
+    for _ in range(_ROUNDS):
+        coarse = stiffened(*np.exp(factors))
+        found, own, sensitivities = _elastic_modes(coarse)
+        mass = np.repeat(coarse.mass, 3)[:, None]
+        lengths = np.sum(mass * sampled**2, axis=0)[:, None] * np.sum(mass * own**2, axis=0)
+        alike = (sampled.T @ (mass * own)) ** 2 / lengths
+        same = alike.argmax(axis=1)
+        if alike.max(axis=1).min() < _ALIKE or same[0] == same[1]:
+            return None
+        excess = np.log(found[same] / eigenvalues[pair])
+        if np.abs(excess).max() < _MET:
+            return coarse
+        slope = sensitivities[same]
+        if abs(np.linalg.det(slope)) < 0.5 * _APART:
+            return None
+        factors -= np.linalg.solve(slope, excess).clip(-1.0, 1.0)
+        if np.abs(factors).max() > _WIDEST:
+            return None
+    return None
+
+
+def _elastic_modes(shell: Shell) -> tuple[Array, Array, Array]:
+    """Lowest elastic eigenvalues (k,), modes (3n, k), and the shares (k, 2) of membrane and flexure in their energy."""
+    rigid = rigid_motions(shell).shape[1]
+    basis = solve_modes(shell, min(rigid + _COMPARED, shell.unknowns.count))
+    modes = basis.modes[:, rigid:]
+    rest, parts = shell.rest_positions, np.zeros((modes.shape[1], 2))
+    offsets = shell.predicted_stresses(rest, np.zeros_like(rest))
+    for mode, part in zip(modes.T, parts, strict=True):
+        stresses = shell.predicted_stresses(rest, mode.reshape(-1, 3))
+        for elements, stress, offset in zip(shell.elements, stresses, offsets, strict=True):
+            stiff = elements.weight != 0
+            energy = float(np.sum((stress - offset)[stiff] ** 2 / (4.0 * elements.weight[stiff])))
+            if elements.name in ("stretch", "shear"):
+                part[0] += energy
+            elif elements.name.endswith("flexure"):
+                part[1] += energy
+    eigenvalues = np.asarray(basis.eigenvalues[rigid:])
+    return eigenvalues, modes, 2.0 * parts / eigenvalues[:, None]
 
 
 def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:

@@ -1,4 +1,4 @@
-"""Whether a deformed surface is still one that modes can describe, by the same criteria for every modal model."""
+"""Distortion check: whether a deformed surface is within the range of modal models."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from modalshell.sharing import PerThread
 from modalshell.typing import Array
 
 _AREA = 2.0
-"""Factor on the area of the surface or of a triangle, either way, from which a thin shell is no longer one."""
+"""Factor of increase or decrease of the area of the surface or a triangle beyond which it counts as distorted."""
 _CRUMPLED = 0.1
-"""Share of the surface whose triangles may have changed by that."""
+"""Fraction of the surface whose triangles may exceed that factor."""
 _OVER = -0.5
 """Cosine between the normals of neighbours below which a surface that was not folded has folded over."""
 _SHARE = 0.05
-"""Share of the edges at which it may."""
+"""Fraction of the edges at which it may be folded over."""
 
 
 @final
@@ -34,37 +34,32 @@ class Distortion:
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self._mesh = mesh
-        self._normals = PerThread(partial(np.empty, (len(mesh.faces), 4)))
+        self._normals = PerThread(partial(np.empty, (4, len(mesh.faces))))
 
     @cached_property
-    def _area(self) -> float:
-        return self._mesh.area
-
-    @cached_property
-    def _unfolded(self) -> NDArray[np.int64]:
-        """Pairs (P, 2) of neighbouring triangles that are not folded over each other at rest."""
-        pairs = self._mesh.edge_faces[self._mesh.hinge_edges]
-        normals = self._mesh.face_normals[pairs]
-        return np.ascontiguousarray(pairs[np.einsum("hi,hi->h", normals[:, 0], normals[:, 1]) > 0.0])
+    def _rest(self) -> tuple[tuple[NDArray[np.int64], Array, NDArray[np.int64]], float, int]:
+        """Faces, their areas and the pairs of neighbours that are not folded over each other; area; hinges."""
+        mesh = self._mesh
+        pairs = mesh.edge_faces[mesh.hinge_edges]
+        normals = mesh.face_normals[pairs]
+        unfolded = np.ascontiguousarray(pairs[np.einsum("hi,hi->h", normals[:, 0], normals[:, 1]) > 0.0])
+        return (mesh.faces, mesh.face_areas, unfolded), mesh.area, len(pairs)
 
     def of(self, positions: Array) -> str:
-        """What has become of the surface at ``positions`` (n, 3), if modes cannot describe it; else an empty text."""
-        mesh = self._mesh
-        area, changed, folded = surface_changes(
-            positions, mesh.faces, mesh.face_areas, self._unfolded, _AREA, _OVER, self._normals()
-        )
-        ratio = area / self._area
+        """Description of a distorted surface at ``positions`` (n, 3); "" if it is within the range of modal models."""
+        rest, rest_area, hinges = self._rest
+        area, changed, folded = surface_changes(positions, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())
+        ratio = area / rest_area
         if not 1.0 / _AREA < ratio < _AREA:
             return f"the surface area is {ratio:.3g} of that at rest"
-        if changed > _CRUMPLED * self._area:
-            return f"the area doubled or halved on {100.0 * changed / self._area:.2g} % of the surface"
-        if folded > _SHARE * len(mesh.hinge_edges):
-            share = 100.0 * folded / len(mesh.hinge_edges)
-            return f"triangles fold over their neighbours at {share:.2g} % of the edges"
+        if changed > _CRUMPLED * rest_area:
+            return f"the area doubled or halved on {100.0 * changed / rest_area:.2g} % of the surface"
+        if folded > _SHARE * hinges:
+            return f"triangles fold over their neighbours at {100.0 * folded / hinges:.2g} % of the edges"
         return ""
 
     def judged(self, outcome: Outcome, message: str, positions: Array) -> tuple[Outcome, str]:
-        """Outcome and message of a static answer, with what is to be said of its ``positions`` (n, 3)."""
+        """Outcome and message of a static solution, after the check of its ``positions`` (n, 3)."""
         said = self.of(positions)
         if not said:
             return outcome, message

@@ -11,6 +11,7 @@ import scipy.optimize
 import scipy.stats
 from numpy.typing import ArrayLike
 
+from modalshell.brief import brief
 from modalshell.checks import as_array, checked_kind, checked_number, shown
 from modalshell.errors import LoadError, OptionError, SolverError
 from modalshell.loads import Load
@@ -26,6 +27,7 @@ _LIMIT = 100
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class Fit:
     """Constants of a material that explain measured positions.
@@ -43,7 +45,7 @@ class Fit:
     converged : bool
         Whether the least squares converged.
     residual : float
-        Root mean square of what is left of the measured coordinates [m].
+        Root mean square of the residual in the measured coordinates [m].
     evaluations : int
         Equilibria that were solved.
     """
@@ -82,7 +84,7 @@ def fit(
     observed : array_like, shape (k, 3)
         Measured positions [m]; NaN for coordinates that were not measured.
     where : selection, optional
-        The k vertices that were measured, in the order of their numbers; all without it.
+        The k measured vertices, in the order of their numbers; by default all.
     gravity, force, loads
         The load, as in :meth:`modalshell.Model.equilibrium`.
     confidence : float
@@ -95,7 +97,7 @@ def fit(
     LoadError
         For loads of the wrong shape, or no measured coordinate.
     SolverError
-        If no equilibrium is found at the first guess, or the measurements do not determine the constants.
+        If there is no equilibrium at the initial guess, or the measurements do not determine the constants.
     """
     checked_kind("shell", shell, Shell)
     if not isinstance(wrt, str | list | tuple) or not all(isinstance(name, str) for name in wrt):

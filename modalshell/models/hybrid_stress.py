@@ -1,11 +1,12 @@
-"""Hybrid rung: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads."""
+"""Hybrid model: POD of a coarse shell's motions with assumed membrane stresses, trained on random loads."""
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import final
+from typing import Self, final
 
 import numpy as np
 import scipy.linalg
@@ -22,7 +23,9 @@ from modalshell.loads import Load
 from modalshell.models.base import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.hybrid_slopes import differences, forces_by_constants
 from modalshell.models.hybrid_training import Trained, train
+from modalshell.models.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.reduction.assumed_stress import ReducedStress, reduce_energy
 from modalshell.reduction.assumed_stress_step import evaluate, implicit_step
 from modalshell.sharing import PerThread
@@ -34,10 +37,10 @@ from modalshell.typing import Array, Progress
 from modalshell.work import count_products
 
 _MISSED = 0.02
-"""Share of a load's linear compliance that the basis may miss."""
+"""Largest fraction of a load's linear compliance outside the basis."""
 _LOAD_STEPS = 12
 _STEP_GOAL = 1e-3
-"""Residual of a step, as a share of its load and inertia."""
+"""Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
 _FORMAT = 2
@@ -58,7 +61,7 @@ class HybridStress(Model):
     """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
-    K = 2 m trained stress states, so a basis that misses positions by a little does not lock; see
+    m trained stress states, so a basis that misses positions by a little does not lock; see
     :mod:`modalshell.reduction.assumed_stress`. Loads that the basis misses, states whose membrane the stresses do not
     see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they may be. Damping by the
     stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
@@ -79,7 +82,7 @@ class HybridStress(Model):
     OptionError
         If the coarse shell has other energies than those of a :class:`Material`.
     SupportError
-        If nothing holds the shell.
+        If the shell has no supports.
     """
 
     name = "hybrid"
@@ -90,7 +93,8 @@ class HybridStress(Model):
         self.coarse = CoarseDiscreteShell(shell, trainable(coarse))
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self._trained, self._basis = trained, trained.basis
-        self._reduced: ReducedStress = reduce_energy(coarse, trained.basis, trained.stresses, trained.viscous)
+        parts = trained.basis, trained.stresses, trained.viscous
+        self._reduced: ReducedStress = reduce_energy(coarse.centred()[0], *parts)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         stiffness = sps.csc_array(coarse.stiffness())
         self._compliance = np.linalg.inv(trained.basis.T @ (stiffness @ trained.basis))
@@ -127,7 +131,7 @@ class HybridStress(Model):
         gravity, force, loads
             The load about which to train, as in :meth:`equilibrium`.
         coarse : Shell, optional
-            A coarse shell of the same surface, which is what is reduced; ``shell`` itself without one.
+            A coarse shell of the same surface, which is reduced; by default ``shell`` itself.
         modes : int
             Vectors m of the basis.
         motions : int
@@ -147,7 +151,7 @@ class HybridStress(Model):
         return trained_on_load(shell, coarse or shell, load, modes=modes, motions=motions, seed=seed, on_step=on_step)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write what training found to an ``.npz`` file (no pickle)."""
+        """Write the trained data to an ``.npz`` file (no pickle)."""
         t = self._trained
         write_npz(
             path, modalshell_hybrid=np.array(_FORMAT), basis=t.basis, stresses=t.stresses, viscous=t.viscous,
@@ -176,6 +180,15 @@ class HybridStress(Model):
             text = shortened(str(fault))
             raise FileFormatError(f"cannot read a trained hybrid from {os.fspath(path)}: {text}") from fault
         return cls(shell, small, found)
+
+    def centred(self) -> tuple[Self, Array]:
+        """The same model about the origin, and where its origin was."""
+        coarse, origin = self.coarse.centred()
+        if not origin.any():
+            return self, origin
+        model = copy.copy(self)
+        model.shell, model.coarse = coarse.shell, coarse
+        return model, origin
 
     def missed(self, load: Array) -> float:
         """Share of the linear compliance under a coarse load (k, 3) [N] that the basis misses."""
@@ -250,6 +263,20 @@ class HybridStress(Model):
         strains = evaluate(self._reduced, z, np.zeros(modes))[1]
         value, _, _, gradient, lower = evaluate(self._reduced, z, strains[:modes])
         return value, gradient, np.tril(lower) + np.tril(lower, -1).T
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium under dead loads as trained, no matter what training would change.
+
+        See :class:`Model`; constants are those of the coarse shell.
+        """
+        z = dead_state(state)[0]
+        small = self.coarse.coarse.shell
+        columns = differences(lambda z: self._fine(self._coarse_positions(z)).ravel(), z)
+        spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
+        hessian = differences(lambda z: self._energy(z)[1], z)
+        constants = forces_by_constants(small, self._reduced, self._trained.stresses, z)
+        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
+        return tangent.derivative(wrt, of)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the reduced Hessian; None of answers by the coarse shell."""

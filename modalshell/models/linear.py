@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
-from modalshell.reduction.load_quadrature import LoadQuadrature
+from modalshell.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
@@ -38,6 +38,10 @@ class LinearModal(ModalModel):
         """Zero (m, m): the force is the same at every q."""
         return np.zeros((q.size, q.size))
 
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """``Phi^T g`` (m,)."""
+        return np.asarray(self.basis.modes.T @ weights.ravel())
+
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
         rows = self._patch_rows(self.basis.modes, vertices).mean(axis=0)
@@ -48,8 +52,8 @@ class LinearModal(ModalModel):
         return self._patch_rows(self.basis.modes, vertices)
 
     def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
-        """The loads on the surface of a fine mesh by patches."""
-        return LoadQuadrature.of(self.basis, loading, turned=False)
+        """The loads by points, and by the modes there."""
+        return LoadQuadrature.of(self.basis, loading, lambda _: ModalPush.by_modes(self.basis))
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         rigid = self.basis.rigid_modes

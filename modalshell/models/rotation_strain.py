@@ -1,4 +1,4 @@
-"""RSW, the rotation-strain warp [huang2011]: linear modes as turns and strains of triangles, fitted together again."""
+"""RSW, the rotation-strain warp [huang2011]: modes as rotations and strains of triangles, joined by a Poisson fit."""
 
 from __future__ import annotations
 
@@ -11,8 +11,12 @@ from modalshell.checks import checked_kind
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
+from modalshell.kernels.surface_loads import APART
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.modes import Basis
+from modalshell.reduction.load_points import LoadPoints
+from modalshell.reduction.load_quadrature import ModalPush
+from modalshell.reduction.patched_work import PatchedWork
 from modalshell.reduction.poisson import PoissonFit
 from modalshell.typing import Array
 from modalshell.work import count_read
@@ -22,17 +26,17 @@ _Scalar = TypeVar("_Scalar", np.float64, np.int64)
 
 @final
 class RotationStrain(TurnedTriangles):
-    """RSW: every triangle turns and strains as its modes say, and a least-squares fit puts the surface together.
+    """RSW: modes prescribe rotation and strain of every triangle, and a least-squares fit joins the triangles.
 
-    With the rotation vector ``w_tk`` and the surface strain ``S_tk`` of triangle t in mode k, coordinates q ask for the
-    deformation gradient ``F_t = exp([sum_k q_k w_tk]) (I + sum_k q_k S_tk)`` on the triangle's tangents. Positions
+    With the rotation vector ``w_tk`` and the surface strain ``S_tk`` of triangle t in mode k, coordinates q prescribe
+    the deformation gradient ``F_t = exp([sum_k q_k w_tk]) (I + sum_k q_k S_tk)`` on the triangle's tangents. Positions
     minimise ``sum_t A_t |grad x - F_t|^2`` with the held vertices at rest: three right sides of one factorised
-    Laplacian a frame. For small q that is ``u = Phi q``, and equal turns everywhere make an exact rigid turn.
+    Laplacian per frame. For small q that is ``u = Phi q``, and equal rotations everywhere are an exact rigid rotation.
 
     The modal force is the exact gradient of the load's potential ``f . u(q)``, so statics minimises
     ``q . Lambda q / 2 - f . u(q)``, which always has a solution.
 
-    A part of the shell that nothing holds keeps its centre of mass where the linear modes put it.
+    A part without supports has the centre of mass of the linear modes.
 
     Parameters
     ----------
@@ -79,6 +83,13 @@ class RotationStrain(TurnedTriangles):
         gradients = np.empty((len(self._modal), 6 * TILE))
         kernel.adjoint_gradients(fit, self._corners, self._shape, gradients)
         return LoadAdjoint(load.copy(), gradients, np.tensordot(parts, self._centres, 2))
+
+    def _modal_push(self, points: LoadPoints) -> ModalPush:
+        """By the work on the fitted surface, its triangles in patches."""
+        mesh = self.shell.mesh
+        columns = self.turns_and_strains(np.arange(len(mesh.faces)))
+        work = PatchedWork(mesh, self._fit, columns, points)
+        return ModalPush(APART, work.at_points, self._kept_force)
 
 
 def triangle_modes(basis: Basis, fit: PoissonFit) -> Array:

@@ -1,8 +1,9 @@
-"""What the models of turned and strained triangles share: the work of a load, its derivatives, statics [huang2011]."""
+"""Base of rotation-strain models: potential of a load, its derivatives, and statics [huang2011]."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
@@ -11,8 +12,11 @@ import numpy as np
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
+from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
+from modalshell.reduction.load_points import LoadPoints
+from modalshell.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics, least_potential
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
@@ -69,6 +73,19 @@ class TurnedTriangles(ModalModel):
     def _adjoint(self, load: Array) -> LoadAdjoint:
         """Adjoint of a load (n, 3)."""
 
+    @abstractmethod
+    def _modal_push(self, points: LoadPoints) -> ModalPush:
+        """How forces at points push on the modes."""
+
+    def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
+        """The loads by points, by the gradient of the work on these."""
+        return LoadQuadrature.of(self.basis, loading, self._modal_push)
+
+    def _kept_force(self, force: Array) -> Callable[[Array], Array]:
+        """Modal forces (m,) at q (m,) of a force (n, 3) [N] whose adjoint is kept."""
+        adjoint = self._adjoint(force)
+        return lambda q: self._work_of(adjoint, q)[1]
+
     def modal_force(self, q: Array, load: Array) -> Array:
         """Modal force ``d(f . u)/dq`` (m,): a new load costs its adjoint, that of the call before does not."""
         return self.work(q, load)[1]
@@ -76,6 +93,10 @@ class TurnedTriangles(ModalModel):
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        return self.work(q, weights)[1]
 
     def work_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of the work ``f . u(q)``."""

@@ -1,4 +1,4 @@
-"""What derivatives of equilibria are taken by: names, checks, and how each parameter pushes a shell."""
+"""Parameters of sensitivities: names, checks, and the force that a change of each one causes."""
 
 from __future__ import annotations
 

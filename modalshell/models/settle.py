@@ -1,4 +1,4 @@
-"""Statics under loads that change with the shell, for models whose own statics take dead loads."""
+"""Statics under configuration-dependent loads, for models whose solvers take dead loads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tangent of a full model's equilibrium, and what parameters of the shell and its load do to it."""
+"""Tangent of a full model's equilibrium, and the derivatives of its residual by parameters."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""MWTS, modal warping for thin shells [choi2007, eq. 9-17]: linear modes carried by the vertices' own rotations."""
+"""MWTS, modal warping for thin shells [choi2007, eq. 9-17]: linear modes rotated by each vertex's own rotation."""
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -10,11 +11,12 @@ import scipy.linalg
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
+from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
-from modalshell.reduction.load_quadrature import LoadQuadrature
+from modalshell.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
 from modalshell.typing import Array, Index
@@ -23,13 +25,13 @@ from modalshell.work import count_products, count_read
 _TOLERANCE = 1e-9
 """Relative residual at which an equilibrium has converged."""
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
-"""Share of the load below which a load step is given up."""
+"""Smallest load step, relative to the load."""
 _NEWTON_LIMIT = 12
 """Newton iterations at one load at most."""
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
 _LOAD_TURN = 0.5
-"""Turn of a vertex [rad] that one load step may predict."""
+"""Largest predicted rotation of a vertex [rad] per load step."""
 
 
 @final
@@ -68,7 +70,6 @@ class ModalWarping(ModalModel):
         self._elastic = slice(rigid, None)
         self._modes = np.ascontiguousarray(basis.modes[:, rigid:])
         self._rotations = np.ascontiguousarray(basis.rotations[:, rigid:])
-        self._frame: WarpFrame | None = None
 
     def rotation_vectors(self, q: Array) -> Array:
         """Rotation vectors of the vertices (n, 3) [rad]."""
@@ -85,10 +86,13 @@ class ModalWarping(ModalModel):
 
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state, in one fused pass."""
-        if self._frame is None:  # at first use: it holds a second copy of the modal data
-            self._frame = WarpFrame(self.basis)
         count_read(self._frame.bytes_read)
         return self._frame.positions(state.coordinates)
+
+    @cached_property
+    def _frame(self) -> WarpFrame:
+        """At first use: it holds a second copy of the modal data."""
+        return WarpFrame(self.basis)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
@@ -105,10 +109,10 @@ class ModalWarping(ModalModel):
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
         if self.consistent_force:
             return self.work(q, load)[1]
-        count_read(self.basis.modes.nbytes)
-        rotated = np.empty_like(load)
-        rotations.rotate(self.rotation_vectors(q), load, -1.0, rotated)
-        return self.basis.modes.T @ rotated.ravel()
+        count_read(self._frame.bytes_read)
+        force = np.empty_like(q)
+        push_frame(self._frame.modal_data, load, q, np.empty(WORK), force)
+        return force
 
     def work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
@@ -119,6 +123,14 @@ class ModalWarping(ModalModel):
         averaged, slope = np.empty_like(load), np.empty_like(load)
         work = rotations.warped_work(w, linear, load, averaged, slope)
         return work, np.asarray(self.basis.modes.T @ averaged.ravel() + self.basis.rotations.T @ slope.ravel())
+
+    def on_basis(self, basis: Basis) -> ModalWarping:
+        """The same model on another basis of its shell."""
+        return ModalWarping(basis, consistent_force=self.consistent_force)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        return self.work(q, weights)[1]
 
     def work_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of the work."""
@@ -149,8 +161,11 @@ class ModalWarping(ModalModel):
         return float(rotations.largest_angle(self.rotation_vectors(q)))
 
     def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
-        """The loads on the surface of a fine mesh by patches; of the paper's modal force alone."""
-        return None if self.consistent_force else LoadQuadrature.of(self.basis, loading, turned=True)
+        """The loads by points, and by turned modes there or by the gradient of the work."""
+        by_work = self.consistent_force
+        return LoadQuadrature.of(
+            self.basis, loading, lambda points: ModalPush.by_work(points) if by_work else ModalPush.by_turned_modes()
+        )
 
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         if self.consistent_force:
@@ -217,7 +232,7 @@ class ModalWarping(ModalModel):
         return y, residual, iteration, False
 
     def _turn(self, y: Array, root: Array) -> float:
-        """Largest turn of a vertex [rad] at y."""
+        """Largest rotation of a vertex [rad] at y."""
         return float(rotations.largest_angle((self._rotations @ (y / root)).reshape(-1, 3)))
 
     def _follow(self, load: Array, root: Array, scale: float) -> tuple[Array, float, int, bool]:
@@ -250,5 +265,5 @@ class ModalWarping(ModalModel):
 
 
 def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:
-    """MWTS under the consistent modal force ``J^T f``: a record of its own on the ladder."""
+    """MWTS under the consistent modal force ``J^T f``, a separate entry of the registry."""
     return ModalWarping(basis, integrator=integrator, consistent_force=True)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_npz
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
 from modalshell.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
 from modalshell.loads import Load
@@ -21,24 +22,31 @@ from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.attachments import attached_forces, with_attachments
+from modalshell.modes.derivatives import BasisSensitivity, basis_sensitivity
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
-from modalshell.page import Page, modal_page
+from modalshell.page import Page, ReducedWarp, modal_page
 from modalshell.plugins import load_plugins
+from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
 from modalshell.supports import SUPPORTS, Clamp, Support
 from modalshell.typing import Array
 
+_SHOWN_SHARE = 0.15
+"""Largest displacement in a picture of a mode, over the shell's size."""
+_STRIP = 8
+"""Mode shapes that a notebook shows of a basis."""
 _FORMAT = 1
 """Version of the saved file."""
 _COPIES, _RIGID_COPIES = 6, 6
 """Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
 
+@brief
 @dataclass(frozen=True)
 class Basis(ReadOnlyArrays):
     """What the modal models need of a shell.
@@ -97,6 +105,24 @@ class Basis(ReadOnlyArrays):
         """Mass that moves with each mode along x, y and z (m, 3) [kg]; of all modes together the mass that can move."""
         return self.participation_factors**2
 
+    def sensitivity(self, wrt: str) -> BasisSensitivity:
+        """Derivatives of eigenvalues, frequencies and modes by a constant of the material [nelson1976; fox1968].
+
+        Parameters
+        ----------
+        wrt : str
+            A constant that is one number for the whole mesh, such as "young", "thickness", "flexure" or "density".
+
+        Raises
+        ------
+        OptionError
+            For a name that is none, attachment vectors in the basis, or modes that share an eigenvalue: those have no
+            derivatives of their own.
+        SolverError
+            Where the eigenvalue above the basis is nearly the last one in it.
+        """
+        return basis_sensitivity(self, checked_kind("wrt", wrt, str))
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the basis with its shell to an ``.npz`` file (no pickle)."""
         shell, material = self.shell, self.shell.material
@@ -127,6 +153,7 @@ class Basis(ReadOnlyArrays):
         force: ArrayLike | None = None,
         damping: tuple[float, float] = (0.5, 0.001),
         dt: float = 1.0 / 60.0,
+        reduced: ReducedWarp | None = None,
     ) -> Page:
         """A self-contained web page on which the shell moves by LMA and MWTS; notebooks show it live.
 
@@ -134,7 +161,7 @@ class Basis(ReadOnlyArrays):
         ----------
         path : str or path, optional
             HTML file to write.
-        title, gravity, force, damping, dt
+        title, gravity, force, damping, dt, reduced
             See :func:`modalshell.page.modal_page`.
 
         Raises
@@ -154,10 +181,37 @@ class Basis(ReadOnlyArrays):
             force=force,
             damping=damping,
             dt=dt,
+            reduced=reduced,
         )
         if path is not None:
             page.save(path)
         return page
+
+    def plot(self, *, count: int | None = None, size: tuple[int, int] = (1600, 900)) -> Picture:
+        """Draw the first ``count`` mode shapes (by default all), coloured by displacement, with frequencies.
+
+        A notebook shows the picture, and its ``save(path)`` writes it.
+        """
+        shown = self.count if count is None else checked_count("count", count, at_most=self.count)
+        views = [self._view(k) for k in range(shown)]
+        return Picture.of_views(views, size=size, scalar_label="relative displacement")
+
+    def _view(self, mode: int) -> View:
+        """A mode shape, its largest displacement a set share of the shell's size."""
+        shape = self.modes[:, mode].reshape(-1, 3)
+        length = np.linalg.norm(shape, axis=1)
+        moved = self.shell.rest_positions + shape * (_SHOWN_SHARE * self.shell.size / length.max())
+        told = "rigid" if mode < self.rigid_modes else f"{self.frequencies[mode]:.4g} Hz"
+        surface = ShadedSurface(moved, self.shell.mesh.faces, scalars=length / length.max(), smooth=True)
+        return View([surface], title=f"mode {mode + 1}: {told}")
+
+    def _repr_html_(self) -> str:
+        numbers = {
+            "shell": repr(self.shell),
+            "modes": f"{self.count}, {self.rigid_modes} rigid",
+            "frequencies [Hz]": ", ".join(f"{value:.4g}" for value in self.frequencies[:_STRIP]),
+        }
+        return html_of("Basis", numbers, self.plot(count=min(self.count, _STRIP), size=(960, 400)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Basis:
@@ -234,7 +288,9 @@ def solve_modes(
         Loads, or forces [N], under which the shell's linear answer shall be in the basis, too: for each that the modes
         do not hold already a vector follows them, so that vectors stay orthonormal and eigenvalues ascend.
     about : Equilibrium or array_like, shape (n, 3), optional
-        A stable state under dead loads, or its positions [m]: small vibrations are those about it.
+        A stable state: small vibrations are those about it. Loads of an equilibrium that follow the shell add their
+        stiffness, unsymmetric where they have no potential; forces by velocity, such as drag, are left out. About
+        positions [m] alone loads count as dead.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 

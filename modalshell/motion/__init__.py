@@ -1,4 +1,4 @@
-"""Motion: time stepping of any rung, with moving supports and constraints."""
+"""Motion: time stepping of any model, with moving supports and constraints."""
 
 from modalshell.motion.simulate import simulate
 from modalshell.motion.stepping import Motion

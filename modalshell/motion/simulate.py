@@ -1,4 +1,4 @@
-"""Motion of any rung under a dead load: time stepping, with a named outcome."""
+"""Simulation of any model: motion from rest under loads, with an outcome."""
 
 from __future__ import annotations
 
@@ -57,15 +57,15 @@ def simulate(
         Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity in
         the model's own frame: relative to the supports for modal models, absolute for full ones.
     start : array_like, shape (n, 3), optional
-        Positions at the start [m], at rest, with the supports in their rest pose; the rest shape without them.
+        Positions at the start [m], with zero velocity and the supports in their rest pose; by default the rest shape.
     supports : SupportPath, optional
         Moves the supports. Full models hold vertices along the path; modal models, and full ones whose supports hold
         single components, feel it as inertial loads in their own frame, with positions given in the world's.
     constraints : sequence of PositionConstraint or OrientationConstraint, optional
-        Where patches of vertices shall be, and how they shall be turned, in the world. Modal models are moved there by
+        Prescribed positions and orientations of patches, in the world frame. Modal models are moved there by
         the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.
     store_every : int
-        Store every so many steps (explicit steps are short).
+        Number of steps per stored frame (explicit steps are short).
     dtype : {float64, float32}
         Of the stored positions.
     fields : sequence of str
@@ -109,8 +109,13 @@ def simulate(
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
     stored = recorder.total // store_every + 2
-    # The frames one by one, then together.
-    size = 2.0 * stored * model.shell.rest_positions.size * dtype.itemsize
+    shape = model.shell.rest_positions.shape
+    size = float(stored) * shape[0] * shape[1] * dtype.itemsize
     demand_memory(f"a trajectory of {stored} frames", size, "store fewer (store_every), or in float32 (dtype)")
-    frames = [motion.positions().astype(dtype) for _ in recorder.frames(on_step)]
-    return with_fields(recorder.trajectory(np.array(frames)), model.shell, chosen)
+    frames, count = np.empty((stored, *shape), dtype=dtype), 0
+    for _ in recorder.frames(on_step):
+        frames[count] = motion.positions()
+        count += 1
+    # Of a motion that ended early the frames alone.
+    kept = frames[:count] if 2 * count > stored else frames[:count].copy()
+    return with_fields(recorder.trajectory(kept), model.shell, chosen)

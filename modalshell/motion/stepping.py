@@ -1,4 +1,4 @@
-"""One motion, step by step: what changes from step to step is a few arrays, which can be put away and taken up."""
+"""A time-stepping run whose state can be saved and restored."""
 
 from __future__ import annotations
 
@@ -95,12 +95,14 @@ class Motion:
         self.shell = model.shell
         # About the origin, where coordinates have the smallest rounding.
         self.model, self._origin = model.centred()
+        self._off_centre = bool(self._origin.any())
         model = self.model
         self.state = model.start_motion(None if start is None else shell.checked_positions(start) - self._origin)
         if supports is not None:
             self.state = model.placed(self.state, self._pose(supports, 0.0))
         self._before = self.state
         self._known: list[tuple[MotionState, Array]] = []
+        self._moved = np.empty(model.shell.rest_positions.shape)
         self._quadrature: LoadQuadrature | None = None
         if (modal := as_modal(model)) is not None and supports is None:
             self._quadrature = modal.load_quadrature(self.loading)
@@ -116,9 +118,9 @@ class Motion:
         """Vertex positions (n, 3) [m] in the world."""
         own = self._own(self.state)
         if self.supports is None or not self.model.in_shell_frame:
-            return own + self._origin if self._origin.any() else own
+            return own + self._origin if self._off_centre else own
         moved = self._pose(self.supports, self.time).to_world(own)
-        return moved + self._origin if self._origin.any() else moved
+        return moved + self._origin if self._off_centre else moved
 
     def place(self, positions: Array) -> None:
         """Put every vertex of a model in the world's frame at ``positions`` (n, 3) [m], held ones too."""
@@ -127,11 +129,11 @@ class Motion:
     def _pose(self, supports: SupportPath, time: float) -> Pose:
         """Where the supports are, in the coordinates of the model."""
         pose = supports.at(time)
-        return replace(pose, pivot=pose.pivot - self._origin) if self._origin.any() else pose
+        return replace(pose, pivot=pose.pivot - self._origin) if self._off_centre else pose
 
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
-        moved = self._own(self.state) - self.model.shell.rest_positions
+        moved = np.subtract(self._own(self.state), self.model.shell.rest_positions, out=self._moved)
         model, state = self.model, self.state
         potential = -float(np.vdot(self.load, moved))
         if self.loading.live:
@@ -169,6 +171,7 @@ class Motion:
             held = self._held_positions(time, pose)
         with np.errstate(over="ignore", invalid="ignore"):
             if quadrature is not None and (modal := as_modal(model)) is not None:
+                load = quadrature.dead(load, time)
                 own, before = self._own(self.state), self._own(self._before)
                 pushed = quadrature.push(self.state.coordinates, own, before, 1.0 / dt, time)
                 state, converged = modal.step_by_quadrature(self.state, dt, load, self.damping, pushed), True
@@ -190,11 +193,11 @@ class Motion:
         self.count += 1
 
     def _last_positions(self) -> tuple[Array, Array]:
-        """Positions (n, 3) [m] in the world now and a step earlier; at the start both are the same."""
+        """Positions (n, 3) [m] in the world frame, now and one step earlier; equal at the start."""
         now, before = self.positions(), self._own(self._before)
         if self.supports is not None and self.model.in_shell_frame:
             before = self._pose(self.supports, max(self.count - 1, 0) * self.dt).to_world(before)
-        return now, before + self._origin if self._origin.any() else before
+        return now, before + self._origin if self._off_centre else before
 
     def _drag(self, time: float, pose: Pose | None) -> tuple[Index, Array]:
         """Drag of the loads at some vertices, in the model's frame; see :meth:`Loading.drag`."""
@@ -203,7 +206,7 @@ class Motion:
         return vertices, blocks if pose is None else pose.rotation.T @ blocks @ pose.rotation
 
     def snapshot(self) -> dict[str, Array]:
-        """Everything that the next step depends on, as arrays; :meth:`restore` takes up from there, to the last bit."""
+        """Checkpoint: all arrays that the next step depends on; :meth:`restore` resumes from it bit for bit."""
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
         arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals}
         for name, state in self._states().items():

@@ -1,4 +1,4 @@
-"""Moving supports: a rigid path of the held vertices, and the loads it makes in the shell's own frame."""
+"""Moving supports: a rigid motion of the clamped vertices, and its inertial loads in the moving frame."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_number, checked_times, checked_vectors
 from modalshell.errors import OptionError
 from modalshell.kernels import rotations
@@ -18,6 +19,7 @@ from modalshell.typing import Array
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class Pose:
     """Where the supports are at one time, and how they move.
@@ -29,7 +31,7 @@ class Pose:
     translation : ndarray, shape (3,)
         Of the pivot [m].
     pivot : ndarray, shape (3,)
-        Point of the rest shape about which it turns [m].
+        Point of the rest shape about which it rotates [m].
     acceleration : ndarray, shape (3,)
         Of the pivot, in the shell's frame [m/s^2].
     turn_rate, turn_acceleration : ndarray, shape (3,)
@@ -89,7 +91,7 @@ class SupportPath:
     translations : array_like, shape (k, 3)
         Displacement of the supports [m].
     rotation_vectors : array_like, shape (k, 3), optional
-        Rotation of the supports from their rest orientation [rad], more than one turn if need be; none without it.
+        Rotation of the supports from their rest orientation [rad], may exceed one turn; none by default.
     pivot : array_like, shape (3,)
         Point of the rest shape about which they turn [m].
 

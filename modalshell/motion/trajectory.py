@@ -1,21 +1,34 @@
-"""The stored frames of a motion, with what the solver has to say about them."""
+"""Trajectories: the stored frames of a motion, with outcome and solver statistics."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import final
+from pathlib import Path
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from modalshell.brief import brief
+from modalshell.checks import checked_count
+from modalshell.errors import OptionError
 from modalshell.loads import Loading
 from modalshell.models import Equilibrium
 from modalshell.outcome import Outcome
+from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.shell import Shell
-from modalshell.typing import Array
+from modalshell.typing import Array, Progress
+
+WRITERS: dict[str, Callable[[Any, Path, Progress | None], Path]] = {}
+"""What writes a trajectory, by the suffix of the file; the package ``export`` fills it."""
+_STRIP = 4
+"""Frames that a picture of a motion shows."""
 
 
 @final
+@brief
 @dataclass(frozen=True, kw_only=True)
 class Trajectory:
     """A simulated motion; made by keywords only.
@@ -30,7 +43,7 @@ class Trajectory:
         How the motion ended, the gravest outcome where several hold; an equilibrium's own for a static answer. A motion
         that diverges keeps the frames up to there; any other one is kept whole.
     message : str
-        A sentence that names everything that is wrong, with numbers and times; empty if nothing is.
+        A message that names all that went wrong, with numbers and times; empty if nothing did.
     unconverged_steps : int
         Steps whose own solver did not converge.
     seconds : float
@@ -85,3 +98,43 @@ class Trajectory:
             faces=np.asarray(shell.mesh.faces),
             rest_positions=shell.rest_positions,
         )
+
+    def save(self, path: str | os.PathLike[str], *, on_frame: Progress | None = None) -> Path:
+        """Write the trajectory; the suffix of the file names the format, see :func:`modalshell.save_trajectory`."""
+        target = Path(path)
+        if target.suffix not in WRITERS:
+            raise OptionError(f"a trajectory is saved as {', '.join(WRITERS)} (got {target.name!r})")
+        return WRITERS[target.suffix](self, target, on_frame)
+
+    def plot(self, *, frames: int = _STRIP, size: tuple[int, int] = (1600, 450)) -> Picture:
+        """Draw ``frames`` frames from the first to the last over the outline at rest, coloured by displacement.
+
+        A notebook shows the picture, and its ``save(path)`` writes it.
+
+        Raises
+        ------
+        OptionError
+            If the trajectory has no faces.
+        """
+        if not len(self.faces):
+            raise OptionError("a picture needs the triangles: give the trajectory its faces (simulate does)")
+        count = min(checked_count("frames", frames), len(self.times))
+        rest = ShadedSurface(self.rest_positions, self.faces, color="#999999", style="outline")
+        views = []
+        for frame in np.linspace(0, len(self.times) - 1, count).round().astype(int):
+            moved = np.linalg.norm(self.positions[frame] - self.rest_positions, axis=1)
+            shape = ShadedSurface(
+                self.positions[frame], self.faces, scalars=moved, label="displacement [m]", smooth=True
+            )
+            views.append(View([shape, rest], title=f"{self.times[frame]:.4g} s"))
+        return Picture.of_views(views, size=size)
+
+    def _repr_html_(self) -> str:
+        numbers = {
+            "outcome": self.outcome.with_message(self.message),
+            "frames": f"{len(self.times)} from {self.times[0]:.4g} to {self.times[-1]:.4g} s",
+            "vertices": f"{self.positions.shape[1]:,}",
+            "steps whose solver did not converge": str(self.unconverged_steps),
+            "time": f"{self.seconds:.3g} s",
+        }
+        return html_of("Trajectory", numbers, self.plot(size=(960, 300)) if len(self.faces) else None)

@@ -1,4 +1,4 @@
-"""The page of a compressed motion: it plays the amplitudes of a few shapes."""
+"""Web page that plays a compressed motion: amplitudes of a few shapes."""
 
 from __future__ import annotations
 

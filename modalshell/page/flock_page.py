@@ -1,4 +1,4 @@
-"""The page of a flock: boids, the modes of the shells that they carry, and their warp, all on the browser's GPU."""
+"""Web page of a flock: boids, modes and warp are computed on the browser's GPU."""
 
 from __future__ import annotations
 

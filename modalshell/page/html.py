@@ -1,4 +1,4 @@
-"""Self-contained HTML: the template with its numbers, in base 64, and a picture for browsers that cannot draw them."""
+"""Self-contained HTML from a template and arrays in base 64, with a picture as a fallback."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import base64
 import html
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from modalshell.atomic_io import write_text
 from modalshell.errors import OptionError
-from modalshell.render import ShadedSurface, View, draw_views
+from modalshell.render import Picture, ShadedSurface, View
 from modalshell.typing import Array
 
 MOST_SHAPES = 100
@@ -52,10 +51,7 @@ class Page:
 
 def filled_page(kind: str, title: str, data: Mapping[str, Any], vertices: Array, faces: NDArray[Any]) -> Page:
     """A page with the controls and the script of its ``kind``, and a picture for browsers without WebGL2."""
-    with tempfile.TemporaryDirectory() as folder:
-        surface = ShadedSurface(vertices, np.asarray(faces))
-        drawn = draw_views([View([surface])], Path(folder, "rest.png"), size=(640, 400)).read_bytes()
-    picture = base64.b64encode(drawn).decode("ascii")
+    picture = Picture.of_views([View([ShadedSurface(vertices, np.asarray(faces))])], size=(640, 400)).base64
     room = files("modalshell.page")
     controls, *scripts = (
         room.joinpath(name).read_text(encoding="utf-8") for name in (f"{kind}.html", "common.js", f"{kind}.js")
@@ -86,8 +82,7 @@ def modal_data(
     }
     for name, matrix in (("phi", modes), ("psi", rotations)):
         if matrix is not None:
-            half, scales = _halves(matrix)
-            data |= {name: encoded(half), f"{name}Scales": scales.tolist()}
+            data[name] = encoded_columns(matrix)
     return data
 
 
@@ -96,8 +91,8 @@ def encoded(array: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes()).decode("ascii")
 
 
-def _halves(matrix: Array) -> tuple[NDArray[np.float16], Array]:
-    """Columns scaled to 1 at most as half floats (3n, m), and their scales (m,)."""
+def encoded_columns(matrix: Array) -> dict[str, Any]:
+    """Columns of a matrix scaled to 1 at most as half floats, and their scales."""
     scales = np.abs(matrix).max(axis=0, initial=0.0)
     scales[scales == 0.0] = 1.0
-    return (matrix / scales).astype(np.float16), scales
+    return {"halves": encoded((matrix / scales).astype(np.float16)), "scales": scales.tolist()}

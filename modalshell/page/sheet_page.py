@@ -1,4 +1,4 @@
-"""The page of a sheet of masses and springs, stepped by Verlet's method on the browser's GPU."""
+"""Web page of a sheet of springs, stepped by Verlet's method on the browser's GPU."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modal derivatives: how the modes change along each other, and the basis that they make [barbic2005]."""
+"""Modal derivatives: changes of the modes along one another, and the basis they form [barbic2005]."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from modalshell.brief import brief
 from modalshell.errors import OptionError, SolverError
 from modalshell.memory import demand_memory
 from modalshell.modes.basis import Basis
@@ -19,6 +20,7 @@ _STEP = 5e-4
 """Difference step: the largest change of an edge vector over its length."""
 
 
+@brief
 @dataclass(frozen=True)
 class DerivativeBasis:
     """Modes, their derivatives, and an orthonormal basis of both.
@@ -111,7 +113,7 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     if not (further > 0.0).all():  # NaN too
         raise SolverError(
             f"the modal derivatives have no positive stiffness (lowest {further.min():.3g} 1/s^2): the mesh is too "
-            "ill-conditioned for them; remesh needles, or bring the stiffnesses nearer together"
+            "ill-conditioned for them; remesh needles, or make the stiffnesses more alike"
         )
     vectors[:, count:] = new @ turned
     eigenvalues = np.concatenate([modes.eigenvalues, further])

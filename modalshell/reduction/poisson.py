@@ -1,4 +1,4 @@
-"""The least-squares fit of displacements to a wanted gradient on every triangle, held vertices staying at rest."""
+"""Poisson fit: displacements whose gradients on the triangles are closest to given ones, with fixed supports."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class PoissonFit:
 
     Its equations are ``L u = b``, L the cotangent Laplacian, the same for each axis and factorised once. The stiffness
     of linear elements is definite on any mesh once a vertex of every connected part is fixed: the held ones, or, in a
-    part that nothing holds, one vertex for the solve. Such a part is then moved to where its centre of mass is wanted.
+    part without supports, one vertex for the solve. Such a part is then moved to the prescribed centre of mass.
 
     Parameters
     ----------
@@ -36,8 +36,10 @@ class PoissonFit:
         Rows a, b, n of every triangle: a along its first edge, n its normal, b = n x a.
     sides : ndarray, shape (T, 3)
         Height over the first edge, foot of that height from the first corner, and length of the first edge [m].
+    coupled : bool
+        Whether supports couple the axes.
     floating : list of tuple of ndarray
-        Vertices of each part that nothing holds, and their shares of its mass.
+        Vertices of each part without supports, and their fractions of its mass.
     """
 
     def __init__(self, shell: Shell, backend: str | None = None) -> None:
@@ -68,6 +70,7 @@ class PoissonFit:
         self.sides = np.column_stack([height, foot, length])
         laplacian = self._laplacian()
         self.factor: Factor
+        self.coupled = shell.unknowns.matrix is not None
         if shell.unknowns.matrix is None:
             self.factor = Factoriser(backend, use="solve").definite(laplacian)
         else:

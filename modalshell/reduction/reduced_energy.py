@@ -1,4 +1,4 @@
-"""An elastic energy of displacements ``u = U z``: over all elements, or over a weighted few of them."""
+"""Elastic energy of displacements ``u = U z``, over all elements or over weighted ones."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ReducedEnergy:
     vectors : ndarray, shape (3n, r)
         U, displacement fields [1/sqrt(kg)] for coordinates z [m sqrt(kg)].
     part : Part, optional
-        A weighted part of the energy; all of it without it.
+        A weighted part of the energy; by default all of it.
 
     Attributes
     ----------

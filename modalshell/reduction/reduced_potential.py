@@ -1,4 +1,4 @@
-"""The potential of a reduced shell as a problem of statics and implicit steps, with dense algebra."""
+"""Potential of a reduced shell for static and implicit solves, with dense algebra."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class ReducedPotential(DenseProblem):
     scaling : ndarray, shape (r,)
         Square root of the stiffness of each coordinate about ``origin``.
     edge_change : callable
-        Largest relative change of an edge vector that a step in z makes.
+        Largest relative change of an edge vector by a step in z.
     quadratic : ndarray, shape (r, r), optional
         Q.
     """

@@ -1,4 +1,4 @@
-"""Pictures and films of shells, drawn by PyVista where OpenGL works and by the built-in rasteriser everywhere else.
+"""Pictures and films of shells, by PyVista where OpenGL works, otherwise by the built-in rasteriser.
 
 Importing this package imports neither PyVista nor matplotlib: they are loaded when something is drawn.
 """
@@ -7,6 +7,17 @@ from modalshell.render.backend import choose_backend
 from modalshell.render.camera import look_at
 from modalshell.render.content import ShadedSurface, View
 from modalshell.render.film import write_film
-from modalshell.render.views import draw_surface, draw_views
+from modalshell.render.picture import Picture, html_of
+from modalshell.render.views import draw_surfaces, draw_views
 
-__all__ = ["ShadedSurface", "View", "choose_backend", "draw_surface", "draw_views", "look_at", "write_film"]
+__all__ = [
+    "Picture",
+    "ShadedSurface",
+    "View",
+    "choose_backend",
+    "draw_surfaces",
+    "draw_views",
+    "html_of",
+    "look_at",
+    "write_film",
+]

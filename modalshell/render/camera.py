@@ -1,4 +1,4 @@
-"""Cameras that frame given points exactly, the same for both back ends."""
+"""Cameras that frame given points exactly, the same for both renderers."""
 
 from __future__ import annotations
 

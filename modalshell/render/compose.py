@@ -1,4 +1,4 @@
-"""Page layout: where images, titles, legend and colour bar go, and drawing the text by matplotlib."""
+"""Page layout: places of images, titles, legend and colour bar; text by matplotlib."""
 
 from __future__ import annotations
 

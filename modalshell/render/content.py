@@ -1,4 +1,4 @@
-"""What a picture shows: surfaces, gathered into views; and the checks that every input passes."""
+"""Content of pictures: surfaces grouped into views, and the checks of their input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Curves over a load axis, in the style that all figures share (matplotlib)."""
+"""Curves over a load axis, in the style of all figures (matplotlib)."""
 
 from __future__ import annotations
 

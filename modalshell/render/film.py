@@ -1,4 +1,4 @@
-"""Films of moving shells: MP4 with H.264 through the ffmpeg that imageio-ffmpeg carries."""
+"""Films of moving shells: MP4 with H.264 by the ffmpeg of imageio-ffmpeg."""
 
 from __future__ import annotations
 
@@ -119,7 +119,8 @@ def write_film(
         moving: dict[int, Iterator[ArrayLike]] = {
             index: iter(cast("Iterable[ArrayLike]", motion)) for index, motion in enumerate(moves) if motion is not None
         }
-        with closing(open_painter(page.cell)) as painter:
+        film = all(surface.opacity == 1.0 for surface in shown)
+        with closing(open_painter(page.cell, film=film)) as painter:
             painter.start(shown, view, colors)
             for frame in range(count):
                 for index, frames in moving.items():

@@ -1,4 +1,4 @@
-"""Load-deflection paths as curves: stable parts drawn through, unstable ones dashed, events marked."""
+"""Load-deflection paths as curves: stable parts solid, unstable ones dashed, events marked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps of named classes over two parameters, in the style that all figures share (matplotlib)."""
+"""Maps of classes over two parameters, in the style of all figures (matplotlib)."""
 
 from __future__ import annotations
 

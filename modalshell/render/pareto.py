@@ -1,4 +1,4 @@
-"""Error over cost: points of several groups with the front of those that none beats (matplotlib)."""
+"""Error over cost: points of several groups and their Pareto front (matplotlib)."""
 
 from __future__ import annotations
 

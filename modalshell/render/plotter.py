@@ -1,4 +1,4 @@
-"""One set-up of PyVista for pictures, films and the viewer: lights, theme, camera, and how surfaces are shaded."""
+"""PyVista set-up for pictures, films and the viewer: lights, theme, camera and shading."""
 
 from __future__ import annotations
 

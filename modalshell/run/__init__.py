@@ -1,6 +1,7 @@
-"""Running scenes: every stored frame goes to disk at once, so that a killed run goes on where it was.
+"""Running scenes: every stored frame is on disk at once, so that a killed run resumes after its last frame.
 
-Other processes may follow a run by what it has stored, and it does not notice them.
+A resumed run ends with the same arrays as an uninterrupted one, to the last bit. Other processes can follow a run by
+its stored frames without affecting it (:class:`RunFollower`, ``modalshell view --attach RUN``).
 """
 
 from modalshell.run.flight_film import FlightReport

@@ -1,10 +1,11 @@
-"""A scene of a flock: what its file declares, and the birds that are built from it."""
+"""Scene of a flock: the declaration in its file, and the birds built from it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, final
 
+from modalshell.brief import brief
 from modalshell.crowd import Flight
 from modalshell.errors import SceneError
 from modalshell.modes import solve_modes
@@ -21,6 +22,7 @@ _FORMATS = ("npz", "png", "mp4")
 
 
 @final
+@brief
 @dataclass(frozen=True, kw_only=True)
 class FlockScene(Scene):
     """A scene of many such shells in flight, stepped by MWTS under gravity alone.
@@ -37,7 +39,7 @@ class FlockScene(Scene):
     Raises
     ------
     SceneError
-        Where another table asks for what a flock cannot do.
+        If another table requests what a flock does not support.
     """
 
     motion: tables.MotionTable
@@ -64,11 +66,11 @@ class FlockScene(Scene):
                 raise SceneError(f"{self.file}: {text}")
 
     def require_shell(self) -> ShellScene:
-        """SceneError: it is about many shells."""
+        """Raise SceneError: this scene has many shells."""
         raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
 
     def content(self) -> dict[str, Any]:
-        """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
+        """All input except the mesh's vertices and faces, as plain dicts and lists."""
         return super().content() | {"flock": self.flock.plain()}
 
     def build_flight(self, shell: Shell) -> Flight:

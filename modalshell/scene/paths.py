@@ -1,4 +1,4 @@
-"""The path of equilibria that a scene asks for."""
+"""Equilibrium path of a scene."""
 
 from __future__ import annotations
 

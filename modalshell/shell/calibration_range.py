@@ -1,4 +1,4 @@
-"""Where the calibration of hinges and edge springs on a mesh is known to miss an isotropic sheet."""
+"""Known limits of the calibration of hinges and edge springs to an isotropic sheet."""
 
 from __future__ import annotations
 

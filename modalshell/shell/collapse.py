@@ -1,4 +1,4 @@
-"""Numbers that are not finite because a triangle has collapsed."""
+"""Detection of collapsed triangles as the cause of numbers that are not finite."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a shell asks of its elastic energy, whichever it is."""
+"""Interface of a shell's elastic energy."""
 
 from __future__ import annotations
 

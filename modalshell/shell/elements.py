@@ -1,4 +1,4 @@
-"""Element sets over generated kernels: those of a material, further energies, and what sets add up to."""
+"""Element groups over generated kernels (stretch, shear, flexure, further ones), and the sum of their energies."""
 
 from __future__ import annotations
 

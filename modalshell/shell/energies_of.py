@@ -1,4 +1,4 @@
-"""The elastic energy of a mesh, a material and its supports, and its derivative by a constant of the material."""
+"""Elastic energy of a mesh, a material and its supports, and its derivatives by material constants."""
 
 from __future__ import annotations
 

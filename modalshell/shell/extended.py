@@ -1,4 +1,4 @@
-"""The energy's gradient in extended precision, from displacements: what rounding leaves out of a balance of forces.
+"""Gradient of the energy in extended precision, which recovers what rounding loses in a balance of forces.
 
 In double precision the rounding of positions alone puts a stiff sheet out of balance: each edge is off by some 1e-16 of
 the *shell's* size, and its stiffness makes a force of that. Here displacements are kept apart from the rest shape, and

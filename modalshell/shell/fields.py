@@ -8,6 +8,7 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.brief import brief
 from modalshell.checks import checked_choice
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
@@ -33,6 +34,7 @@ BARE_SHEET: Final = Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class ShellFields:
     """Fields of a deformed shell, one value a triangle.

@@ -1,4 +1,4 @@
-"""The fold shares of the split-fold energy at their minimum."""
+"""Fold shares of the split-fold energy at its minimum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Isotropic sheet: Young's modulus, Poisson's ratio, thickness and density, as shell theory takes them."""
+"""Isotropic sheet of shell theory: Young's modulus, Poisson's ratio, thickness and density."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import final
 
 import numpy as np
 
+from modalshell.brief import brief
 from modalshell.checks import LARGEST, as_array, shown
 from modalshell.errors import MaterialError
 from modalshell.mesh import TriangleMesh
@@ -20,6 +21,7 @@ _UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class Isotropic:
     """Isotropic elastic sheet of the split-fold energy, a Kirchhoff shell; no calibration to the mesh.

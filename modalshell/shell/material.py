@@ -1,4 +1,4 @@
-"""Material of a shell: the stiffnesses of the discrete-shell energies and the mass per area."""
+"""Material of a discrete shell: stiffnesses of the stretch, shear and flexure energies, and mass per area."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from modalshell.brief import brief
 from modalshell.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.errors import MaterialError, ModalShellWarning
 from modalshell.mesh import TriangleMesh
@@ -18,6 +19,7 @@ from modalshell.shell.orientation import orient
 from modalshell.typing import Array
 
 
+@brief
 @dataclass(frozen=True)
 class Material:
     """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3] and area density.
@@ -79,11 +81,14 @@ class Material:
         """Stiffnesses that give ``mesh`` the membrane and bending stiffness of an isotropic sheet.
 
         A mesh of hinges bends as the triangulation has it, not as a plate does: the constants are computed from the
-        hinges of this very mesh, so every mesh family is calibrated alike. What no constant mends: the bending
+        hinges of this very mesh, so every mesh family is calibrated alike. No constant corrects this: the bending
         Poisson effect stays the family's own (-1/3 where isotropic), and so does its twist. Measured against shell
         theory, bending in two directions and twist are 7 to 85 % off on any mesh, and in-plane bending at ``poisson``
-        0 is 12 to 18 % too soft on union-jack and Lloyd meshes; strips that bend one way are met within 3 to 5 %. Take
-        :class:`Isotropic` for anything else.
+        0 is 12 to 18 % too soft on union-jack and Lloyd meshes; strips that bend one way are met within 3 to 5 %. At
+        small deflection, Poisson's ratio 0 and a thickness of L/100, beam theory is met within 0.6 % by strips of width
+        L/20, within 1.2 % at L/10, and at L/5 strips drop by 1.1 % more under their weight, 1.6 % under a tip force and
+        2.4 % under an end moment, on whatever mesh: 1.1 % is the share kept for large deflection, the rest the clamp's,
+        whose hold across the constant counts in. Take :class:`Isotropic` for anything else.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Hinges at edges in planes of symmetry, whose fourth vertex is the mirror image of the third.
+"""Hinges at edges in symmetry planes, whose fourth vertex is the mirror image of the third.
 
 Seen from the first vertex, which lies in the plane, the image is ``R (x_2 - x_0)`` away, R the reflection: a fold of
 three vertices.

@@ -1,4 +1,4 @@
-"""The direction for which a mesh is calibrated: its long axis, or the one that the user names."""
+"""Direction of the calibration of a mesh: its long axis, or a given one."""
 
 from __future__ import annotations
 

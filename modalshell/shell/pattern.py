@@ -1,4 +1,4 @@
-"""The sparse pattern of the stiffness matrix, found once, with the place of every element block in it."""
+"""Sparsity pattern of the stiffness matrix, with the location of every element block."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.brief import brief
 from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 
@@ -43,6 +44,7 @@ class InternalUnknowns:
         return np.asarray((3 * self.vertices[:, None] + np.arange(3)).ravel())
 
 
+@brief
 @dataclass(frozen=True)
 class SparsePattern:
     """CSR pattern of a symmetric matrix of 3 x 3 blocks, one block row a vertex.

@@ -1,4 +1,4 @@
-"""The discrete shell: a mesh, a material and supports; its energy, force, stiffness and mass."""
+"""Shell: mesh, material and supports, with energy, force, stiffness and mass."""
 
 from __future__ import annotations
 
@@ -183,13 +183,14 @@ class Shell(ReadOnlyArrays):
         """
         grid = 4.0 * 2.0 ** np.ceil(np.log2(self.size))
         origin = grid * np.round(0.5 * (self.rest_positions.min(axis=0) + self.rest_positions.max(axis=0)) / grid)
-        if not origin.any():
-            return self, origin
+        return (self.shifted(origin) if origin.any() else self), origin
+
+    def shifted(self, origin: Array) -> Shell:
+        """The same shell with ``origin`` (3,) [m] at the origin."""
         other = copy.copy(self)
-        other.rest_positions = self.rest_positions - origin
-        other.rest_positions.flags.writeable = False
+        other.rest_positions = read_only(self.rest_positions - origin)
         other._energy = self._energy.shifted(origin)
-        return other, origin
+        return other
 
     def __repr__(self) -> str:
         return f"Shell({len(self.rest_positions)} vertices, {len(self.mesh.faces)} triangles, {len(self.free)} free)"

@@ -1,4 +1,4 @@
-"""Where supports hold the slope of a surface: clamped edges, and edges in planes of symmetry."""
+"""Edges where supports fix the slope of a surface: clamped edges, and edges in symmetry planes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sheets of masses and springs, the classical models beside the shells."""
+"""Sheets of masses and springs, the classical models of cloth."""
 
 from modalshell.springs.implicit import TASKS, ImplicitSprings, ImplicitStep
 from modalshell.springs.mesh_springs import REFERENCE_FOLD, mesh_springs, shell_springs

@@ -1,4 +1,4 @@
-"""A rectangular sheet of masses with three families of springs, as classical cloth programs have it [provot1995]."""
+"""Rectangular sheet of masses with three families of springs, as in classical cloth programs [provot1995]."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
 from modalshell.page import Page, sheet_page
@@ -28,6 +29,7 @@ _WAVES = 96
 
 
 @final
+@brief
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SheetGrid:
     """Equal masses on a regular grid, each tied to 4 neighbours, 4 diagonals and 4 second neighbours (Provot 1995).
@@ -116,7 +118,7 @@ class SheetGrid:
         path : str or path, optional
             HTML file to write.
         dt : float, optional
-            Time step [s]; half of the stable one without it.
+            Time step [s]; by default half of the stable one.
         title : str
             Headline of the page.
 

@@ -1,4 +1,4 @@
-"""Springs between particles: which pairs, how long at rest, how stiff, how damped."""
+"""Springs between pairs of particles: rest lengths, stiffness and damping."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.brief import brief
 from modalshell.checks import LARGEST, as_array, checked_each, checked_vectors, vector_count
 from modalshell.errors import MaterialError, MeshError
 from modalshell.kernels.generated import shear
@@ -15,6 +16,7 @@ from modalshell.shell.elements import ElementSet
 
 
 @final
+@brief
 @dataclass(frozen=True, eq=False)
 class Springs:
     """Linear springs, each of the energy stiffness / 2 (length - rest length)^2.

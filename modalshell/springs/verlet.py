@@ -1,4 +1,4 @@
-"""The rectangular sheet of masses and springs in motion by Verlet's method, fast and in parallel."""
+"""Rectangular sheet of springs in motion by Verlet's method, in parallel."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ class GridVerlet(VerletSheet):
     dtype : {float64, float32}
         Precision of the state and the arithmetic.
     start, velocity : array_like, shape (rows * columns, 3), optional
-        Positions [m], at rest without them, and velocities [m/s], none without them. Pinned masses stay put.
+        Positions [m], by default at rest, and velocities [m/s], by default zero. Pinned masses do not move.
     threads : int, optional
-        So many; one or all of numba's without it, as its own steps show to be faster. The results do not depend on it.
+        Number of threads; by default one or all of numba's, whichever is faster. The results do not depend on it.
     allow_unstable_step : bool
         Whether steps may be longer than the stable one.
 
@@ -48,9 +48,12 @@ class GridVerlet(VerletSheet):
 
     Examples
     --------
-    >>> sheet = GridVerlet(grid, dtype=np.float32)  # doctest: +SKIP
-    >>> sheet.step(100, 1e-4)  # doctest: +SKIP
-    >>> sheet.positions  # doctest: +SKIP
+    >>> from modalshell.springs import GridVerlet, SheetGrid
+    >>> grid = SheetGrid(shape=(8, 8), spacing=0.1, particle_mass=0.01, structural=50.0, shear=20.0, flexion=8.0)
+    >>> sheet = GridVerlet(grid, threads=1)
+    >>> sheet.step(100, 1e-4)
+    >>> sheet.positions.shape
+    (64, 3)
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""Static solvers: Newton methods, trust region, boundary continuation."""
+"""Static solvers: Newton methods, trust region, continuation, equilibrium paths."""

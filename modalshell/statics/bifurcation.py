@@ -1,4 +1,4 @@
-"""What happens along a path: limit points and bifurcations, found by the inertia of the Hessian, and other branches."""
+"""Events of an equilibrium path: limit points and bifurcations by the inertia of the Hessian, and other branches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equilibrium with the load factor as an unknown, and one equation more that says where on its path [keller1977]."""
+"""Bordered systems: equilibrium with the load factor as an unknown and one path equation [keller1977]."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Statics of discrete shells under constraints: patches led to their targets as moving boundaries."""
+"""Statics of discrete shells under constraints, by continuation of the patches to their targets."""
 
 from __future__ import annotations
 

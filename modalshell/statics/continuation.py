@@ -1,4 +1,4 @@
-"""Statics along a growing load: the whole load at once from a start, or in steps from rest."""
+"""Load continuation: the whole load at once from a start, or in steps from rest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Problems of few unknowns, with dense algebra: reduced shells, modal potentials, energies of one's own."""
+"""Problems of few unknowns, with dense algebra: reduced shells, modal potentials, user-defined energies."""
 
 from __future__ import annotations
 

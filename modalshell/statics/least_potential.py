@@ -1,4 +1,4 @@
-"""Statics of modal models whose modal force is the gradient of the load's work: a minimisation, always solvable."""
+"""Statics of modal models whose load has a potential, by minimisation; always solvable."""
 
 from __future__ import annotations
 

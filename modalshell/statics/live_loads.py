@@ -1,4 +1,4 @@
-"""Loads that change, at one time of a static or implicit problem: their forces, energy, and entries of the Hessian."""
+"""Configuration-dependent loads at one time: forces, energy, and entries of the Hessian."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Equilibria of modal coordinates under forces of any kind, such as those of loads without a potential."""
+"""Equilibria of modal coordinates under forces without a potential."""
 
 from __future__ import annotations
 

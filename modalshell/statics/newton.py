@@ -1,4 +1,4 @@
-"""Mixed Newton steps, of full and reduced problems alike.
+"""Newton iteration with projected and exact Hessians, shared by full and reduced problems.
 
 A nearly inextensible sheet defeats plain Newton: a step along the tangent stretches the membrane by its square, so a
 line search lets only tiny steps through. The mixed step [magisano2017] treats the element stresses as unknowns of

@@ -1,4 +1,4 @@
-"""Paths of equilibria through limit points: prediction along the tangent, correction in a plane across it.
+"""Equilibrium paths through limit points: tangent predictor and corrector in the normal plane.
 
 The corrector is mixed Newton on the bordered problem, so that the steps do not feel the stiffness of the membrane; the
 reach of a step is that of the load continuation: a turn of the shell's vertices, or a change of its edges. Every point

@@ -1,4 +1,4 @@
-"""Problems of discrete shells, every vertex an unknown: warped steps, and descent where Newton's method fails.
+"""Potential of discrete shells with all vertices free: warped Newton steps, and descent where Newton fails.
 
 Steps are warped: every vertex is carried along the turn of its own triangles, as in modal warping, so that a long step
 bends the sheet instead of stretching it.

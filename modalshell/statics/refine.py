@@ -1,4 +1,4 @@
-"""Static answers that rounding keeps from balance, refined with residuals in extended precision."""
+"""Refinement of static solutions with residuals in extended precision."""
 
 from __future__ import annotations
 

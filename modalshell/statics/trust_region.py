@@ -1,4 +1,4 @@
-"""Minimisation of a smooth function of few unknowns, dense: the statics of reduced models."""
+"""Trust-region minimisation of a smooth function of few unknowns, for the statics of reduced models."""
 
 from __future__ import annotations
 

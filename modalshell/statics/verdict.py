@@ -1,4 +1,4 @@
-"""What is said of a static answer: one rule for full, coarse and reduced models."""
+"""Outcome and message of a static solve, by one rule for full, coarse and reduced models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The base of supports, and their registry."""
+"""Base class of supports, and their registry."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Supports: which vertices are held."""
+"""Held vertices of a shell."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kinds of supports."""
+"""Kinds of supports: clamp, pin, fix, symmetry, roller, diaphragm, tie."""
 
 from __future__ import annotations
 

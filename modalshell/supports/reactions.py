@@ -1,4 +1,4 @@
-"""Reactions of vertices, shared among the supports that hold them."""
+"""Sharing of vertex reactions among the supports that hold the vertices."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The free unknowns of a supported shell, and the affine map from them to the vertices' positions."""
+"""Free unknowns of a supported shell, and the affine map from them to vertex positions."""
 
 from __future__ import annotations
 

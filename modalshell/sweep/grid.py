@@ -1,4 +1,4 @@
-"""Sweep files: a scene, the values that keys of it take, and the grid that they span."""
+"""Sweep files: a scene, values of some of its keys, and their grid."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from modalshell.brief import brief
 from modalshell.checks import shortened, shown
 from modalshell.errors import SceneError
 from modalshell.scene.models import model_tables
@@ -48,7 +49,7 @@ class Range(Table, frozen=True):
 
 
 class SweepOutput(Table, frozen=True):
-    """``[output]``: ``folder`` (relative to the working folder), ``formats`` beside CSV, column of the picture."""
+    """``[output]``: ``folder`` (relative to the working folder), ``formats`` other than CSV, column of the picture."""
 
     folder: Annotated[str, Meta(min_length=1)] = "results"
     formats: tuple[Literal["png", "parquet"], ...] = ("png",)
@@ -63,6 +64,7 @@ class Axis:
     values: tuple[Any, ...]
 
 
+@brief
 @dataclass(frozen=True)
 class Sweep:
     """What a sweep file declares.
@@ -108,7 +110,7 @@ class Sweep:
             yield values, raw
 
     def _put(self, raw: dict[str, Any], key: str, value: Any) -> None:
-        """Set the value that a dotted key leads to; a number in it counts a list's entries from 0."""
+        """Set the value at a dotted key; a number in it is the index of a list's entry, from 0."""
         *tables, last = key.split(".")
         place: Any = raw
         for part in tables:
@@ -150,7 +152,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
     ------
     SceneError
         For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
-        key's path, what was got and what is allowed. The scenes of the grid are checked before the first one is run.
+        key's path, the value and what is allowed. The scenes of the grid are checked before the first one is run.
     """
     file = Path(path)
     raw = read_toml(file)
@@ -178,7 +180,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
 
 
 def _axes(file: Path, tables: Any, path: str) -> Iterator[Axis]:
-    """Axes of ``[axes]``; tables within it lead on to keys, as TOML reads dotted keys without quotes."""
+    """Axes of ``[axes]``; nested tables are dotted keys, as TOML reads them without quotes."""
     if not isinstance(tables, dict):
         raise SceneError(f"{file}: axes: must be a table of keys and their values (got {tables!r:.60})")
     for key, given in tables.items():

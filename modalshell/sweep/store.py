@@ -1,4 +1,4 @@
-"""The stored cases of a sweep: one file each, named by the case's digest and whole or not there."""
+"""Stored cases of a sweep: one atomic file each, named by the case's digest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``python -m modalshell.symbolic``: write the generated kernels anew."""
+"""``python -m modalshell.symbolic``: generate the kernels of ``modalshell/kernels/generated``."""
 
 from modalshell.symbolic.generator import write
 

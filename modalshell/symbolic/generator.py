@@ -1,4 +1,4 @@
-"""Writes numba source for the energies: one module an energy, with subexpressions shared between all outputs."""
+"""Code generator: numba source of the energies, one module each, with common subexpressions."""
 
 from __future__ import annotations
 

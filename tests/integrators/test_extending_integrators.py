@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from guide import source
 
 import modalshell as ms
 from modalshell.cli import main
@@ -13,40 +14,7 @@ from modalshell.integrators.modal import ModalIntegrator
 from modalshell.models import Damping
 from studies import modal_steps
 
-MODULE = '''
-"""The exponential Euler rule of modes: exact for free motion, and under a modal force that stays what it is."""
-
-import numpy as np
-
-from modalshell.integrators.full import FullIntegrator
-from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import MotionState
-
-
-class ExponentialEuler(ModalIntegrator, key="exponential"):
-    """Order one in forces that turn, exact without them; for damping below the critical one."""
-
-    name = "exponential Euler"
-    steps = 0
-
-    def step(self, q, v, force, stiffness, damp, h):
-        ExponentialEuler.steps += 1
-        rest = force(q) / stiffness
-        decay, omega = 0.5 * damp, np.sqrt(stiffness - 0.25 * damp**2)
-        shrunk, cosine, sine = np.exp(-decay * h), np.cos(omega * h), np.sin(omega * h) / omega
-        away = q - rest
-        after = rest + shrunk * (cosine * away + sine * (v + decay * away))
-        return after, shrunk * (cosine * v - sine * (decay * v + stiffness * away))
-
-
-class Frozen(FullIntegrator, key="frozen"):
-    """No motion at all."""
-
-    name = "frozen"
-
-    def step(self, body, state, dt, load, damping, held):
-        return MotionState(state.coordinates.copy(), np.zeros_like(state.rates)), True
-'''
+MODULE = source("toy_rule.py")
 
 SOFT = ("-9.81", "-2.0")
 DAMPED = ("duration = 1", "duration = 1\ndamping = [0.5, 0]")

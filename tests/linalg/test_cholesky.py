@@ -47,8 +47,9 @@ def test_random_matrices_are_solved(size, density, seed, block):
     factor = CholeskyAnalysis(matrix).factorise(matrix)
     right_sides = rng.standard_normal((size * block, 4))
     exact = np.linalg.solve(matrix.toarray(), right_sides)
-    np.testing.assert_allclose(factor.solve(right_sides), exact, rtol=0, atol=1e-12 * np.abs(exact).max())
-    np.testing.assert_allclose(factor.solve(right_sides[:, 0]), exact[:, 0], rtol=0, atol=1e-12 * np.abs(exact).max())
+    for chosen in (slice(None), slice(0, 3), 0):  # three at once have a kernel of their own
+        found = factor.solve(right_sides[:, chosen])
+        np.testing.assert_allclose(found, exact[:, chosen], rtol=0, atol=1e-12 * np.abs(exact).max())
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,10 @@ from scenes import PLAIN, held, leaf, strip
 
 import modalshell as ms
 from modalshell.models.base import NO_POTENTIAL
+from modalshell.models.reduced_rotation_strain import ReducedRotationStrain
 from modalshell.motion.stepping import Motion
-from modalshell.reduction.load_quadrature import LoadQuadrature
+from modalshell.reduction.load_points import LoadPoints
+from modalshell.reduction.patched_work import PatchedWork
 from modalshell.statics.live_loads import LiveLoads
 
 LEAF = leaf(clamped=[0, 1])
@@ -149,6 +151,27 @@ def test_cantilevers_drop_as_euler_and_bernoulli_say(load, drop):
     force = CANTILEVER.loading(loads=[load]).force(state.positions)
     scale = np.abs(reactions).sum()
     assert np.abs(reactions.sum(axis=0) + force.sum(axis=0)).max() <= 1e-8 * scale
+
+
+@pytest.mark.parametrize(("width", "bound"), [(0.05, 0.01), (0.2, 0.025)])
+@pytest.mark.parametrize("load", ["tip", "moment", "weight"])
+def test_cantilevers_of_calibrated_hinges_drop_so_too(load, width, bound):
+    """Narrow strips within 1 %. A wide one is calibrated half-way to what it is at large deflection, 1.1 % here, and by
+    its drop under its weight: the clamp, which holds it from curving across, counts for less under an end moment."""
+    mesh = ms.flat_beam(length=1.0, width=width, cells=(40, round(40 * width)))
+    x = mesh.vertices[:, 0]
+    material = ms.Material.from_physical(young=YOUNG, poisson=0.0, thickness=THICKNESS, density=DENSITY, mesh=mesh)
+    shell = ms.Shell(mesh, material, x < 0.026)
+    end, free = x > 0.999, 0.975
+    weight = 1e-5 * DENSITY * THICKNESS
+    push, drop = {
+        "tip": (ms.LineForce(end, (0.0, 0.0, -1e-4)), 1e-4 * free**3 / (3.0 * RIGIDITY)),
+        "moment": (ms.EdgeMoment(end, -1e-4), 1e-4 * free**2 / (2.0 * RIGIDITY)),
+        "weight": (ms.SelfWeight((0.0, 0.0, -1e-5)), weight * free**4 / (8.0 * RIGIDITY)),
+    }[load]
+    state = ms.DiscreteShell(shell).equilibrium(loads=[push])
+    assert state.converged
+    assert -(state.positions - mesh.vertices)[end, 2].mean() == pytest.approx(drop, rel=bound)
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5])
@@ -350,20 +373,40 @@ def test_bad_loads_are_refused(make, error, message):
 # ---- fine meshes, where patches stand for all triangles
 
 
-@pytest.mark.parametrize("rung", ["LMA", "MWTS"])
-@pytest.mark.parametrize(
-    ("load", "bound"),
-    [
-        (ms.Pressure(0.05), 1e-3),
-        (ms.Wind((0.0, 0.3, 0.8)), 0.01),
-        (ms.Scaled(ms.Wind(lambda points, _: np.array([0.0, 0.0, 0.5]) * (1.0 + points[:, :1])), np.cos), 0.01),
-    ],
-)
-def test_patches_stand_for_all_triangles_of_a_fine_mesh(rung, load, bound):
+@pytest.fixture(scope="module")
+def fine():
+    """A blade of 565 vertices, and its rungs."""
     mesh = ms.leaf(cells=(32, 24))
     x = mesh.vertices[:, 0]
     shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 100.0), x < x.min() + 0.05 * mesh.size)
-    model = RUNGS[rung](shell)
+    basis = ms.solve_modes(shell, 8)
+    full = ms.RotationStrain(basis)
+    trained = {"mixtures": 16, "aside": 0.1}
+    return {
+        "LMA": ms.LinearModal(basis),
+        "MWTS": ms.ModalWarping(basis),
+        "consistent MWTS": ms.ModalWarping(basis, consistent_force=True),
+        "RSW": full,
+        "reduced RSW": ReducedRotationStrain.trained(full, gravities=[(0, 0, -1), (0, 1, 1)], **trained),
+    }
+
+
+SPREAD = {
+    "pressure": (ms.Pressure(0.05), 1e-3),
+    "wind": (ms.Wind((0.0, 0.3, 0.8)), 0.01),
+    "gust": (ms.Scaled(ms.Wind(lambda points, _: np.array([0.0, 0.0, 0.5]) * (1.0 + points[:, :1])), np.cos), 0.01),
+    "moment": (ms.EdgeMoment("x > 0.9", 0.01), 0.01),
+    "follower force": (ms.FollowerForce("x > 0.5", (0.0, 2e-5, 1e-4)), 2e-3),
+    "frame": (ms.FrameInertia((0.0, 0.0, 0.3), (0.0, 1.0, 0.5)), 0.01),
+    "weight": (ms.Scaled(ms.SelfWeight((0.0, 0.0, -0.3)), np.cos), 1e-12),
+}
+
+
+@pytest.mark.parametrize("name", SPREAD)
+@pytest.mark.parametrize("rung", ["LMA", "MWTS", "consistent MWTS", "RSW", "reduced RSW"])
+def test_patches_stand_for_all_triangles_of_a_fine_mesh(rung, name, fine):
+    (load, bound), model = SPREAD[name], fine[rung]
+    shell, mesh = model.shell, model.shell.mesh
     motions = [Motion(model, dt=0.02, loads=[load], damping=(5.0, 0.0)) for _ in range(2)]
     assert motions[0]._quadrature is not None
     motions[1]._quadrature = None
@@ -371,8 +414,30 @@ def test_patches_stand_for_all_triangles_of_a_fine_mesh(rung, load, bound):
         for _ in range(25):
             motion.advance()
     found, exact = (motion.positions() for motion in motions)
-    assert np.abs(exact - mesh.vertices).max() > 1e-3 * mesh.size
+    assert np.abs(exact - mesh.vertices).max() > 1e-2 * mesh.size
     assert ms.measure.displacement_error(found, exact, shell) < bound
+
+
+@pytest.mark.parametrize(
+    "supports", [[ms.Clamp("x < 0.02")], [ms.Clamp("x < 0.02"), ms.Roller("x > 0.99", (0, 1, 1))], []]
+)
+def test_forces_at_points_push_a_fitted_surface_by_their_work(supports):
+    """Also where supports couple the axes, and where nothing holds the shell."""
+    mesh = ms.flat_beam(length=1.0, width=0.4, cells=(24, 10))
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 100.0), supports=supports)
+    basis = ms.solve_modes(shell, 12)
+    model = ms.RotationStrain(basis)
+    points = LoadPoints(basis, shell.loading(loads=[ms.Pressure(1.0)]).live, 128)
+    columns = model.turns_and_strains(np.arange(len(mesh.faces)))
+    work = PatchedWork(mesh, model._fit, columns, points)
+    rng = np.random.default_rng(0)
+    forces = rng.standard_normal((points.count, 3))
+    spread = (points.means.T @ forces).reshape(-1, 3)
+    for turn, bound in ((1e-6, 1e-5), (1.0, 0.03)):
+        q = rng.standard_normal(12)
+        q *= turn / np.abs(basis.rotations @ q).max()
+        exact = model.modal_force(q, spread)
+        assert np.linalg.norm(work.at_points(q, forces) - exact) < bound * np.linalg.norm(exact)
 
 
 @pytest.mark.parametrize("load", [ms.Pressure(2.0), ms.Wind((1.0, 2.0, 3.0), tangential=0.5)])
@@ -388,7 +453,8 @@ def test_drag_is_the_fall_of_the_modal_force_with_the_rates():
     mesh = ms.leaf(cells=(32, 24))
     shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 1e-3, 100.0), [0, 1, 2])
     basis = ms.solve_modes(shell, 4)
-    quadrature = LoadQuadrature.of(basis, shell.loading(loads=[ms.Wind((0.0, 1.0, 5.0), tangential=0.5)]), turned=False)
+    loading = shell.loading(loads=[ms.Wind((0.0, 1.0, 5.0), tangential=0.5)])
+    quadrature = ms.LinearModal(basis).load_quadrature(loading)
     x, rates, q = mesh.vertices, np.full(4, 1e-4), np.zeros(4)
 
     def pushed(rates):
@@ -396,6 +462,6 @@ def test_drag_is_the_fall_of_the_modal_force_with_the_rates():
 
     drag = pushed(rates)[1]
     ahead, behind = (pushed(rates + side * 1e-6 * np.eye(4)[0])[0] for side in (1.0, -1.0))
-    # The drag is summed over an eighth of the patches.
+    # The drag is summed over a quarter of the patches.
     assert (behind - ahead)[0] / 2e-6 == pytest.approx(drag[0, 0], rel=0.3)
     assert (np.linalg.eigvalsh(0.5 * (drag + drag.T)) >= 0.0).all()

@@ -1,4 +1,4 @@
-"""Surfaces meshed anew: as many triangles as asked, nearly equilateral, on the same surface with the same boundary."""
+"""Remeshed surfaces: as many triangles as asked, nearly equilateral, on the same surface with the same boundary."""
 
 import importlib.util
 
@@ -66,5 +66,5 @@ def test_the_command_line_meshes_anew(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main(["repair", str(source), "--out", str(out), "--triangles", "200"])
     assert not stop.value.code
-    assert "meshed anew" in capsys.readouterr().out
+    assert "remeshed" in capsys.readouterr().out
     assert len(ms.load_mesh(out).faces) < 260

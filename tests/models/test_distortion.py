@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.kernels.distortion import surface_changes
 from modalshell.models.distortion import Distortion
+from modalshell.triangles import area_vectors
 
 
 @pytest.fixture(scope="module")
@@ -96,3 +98,23 @@ def test_distortion_sees_stretch_collapse_and_folds():
     crumpled = rest.copy()
     crumpled[:, 0] = np.abs((rest[:, 0] + 0.1) % 0.2 - 0.1)  # a zigzag of leaves 0.1 m long
     assert "fold over" in distortion(crumpled)
+
+
+def test_surface_changes_are_those_of_every_face_and_pair():
+    mesh = ms.v_beam(cells=(12, 4))
+    pairs = np.ascontiguousarray(mesh.edge_faces[mesh.hinge_edges])
+    rng = np.random.default_rng(4)
+    for size in (0.0, 0.01, 0.05, 0.3):
+        x = mesh.vertices + size * rng.standard_normal(mesh.vertices.shape)
+        normals = area_vectors(x, mesh.faces)
+        lengths = np.linalg.norm(normals, axis=1)
+        ratio = 0.5 * lengths / mesh.face_areas
+        units = (normals / lengths[:, None])[pairs]
+        folded = int((np.einsum("hi,hi->h", units[:, 0], units[:, 1]) < -0.5).sum())
+        for ignored in (-1, folded - 1, folded, len(pairs)):
+            area, changed, counted = surface_changes(
+                x, mesh.faces, mesh.face_areas, pairs, 2.0, -0.5, ignored, np.empty((4, len(mesh.faces)))
+            )
+            assert area == pytest.approx(0.5 * lengths.sum(), rel=1e-13)
+            assert changed == pytest.approx(mesh.face_areas[(ratio > 2.0) | (ratio < 0.5)].sum(), rel=1e-13)
+            assert counted == folded or (counted == 0 and folded <= ignored)

@@ -241,3 +241,17 @@ def test_the_benchmark_says_what_it_measured():
 def test_interleaved_times_order_functions():
     times = interleaved({"short": lambda: sum(range(10)), "long": lambda: sum(range(20000))}, 3, 1e-3)
     assert 0 < times["short"] < times["long"]
+
+
+@PRECISIONS
+@pytest.mark.parametrize("angle", [1e-9, 0.5, 3.0, 6.2, 15.0])
+@pytest.mark.parametrize("n", [1, 128, 300])
+def test_a_pushed_frame_is_the_load_turned_back(dtype, angle, n):
+    basis, q = random_case(n=n, angle=angle)
+    load = np.random.default_rng(1).standard_normal((n, 3))
+    turned = Rotation.from_rotvec((basis.rotations @ q).reshape(-1, 3)).inv().apply(load)
+    expected = basis.modes.T @ turned.ravel()
+    force = np.empty(q.size, dtype)
+    frame = WarpFrame(basis, dtype=dtype)
+    kernels.push_frame(frame.modal_data, load.astype(dtype), q.astype(dtype), np.empty(kernels.WORK, dtype), force)
+    assert np.abs(force - expected).max() <= 20.0 * TOLERANCE[dtype] * np.linalg.norm(basis.modes, axis=0).max()

@@ -1,4 +1,4 @@
-"""Rules that step the vertices of full models."""
+"""Time integrators of full models, whose unknowns are the vertices."""
 
 from modalshell.integrators.full.base import FullIntegrator
 from modalshell.integrators.full.conjugate_gradients import ConjugateGradientEuler

@@ -1,4 +1,4 @@
-"""Linearised implicit Euler of a sheet of springs, its equations solved by conjugate gradients."""
+"""Linearised implicit Euler of a sheet of springs, solved by conjugate gradients."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ConjugateGradientEuler(FullIntegrator):
     shell : Shell
         Its masses and held vertices.
     iterations : int
-        Most iterations in a step.
+        Largest number of iterations per step.
     """
 
     key = LinearImplicitEuler.key

@@ -1,4 +1,4 @@
-"""Implicit Euler of small discrete shells, compiled: assembly, factorisation, mixed Newton steps, and descent.
+"""Compiled Newton solver of implicit Euler for small discrete shells: assembly, factorisation, line search.
 
 The algorithms are those of :mod:`modalshell.statics`, on the storage of a profile factorisation.
 """

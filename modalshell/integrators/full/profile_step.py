@@ -1,4 +1,4 @@
-"""Steps of implicit Euler of small discrete shells in one compiled function.
+"""Implicit Euler steps of small discrete shells in one compiled function.
 
 The kernels add element blocks straight into the storage of a profile factorisation; blocks above the diagonal and those
 of held vertices have no place there. Of the milliseconds that a step of a few hundred unknowns takes through

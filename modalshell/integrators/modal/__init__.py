@@ -1,4 +1,4 @@
-"""Rules that step modal coordinates."""
+"""Time integrators of modal coordinates."""
 
 from modalshell.integrators.modal.base import ModalIntegrator
 from modalshell.integrators.modal.implicit_euler import ImplicitEuler

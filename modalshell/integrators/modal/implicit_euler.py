@@ -1,4 +1,4 @@
-"""Implicit Euler of modes."""
+"""Implicit Euler of modal coordinates."""
 
 from __future__ import annotations
 

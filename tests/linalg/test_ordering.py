@@ -1,0 +1,90 @@
+"""Elimination orders: nested dissection against minimum degree."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sps
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import modalshell as ms
+from modalshell.linalg import CholeskyAnalysis, block_graph
+from modalshell.linalg.ordering import best_elimination, eliminated, minimum_degree, nested_dissection
+
+
+def graph_of(edges, size):
+    """A graph with its diagonal, as patterns of matrices are."""
+    ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
+    graph = sps.coo_array((np.ones(len(ends), dtype=np.int32), ends.T), shape=(size, size))
+    graph = sps.csr_array(graph + graph.T + sps.eye_array(size, dtype=np.int32))
+    graph.sort_indices()
+    return graph
+
+
+def sheet_graph(cells):
+    """Vertices of a sheet that share an edge or a hinge."""
+    mesh = ms.sheet(cells=(cells, cells))
+    return graph_of(np.vstack([mesh.edges, mesh.hinges[:, 2:]]), len(mesh.vertices))
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(1, 600), st.integers(0, 2000), st.integers(0, 2**32 - 1))
+def test_dissection_orders_every_vertex_of_any_graph_once(size, edges, seed):
+    ends = np.random.default_rng(seed).integers(size, size=(edges, 2))
+    order = nested_dissection(graph_of(ends, size))
+    np.testing.assert_array_equal(np.sort(order), np.arange(size))
+
+
+@pytest.mark.parametrize(
+    "edges",
+    [
+        np.empty((0, 2)),
+        [(0, k) for k in range(1, 1500)],
+        [(k, k + 1) for k in range(1499)],
+        [(k, k + 1) for k in range(0, 1499, 2)],
+    ],
+    ids=["no edges", "star", "chain", "pairs"],
+)
+def test_graphs_without_good_separators_do_not_fill(edges):
+    graph = graph_of(edges, 1500)
+    found = best_elimination(graph)
+    np.testing.assert_array_equal(np.sort(found.order), np.arange(1500))
+    assert found.counts.sum() <= 3 * 1500
+
+
+def test_dissection_of_a_sheet_saves_products():
+    graph = sheet_graph(90)
+    dissected = eliminated(graph, nested_dissection(graph)).products
+    assert dissected < 0.95 * eliminated(graph, minimum_degree(graph)).products
+    assert best_elimination(graph).products == dissected
+
+
+def test_the_cheaper_order_is_taken():
+    """A star of thin strips: cuts across its middle are wide, minimum degree peels it from the tips."""
+    arms, length, width = 12, 40, 3
+    edges = []
+    for arm in range(arms):
+        number = 1 + arm * length * width + np.arange(length * width).reshape(length, width)
+        edges += [*zip(number[:-1].ravel(), number[1:].ravel(), strict=True)]
+        edges += [*zip(number[:, :-1].ravel(), number[:, 1:].ravel(), strict=True)]
+        edges += [(0, int(end)) for end in number[0]]
+    graph = graph_of(edges, 1 + arms * length * width)
+    both = [eliminated(graph, order(graph)).products for order in (minimum_degree, nested_dissection)]
+    assert best_elimination(graph).products == min(both)
+
+
+def test_a_matrix_with_one_triangle_is_refused():
+    matrix = sps.csc_array(sps.tril(sps.csc_array(np.ones((9, 9)) + 9.0 * np.eye(9))))
+    with pytest.raises(ValueError, match="both triangles"):
+        CholeskyAnalysis(matrix)
+
+
+def test_a_factor_in_the_order_of_dissection_solves():
+    """Large enough for separators of several levels, whose updates wait on the stack."""
+    graph = sheet_graph(40)
+    matrix = sps.csc_array(sps.kron(graph, np.ones((3, 3))) * -1.0)
+    matrix.setdiag(np.asarray(-matrix.sum(axis=1)).ravel() + 3.0)
+    analysis = CholeskyAnalysis(matrix)
+    assert block_graph(matrix)[0] == analysis.block == 3
+    exact = np.random.default_rng(0).standard_normal((matrix.shape[0], 2))
+    solution = analysis.factorise(matrix).solve(matrix @ exact)
+    np.testing.assert_allclose(solution, exact, rtol=0, atol=1e-12 * np.abs(exact).max())

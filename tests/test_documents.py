@@ -1,0 +1,238 @@
+"""Every code block, command, link and docstring example of the documents, run."""
+
+import contextlib
+import doctest
+import importlib
+import os
+import pkgutil
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+import urllib.parse
+
+import pytest
+from guide import CONTRIBUTING, PAGES, ROOT, blocks, commands, source
+
+import modalshell as ms
+from modalshell.cli import app, main
+
+README = ROOT / "README.md"
+SHORTER = {
+    "modalshell view studies/scenes/leaf.toml": "modalshell view studies/scenes/leaf.toml --screenshot leaf.png",
+    "modalshell bench": "modalshell bench --only assembly",
+    "python -m pytest": "python -m pytest --collect-only -q",
+    "python -m studies.benchmarks.ranks --rows 256 --columns 256": "python -m studies.benchmarks.ranks --help",
+}
+"""What runs in place of a command that needs a display, takes an hour, or would run these tests."""
+SET_UP = {
+    ".venv/bin/modalshell reproduce": ".venv/bin/modalshell reproduce --quick --only flat_vs_v_beam",
+    ".venv/bin/python -m pytest": ".venv/bin/python -m pytest --collect-only -q",
+    ".venv/bin/pip install -e '.[dev,docs]'": ".venv/bin/pip install --dry-run -e '.[dev,docs]'",
+}
+"""The same for what follows the making of an environment; .ci/run takes those commands as they stand."""
+ALL = list(dict.fromkeys(line for page in PAGES for line in commands(page)))
+OWN = [line for line in ALL if line.startswith("modalshell ")]
+SETTING_UP = [line for line in ALL if " -m venv " in line]
+OTHERS = [line for line in ALL if line not in OWN and line not in SETTING_UP]
+INLINE = sorted({span for page in PAGES for span in re.findall(r"`([^`\n]+)`", page.read_text(encoding="utf-8"))})
+
+
+def test_the_documents_have_what_is_run_here():
+    assert len(OWN) >= 10
+    assert len(SETTING_UP) == 3
+    assert set(SHORTER) <= set(ALL)
+    assert len(README.read_text(encoding="utf-8").splitlines()) < 180
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder from which the documents' paths lead to the repository's meshes, studies and pictures."""
+    for name in ("meshes", "studies", "paper_figures"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path
+
+
+def call(line):
+    """Run a command of the package in this process; its exit status."""
+    try:
+        main(shlex.split(line)[1:])
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+
+
+def test_the_python_of_readme_runs(folder, capsys):
+    (block,) = blocks(README, "python")
+    exec(compile(block, "README.md", "exec"), {})
+    printed = capsys.readouterr().out.split()
+    assert printed[:2] == ["converged", "converged"]
+    assert float(printed[2]) < 0.1
+    assert float(printed[3]) > 0.0
+    assert "completed" in printed
+    assert ms.load_trajectory(folder / "beam.npz").positions.shape == (61, 369, 3)
+
+
+def test_every_python_block_of_contributing_has_a_name_and_is_run_by_a_test():
+    named = re.findall(r"^\*\*`([\w/.]+\.py)`\*\*", CONTRIBUTING.read_text(encoding="utf-8"), re.MULTILINE)
+    assert [source(name) for name in named] == blocks(CONTRIBUTING, "python")
+    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_extending_*.py"))
+    studies = {"studies/tip_drop.py", "paper_figures/tip_drop.py"}  # named by their packages there
+    assert {name for name in named if f'source("{name}")' not in tests} == studies
+    for name in re.findall(r"`(tests/[\w/]+\.py)`", CONTRIBUTING.read_text(encoding="utf-8")):
+        assert (ROOT / name).is_file()
+
+
+def test_the_project_file_of_contributing_names_its_entry_point():
+    project = tomllib.loads(source("pyproject.toml"))["project"]
+    assert project["entry-points"] == {"modalshell": {"scaled": "toy_record"}}
+
+
+def test_the_scene_of_readme_runs(folder):
+    (block,) = blocks(README, "toml")
+    (folder / "scene.toml").write_text(block.replace("duration = 4.0", "duration = 0.2"), encoding="utf-8")
+    result = ms.run_scene(folder / "scene.toml", out=folder / "out")
+    assert result.outcome is ms.Outcome.COMPLETED
+    assert (folder / "out" / "scene.mp4").stat().st_size > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_commands_run():
+    """In the documents' order, in one folder, since some read what others write."""
+    failed = {line: status for line in OWN if (status := call(SHORTER.get(line, line))) != 0}
+    assert not failed
+
+
+def test_commands_and_options_exist():
+    """Of those in the text, too, whose files need not be there."""
+    lines = [span for span in INLINE if re.match(r"(\.venv/bin/)?modalshell [\w-]", span)]
+    assert len(lines) > 5
+    for line in OWN + lines:
+        tokens = shlex.split(line)[1:]
+        if tokens[0] == "COMMAND" or "--install-completion" in tokens:
+            continue
+        if tokens[0] == "view" and tokens[1:2] == ["--attach"]:
+            tokens[2] = "folder"
+        app.parse_args([token for token in tokens if token != "NAME"], exit_on_error=False, print_error=False)
+
+
+def test_every_command_shows_an_example_that_it_takes(capsys):
+    for name in app:
+        if name.startswith("-") and name != "--install-completion":
+            continue
+        call(f"modalshell {name} --help")
+        shown = " ".join(capsys.readouterr().out.split())
+        found = re.search(r"Example: (modalshell .*?) ╭", shown) or re.search(r"Example: (modalshell .*)", shown)
+        assert found, f"modalshell {name} --help has no example"
+        if name != "--install-completion":
+            app.parse_args(shlex.split(found[1])[1:], exit_on_error=False, print_error=False)
+
+
+def test_completion_installs(folder, capsys):
+    assert call("modalshell --install-completion --shell bash --output completion.sh") == 0
+    capsys.readouterr()
+    assert "tradeoff" in (folder / "completion.sh").read_text(encoding="utf-8")
+    if shutil.which("bash"):
+        subprocess.run(["bash", "-n", "completion.sh"], check=True)
+
+
+def test_packages_and_files_named_in_the_text_exist():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    for span in INLINE:
+        for named in re.findall(r"\[([\w,]+)\]'", span):
+            assert set(named.split(",")) <= set(extras), span
+        for file in re.findall(r"(?<![\w/])(?:tests|modalshell|studies)/[\w/]+\.\w+", span):
+            assert (ROOT / file).exists() or "tip_drop" in file or "NAME" in file, span
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md", ROOT / "meshes" / "README.md"], ids=str)
+def test_relative_links_resolve(page):
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    targets = re.findall(r"\]\(([^)\s]+)\)", text) + re.findall(r'src="([^"]+)"', text)
+    missing = [
+        target
+        for target in map(urllib.parse.unquote, targets)
+        if not re.match(r"[a-z]+:", target) and not (page.parent / target.partition("#")[0]).exists()
+    ]
+    assert not missing
+
+
+# ---- commands on a copy of the checkout
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """A copy of the repository that commands may write into, with this Python first on the path."""
+    copy = tmp_path_factory.mktemp("checkout") / "modalshell"
+    left_out = shutil.ignore_patterns("results", ".git", ".venv", "__pycache__", ".*_cache", ".hypothesis", "*.mp4")
+    shutil.copytree(ROOT, copy, ignore=left_out)
+    return copy
+
+
+def in_shell(line, folder, **changes):
+    """Run a line as a shell would, this Python's programs first; its output where it fails."""
+    path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1", **changes}
+    done = subprocess.run(line, shell=True, cwd=folder, env=environment, capture_output=True, text=True, timeout=1500)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", OTHERS)
+def test_commands_of_a_checkout_run(line, checkout):
+    for part in SHORTER.get(line, line).split(" && "):
+        program = shlex.split(part)
+        module = program[2] if program[:2] == ["python", "-m"] else program[0]
+        if module in ("ruff", "mypy", "pdoc"):
+            pytest.importorskip(module, reason=f"{module} is not installed (extras dev and docs)")
+        if "ranks" in part:
+            pytest.importorskip("petsc4py", reason="petsc4py is not installed (extra mpi)")
+        status, output = in_shell(part, checkout)
+        assert status == 0, output[-4000:]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", SETTING_UP)
+def test_environments_are_made_as_the_documents_say(line, checkout):
+    """With a fresh environment each; skipped where no package index answers."""
+    shutil.rmtree(checkout / ".venv", ignore_errors=True)
+    for part in line.split(" && "):
+        status, output = in_shell(SET_UP.get(part, part), checkout, PYTHONPATH="")
+        if status != 0 and re.search(r"No matching distribution|ConnectionError|NewConnectionError", output):
+            pytest.skip("no package index answers here")
+        assert status == 0, output[-4000:]
+
+
+# ---- docstrings
+
+
+def modules():
+    """Every module of the package that imports here."""
+    for info in pkgutil.walk_packages(ms.__path__, "modalshell."):
+        if info.name.endswith(("__main__", "blender_clip")):
+            continue
+        with contextlib.suppress(ImportError):  # of an extra that is not installed
+            yield importlib.import_module(info.name)
+
+
+@pytest.mark.usefixtures("folder")
+def test_docstring_examples_run():
+    results = [doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE) for module in modules()]
+    assert sum(result.attempted for result in results) >= 3
+    assert sum(result.failed for result in results) == 0
+
+
+@pytest.mark.slow
+def test_the_api_reference_builds_without_a_warning(tmp_path):
+    pytest.importorskip("pdoc", reason="pdoc is not installed (extra docs)")
+    line = f"{sys.executable} -W error -m pdoc -d numpy -o {tmp_path} modalshell"
+    status, output = in_shell(line, ROOT)
+    assert status == 0, output[-4000:]
+    assert "warn" not in output.lower()
+    assert (tmp_path / "modalshell" / "models" / "warping.html").stat().st_size > 1000
