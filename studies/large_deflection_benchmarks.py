@@ -1,4 +1,4 @@
-"""Popular benchmarks of large deflections (Sze, Liu and Lo 2004, 3.1 to 3.7) with shells of shell theory.
+"""Popular benchmarks of large deflections (Sze, Liu and Lo 2004) with shells of shell theory.
 
 A cantilever under end shear and under an end moment, a slit annulus lifted at its slit, a hemisphere with a hole under
 alternating forces, an open cylinder pulled apart, a cylinder pinched between diaphragms, and a pinched half of one; the
