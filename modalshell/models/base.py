@@ -259,6 +259,10 @@ class Model(ABC):
         """What is wrong with a state, at ``positions`` (n, 3), beyond what the model can describe; None if nothing."""
         return None
 
+    def remark(self, state: MotionState) -> str:
+        """What is to be said of the range in which a state is good, or of what found it; "" for nothing."""
+        return ""
+
     def is_saddle(self, state: MotionState) -> bool:
         """Whether the smallest push leads away from a state that is at rest under a dead load."""
         return False
