@@ -37,7 +37,7 @@ from modalshell.supports import SUPPORTS, Clamp, Support
 from modalshell.typing import Array
 
 _SHOWN_SHARE = 0.15
-"""Largest displacement of a mode that is drawn, as a share of the shell's size."""
+"""Largest displacement in a picture of a mode, over the shell's size."""
 _STRIP = 8
 """Mode shapes that a notebook shows of a basis."""
 _FORMAT = 1
@@ -188,7 +188,7 @@ class Basis(ReadOnlyArrays):
         return page
 
     def plot(self, *, count: int | None = None, size: tuple[int, int] = (1600, 900)) -> Picture:
-        """Draw the first ``count`` mode shapes, all without it, coloured by their displacement, with frequencies.
+        """Draw the first ``count`` mode shapes (by default all), coloured by displacement, with frequencies.
 
         A notebook shows the picture, and its ``save(path)`` writes it.
         """

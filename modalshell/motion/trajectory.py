@@ -43,7 +43,7 @@ class Trajectory:
         How the motion ended, the gravest outcome where several hold; an equilibrium's own for a static answer. A motion
         that diverges keeps the frames up to there; any other one is kept whole.
     message : str
-        A sentence that names everything that is wrong, with numbers and times; empty if nothing is.
+        A message that names all that went wrong, with numbers and times; empty if nothing did.
     unconverged_steps : int
         Steps whose own solver did not converge.
     seconds : float

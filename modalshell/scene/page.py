@@ -95,7 +95,7 @@ def _reduced(basis: Basis, gravity: Array, force: Array | None) -> ReducedWarp |
 
 
 def write_pages(folder: Path, on_step: Progress | None = None) -> list[Path]:
-    """Write the page of every scene that comes with the package into ``folder``; return the files."""
+    """Write the page of every bundled scene into ``folder``; return the files."""
     scenes = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
     written = []
     for index, file in enumerate(scenes):

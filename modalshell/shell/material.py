@@ -81,7 +81,7 @@ class Material:
         """Stiffnesses that give ``mesh`` the membrane and bending stiffness of an isotropic sheet.
 
         A mesh of hinges bends as the triangulation has it, not as a plate does: the constants are computed from the
-        hinges of this very mesh, so every mesh family is calibrated alike. What no constant mends: the bending
+        hinges of this very mesh, so every mesh family is calibrated alike. No constant corrects this: the bending
         Poisson effect stays the family's own (-1/3 where isotropic), and so does its twist. Measured against shell
         theory, bending in two directions and twist are 7 to 85 % off on any mesh, and in-plane bending at ``poisson``
         0 is 12 to 18 % too soft on union-jack and Lloyd meshes; strips that bend one way are met within 3 to 5 %. At

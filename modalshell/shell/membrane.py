@@ -37,7 +37,7 @@ def membrane_stiffness(
         warnings.warn(
             f"{unstable.size} of {len(mesh.faces)} triangles are too obtuse for Poisson's ratio {poisson:g} "
             f"(first: triangle {unstable[0]}): their area term is limited, which makes them stiffer across. "
-            "Remesh to near-equilateral triangles to mend it",
+            "Remesh to near-equilateral triangles to avoid it",
             ModalShellWarning,
             stacklevel=3,
         )
