@@ -37,10 +37,10 @@ from modalshell.typing import Array, Progress
 from modalshell.work import count_products
 
 _MISSED = 0.02
-"""Share of a load's linear compliance that the basis may miss."""
+"""Largest fraction of a load's linear compliance outside the basis."""
 _LOAD_STEPS = 12
 _STEP_GOAL = 1e-3
-"""Residual of a step, as a share of its load and inertia."""
+"""Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
 _FORMAT = 2
@@ -82,7 +82,7 @@ class HybridStress(Model):
     OptionError
         If the coarse shell has other energies than those of a :class:`Material`.
     SupportError
-        If nothing holds the shell.
+        If the shell has no supports.
     """
 
     name = "hybrid"
@@ -131,7 +131,7 @@ class HybridStress(Model):
         gravity, force, loads
             The load about which to train, as in :meth:`equilibrium`.
         coarse : Shell, optional
-            A coarse shell of the same surface, which is what is reduced; ``shell`` itself without one.
+            A coarse shell of the same surface, which is reduced; by default ``shell`` itself.
         modes : int
             Vectors m of the basis.
         motions : int
@@ -151,7 +151,7 @@ class HybridStress(Model):
         return trained_on_load(shell, coarse or shell, load, modes=modes, motions=motions, seed=seed, on_step=on_step)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write what training found to an ``.npz`` file (no pickle)."""
+        """Write the trained data to an ``.npz`` file (no pickle)."""
         t = self._trained
         write_npz(
             path, modalshell_hybrid=np.array(_FORMAT), basis=t.basis, stresses=t.stresses, viscous=t.viscous,

@@ -204,7 +204,7 @@ class Motion:
         ]
 
     def _last_positions(self) -> tuple[Array, Array]:
-        """Positions (n, 3) [m] in the world now and a step earlier; at the start both are the same."""
+        """Positions (n, 3) [m] in the world frame, now and one step earlier; equal at the start."""
         now, before = self.positions(), self._own(self._before)
         if self.supports is not None and self.model.in_shell_frame:
             before = self._pose(self.supports, max(self.count - 1, 0) * self.dt).to_world(before)
@@ -217,7 +217,7 @@ class Motion:
         return vertices, blocks if pose is None else pose.rotation.T @ blocks @ pose.rotation
 
     def snapshot(self) -> dict[str, Array]:
-        """Everything that the next step depends on, as arrays; :meth:`restore` takes up from there, to the last bit."""
+        """Checkpoint: all arrays that the next step depends on; :meth:`restore` resumes from it bit for bit."""
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
         arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals}
         for name, state in self._states().items():

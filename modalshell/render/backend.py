@@ -98,7 +98,7 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
     if first:
         warnings.warn(
             "PyVista renders nothing on this machine (no OpenGL), so the built-in rasteriser draws: slower and "
-            f"plainer. On Debian or Ubuntu this mends it: {APT_LINE}",
+            f"plainer. On Debian or Ubuntu this helps: {APT_LINE}",
             ModalShellWarning,
             stacklevel=2,
         )
