@@ -63,7 +63,7 @@ from modalshell.models import (
 from modalshell.models.fit import Fit, fit
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.models.registry import ModelSpec, models
-from modalshell.modes import Basis, LoadedModes, solve_modes
+from modalshell.modes import Basis, BasisSensitivity, LoadedModes, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.outcome import Outcome
 from modalshell.reduction.warp_frame import WarpFrame
@@ -81,6 +81,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Advice",
     "Basis",
+    "BasisSensitivity",
     "Buckling",
     "Clamp",
     "CoarseDiscreteShell",

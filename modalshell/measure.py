@@ -83,10 +83,10 @@ def support_reactions(
     force: ArrayLike | None = None,
     loads: Sequence[Load] | None = None,
 ) -> Array:
-    """Force (k, 3) [N] of each of the k supports on a shell in equilibrium.
+    """Force (k, 3) [N] of each of the k supports on a shell in equilibrium: together they balance the load.
 
-    The sums of :meth:`Shell.reactions` over the supports' vertices, in the order of ``shell.supports``; a vertex of
-    several supports counts for the first. Together they balance the load.
+    The sums over the vertices of :meth:`Shell.support_reactions`, in the order of ``shell.supports``: supports that
+    hold a vertex along one direction share its force evenly.
 
     Parameters
     ----------
@@ -102,13 +102,8 @@ def support_reactions(
     LoadError
         For arrays of the wrong shape or not finite, or where a triangle has collapsed.
     """
-    left = checked_kind("shell", shell, Shell).reactions(positions, gravity=gravity, force=force, loads=loads)
-    sums = np.zeros((len(shell.supports), 3))
-    for total, support in zip(sums, shell.supports, strict=True):
-        mask = support.vertices(shell.mesh.vertices)
-        total += left[mask].sum(axis=0)
-        left[mask] = 0.0
-    return sums
+    shares = checked_kind("shell", shell, Shell).support_reactions(positions, gravity=gravity, force=force, loads=loads)
+    return np.array([share.sum(axis=0) for share in shares]).reshape(-1, 3)
 
 
 def area_change(positions: ArrayLike, mesh: TriangleMesh) -> float:

@@ -104,6 +104,8 @@ def methods():
     made.append(
         Target("DiscreteShell.sensitivity", functools.partial(body.sensitivity, answer, "flexure"), {"of": vectors})
     )
+    moved_by = functools.partial(models["lma"].sensitivity, models["lma"].equilibrium(gravity=gravity), "load")
+    made.append(Target("lma.sensitivity", moved_by, {"of": vectors}))
     crowd, pose = ms.Crowd(basis, 2), {"rotations": np.eye(3), "translations": np.zeros(3)}
     blend = functools.partial(crowd.blend_strains, models["rsw"], out=np.empty((2, *rest.shape)))
     made.append(Target("Crowd.blend_strains", blend, {"shares": np.array([0.0, 1.0])} | pose))

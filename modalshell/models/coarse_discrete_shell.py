@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Self, final
 
 import numpy as np
+import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_number, checked_vectors
@@ -30,15 +31,15 @@ _APART = 0.2
 class CoarseDiscreteShell(Model):
     """DS on fewer vertices: it bends, stiffens and snaps as a shell does, a little too stiff and a little too coarse.
 
-    Positions are carried to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
-    sharp folds; loads are handed down with the same weights. A step of implicit Euler runs in one compiled function,
+    Positions are prolonged to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
+    sharp folds; loads are restricted with the same weights. A step of implicit Euler runs in one compiled function,
     with a profile factorisation, where the coarse shell has a :class:`Material` and no further energies; else as that
     of :class:`DiscreteShell`, some ten times slower.
 
     Parameters
     ----------
     shell : Shell
-        The fine shell, whose positions are wanted.
+        The fine shell, whose positions are computed.
     coarse : Shell
         The same surface with fewer vertices: its own material for its mesh, and the same supports; see
         :func:`coarse_shell`.
@@ -53,7 +54,7 @@ class CoarseDiscreteShell(Model):
     Raises
     ------
     MeshError
-        If the meshes lie apart: they are not the same surface.
+        If the meshes are apart: they are not the same surface.
     OptionError
         If ``step_tolerance`` is not between 0 and 0.01.
     """
@@ -81,6 +82,11 @@ class CoarseDiscreteShell(Model):
     def compiled(self) -> bool:
         """Whether steps run in the compiled function."""
         return self._step is not None
+
+    @property
+    def weights(self) -> sps.csr_array:
+        """Weights (n, k) of :meth:`prolong`, and of :meth:`restrict`."""
+        return self._prolongation.matrix
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Static equilibrium of the coarse shell, prolonged; a start (n, 3) is sampled to begin from."""

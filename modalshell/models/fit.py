@@ -45,7 +45,7 @@ class Fit:
     converged : bool
         Whether the least squares converged.
     residual : float
-        Root mean square of what is left of the measured coordinates [m].
+        Root mean square of the residual in the measured coordinates [m].
     evaluations : int
         Equilibria that were solved.
     """
@@ -84,7 +84,7 @@ def fit(
     observed : array_like, shape (k, 3)
         Measured positions [m]; NaN for coordinates that were not measured.
     where : selection, optional
-        The k vertices that were measured, in the order of their numbers; all without it.
+        The k measured vertices, in the order of their numbers; by default all.
     gravity, force, loads
         The load, as in :meth:`modalshell.Model.equilibrium`.
     confidence : float
@@ -97,7 +97,7 @@ def fit(
     LoadError
         For loads of the wrong shape, or no measured coordinate.
     SolverError
-        If no equilibrium is found at the first guess, or the measurements do not determine the constants.
+        If there is no equilibrium at the initial guess, or the measurements do not determine the constants.
     """
     checked_kind("shell", shell, Shell)
     if not isinstance(wrt, str | list | tuple) or not all(isinstance(name, str) for name in wrt):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_kind, checked_number
-from modalshell.constraints.constraints import Constraint, held_patches
+from modalshell.constraints.constraints import Constraint, HeldPatch, held_patches
 from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold
@@ -124,6 +124,7 @@ class FullModel(Model):
             result.stable,
             costs=self.costs.since(before),
             constraint_residuals=np.zeros(len(constraints)),
+            constraint_reactions=_reactions(model.shell, constraints, patches, result.point, load, live),
         )
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
@@ -224,7 +225,7 @@ class FullModel(Model):
         return rule.stable_step(squared, damping.mass_factor, viscosity)
 
     def is_saddle(self, state: MotionState) -> bool:
-        """Whether the potential curves down in some direction; never said of a shell that nothing holds."""
+        """Whether the potential has negative curvature; False for a shell without supports."""
         if not self.shell.unknowns.supported.any():
             return False
         problem = self._statics(np.zeros_like(state.coordinates))
@@ -256,7 +257,7 @@ class FullModel(Model):
         return state.coordinates
 
     def placed(self, state: MotionState, pose: Placement) -> MotionState:
-        """``state`` where the supports are put: positions, rates and what the integrator keeps."""
+        """``state`` moved with the supports: positions, rates and the integrator's memory."""
         if self.in_shell_frame:
             return state
         memory = {name: vectors @ pose.rotation.T for name, vectors in state.memory.items()}
@@ -279,3 +280,25 @@ class FullModel(Model):
         body = copy.copy(self)
         body.live = replace(live, before=x, rate=1.0 / dt)
         return self.integrator.step(body, state, dt, load, damping, held)
+
+
+def _reactions(
+    shell: Shell,
+    constraints: Sequence[Constraint],
+    patches: Sequence[HeldPatch],
+    x: Array,
+    load: Array,
+    live: LiveLoads | None,
+) -> Array:
+    """Forces [N] and moments [N m] (k, 3) of constraints on a shell in equilibrium at x (n, 3)."""
+    if not patches:
+        return np.empty((0, 3))
+    held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
+    left = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
+    of_patch = {patch.position.vertices.tobytes(): patch.vertices for patch in patches}
+    reactions = np.empty((len(constraints), 3))
+    for reaction, constraint in zip(reactions, constraints, strict=True):
+        vertices = of_patch[constraint.vertices.tobytes()]
+        forces, arms = left[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
+        reaction[:] = forces.sum(axis=0) if constraint.kind == "position" else np.cross(arms, forces).sum(axis=0)
+    return reactions

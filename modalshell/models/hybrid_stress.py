@@ -23,7 +23,9 @@ from modalshell.loads import Load
 from modalshell.models.base import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.hybrid_slopes import differences, forces_by_constants
 from modalshell.models.hybrid_training import Trained, train
+from modalshell.models.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.reduction.assumed_stress import ReducedStress, reduce_energy
 from modalshell.reduction.assumed_stress_step import evaluate, implicit_step
 from modalshell.sharing import PerThread
@@ -35,10 +37,10 @@ from modalshell.typing import Array, Progress
 from modalshell.work import count_products
 
 _MISSED = 0.02
-"""Share of a load's linear compliance that the basis may miss."""
+"""Largest fraction of a load's linear compliance outside the basis."""
 _LOAD_STEPS = 12
 _STEP_GOAL = 1e-3
-"""Residual of a step, as a share of its load and inertia."""
+"""Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
 _FORMAT = 2
@@ -59,7 +61,7 @@ class HybridStress(Model):
     """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
-    K = 2 m trained stress states, so a basis that misses positions by a little does not lock; see
+    m trained stress states, so a basis that misses positions by a little does not lock; see
     :mod:`modalshell.reduction.assumed_stress`. Loads that the basis misses, states whose membrane the stresses do not
     see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they may be. Damping by the
     stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
@@ -80,7 +82,7 @@ class HybridStress(Model):
     OptionError
         If the coarse shell has other energies than those of a :class:`Material`.
     SupportError
-        If nothing holds the shell.
+        If the shell has no supports.
     """
 
     name = "hybrid"
@@ -129,7 +131,7 @@ class HybridStress(Model):
         gravity, force, loads
             The load about which to train, as in :meth:`equilibrium`.
         coarse : Shell, optional
-            A coarse shell of the same surface, which is what is reduced; ``shell`` itself without one.
+            A coarse shell of the same surface, which is reduced; by default ``shell`` itself.
         modes : int
             Vectors m of the basis.
         motions : int
@@ -149,7 +151,7 @@ class HybridStress(Model):
         return trained_on_load(shell, coarse or shell, load, modes=modes, motions=motions, seed=seed, on_step=on_step)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write what training found to an ``.npz`` file (no pickle)."""
+        """Write the trained data to an ``.npz`` file (no pickle)."""
         t = self._trained
         write_npz(
             path, modalshell_hybrid=np.array(_FORMAT), basis=t.basis, stresses=t.stresses, viscous=t.viscous,
@@ -250,6 +252,14 @@ class HybridStress(Model):
         message = "; ".join(part for part in (f"answered by {self.coarse.name}: {reason}", answer.message) if part)
         return replace(answer, message=message, coordinates=None)
 
+    def remark(self, state: MotionState) -> str:
+        """The range of training, or that the coarse shell has taken the step."""
+        if state.coordinates.ndim == 1:
+            return self._range()
+        seen = self._last_load().seen
+        reason = "the trained states do not hold the motion" if seen else "the basis misses the load"
+        return f"answered by {self.coarse.name}: {reason}"
+
     def _range(self) -> str:
         return (
             f"trained on {self.training}; error {100 * self.held_out_error:.1f} % on held-out loads (90th percentile)"
@@ -261,6 +271,20 @@ class HybridStress(Model):
         strains = evaluate(self._reduced, z, np.zeros(modes))[1]
         value, _, _, gradient, lower = evaluate(self._reduced, z, strains[:modes])
         return value, gradient, np.tril(lower) + np.tril(lower, -1).T
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium under dead loads as trained, no matter what training would change.
+
+        See :class:`Model`; constants are those of the coarse shell.
+        """
+        z = dead_state(state)[0]
+        small = self.coarse.coarse.shell
+        columns = differences(lambda z: self._fine(self._coarse_positions(z)).ravel(), z)
+        spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
+        hessian = differences(lambda z: self._energy(z)[1], z)
+        constants = forces_by_constants(small, self._reduced, self._trained.stresses, z)
+        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
+        return tangent.derivative(wrt, of)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest eigenvalue [1/s^2] of the reduced Hessian; None of answers by the coarse shell."""

@@ -38,6 +38,10 @@ class LinearModal(ModalModel):
         """Zero (m, m): the force is the same at every q."""
         return np.zeros((q.size, q.size))
 
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """``Phi^T g`` (m,)."""
+        return np.asarray(self.basis.modes.T @ weights.ravel())
+
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
         rows = self._patch_rows(self.basis.modes, vertices).mean(axis=0)

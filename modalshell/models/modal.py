@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import cast
 
@@ -22,6 +23,7 @@ from modalshell.loads import Loading
 from modalshell.models.base import Model, ResolvedTarget, rigid_share
 from modalshell.models.distortion import Distortion
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.reduced_sensitivity import ModalTangent
 from modalshell.modes import Basis
 from modalshell.outcome import Outcome
 from modalshell.reduction.load_quadrature import LoadQuadrature
@@ -41,7 +43,7 @@ _FIXED_POINT = 1e-7
 _FIXED_POINT_LIMIT = 200
 """Fixed-point iterations at most."""
 _OUT_OF_REACH_LIMIT = 20
-"""Iterations after which targets that were not reached in any of them are given up."""
+"""Number of iterations after which unreached targets are abandoned."""
 
 
 class ModalModel(Model):
@@ -84,7 +86,7 @@ class ModalModel(Model):
         """Modal force p (m,) of the load (n, 3) at q."""
 
     def modal_force_jacobian(self, q: Array, load: Array) -> Array:
-        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless a model knows better."""
+        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless overridden."""
         jacobian = np.empty((q.size, q.size))
         turns = np.maximum(np.abs(self.basis.rotations).max(axis=0), 1e-300)
         for k in range(q.size):
@@ -93,6 +95,21 @@ class ModalModel(Model):
             ahead, behind = (self.modal_force(q + side * change, load) for side in (1.0, -1.0))
             jacobian[:, k] = (ahead - behind) / (2.0 * change[k])
         return jacobian
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
+
+        Repeated eigenvalues do no harm, unless the basis ends within one.
+        """
+        return ModalTangent(self, state).derivative(wrt, of)
+
+    def on_basis(self, basis: Basis) -> ModalModel:
+        """The same model on another basis of its shell."""
+        return type(self)(basis)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        raise OptionError(f"{self.name} has no derivatives: take LMA, MWTS or RSW")
 
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
@@ -104,7 +121,7 @@ class ModalModel(Model):
         begin = None if start is None else self.coordinates_of(start)
         self._refuse_slack()
         if constraints:
-            return self._answer(*self._constrained_statics(load, begin, constraints))
+            return self._constrained_answer(load, begin, constraints)
         return self._answer(self._free_statics(load, begin))
 
     def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
@@ -139,8 +156,8 @@ class ModalModel(Model):
                 "material a stretch, shear and flexure above 0, or let simulate move the shell"
             )
 
-    def _answer(self, found: Statics, left: Array | None = None) -> Equilibrium:
-        """The equilibrium at coordinates that statics has found, with residuals of constraints."""
+    def _answer(self, found: Statics) -> Equilibrium:
+        """The equilibrium at given coordinates."""
         positions = self.shell.rest_positions + self.raw_displacement(found.q)
         return Equilibrium(
             positions,
@@ -149,7 +166,6 @@ class ModalModel(Model):
             found.residual,
             found.stable,
             coordinates=found.q,
-            constraint_residuals=np.empty(0) if left is None else left,
         )
 
     def largest_turn(self, q: Array) -> float:
@@ -162,7 +178,7 @@ class ModalModel(Model):
         return np.array([self.largest_turn(unit) for unit in self._identity])
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
-        """Wound up where a part turned by more than 2 pi, distorted where the surface stretched or folded over."""
+        """Wound up if a part rotated by more than 2 pi, distorted if the surface is stretched or folded over."""
         # Rotations are linear in q: what the modes' own largest ones add up to bounds them.
         q = state.coordinates
         if not np.abs(q) @ self._turns <= WOUND_UP and self.largest_turn(q) > WOUND_UP:
@@ -173,10 +189,8 @@ class ModalModel(Model):
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any."""
 
-    def _constrained_statics(
-        self, load: Array, start: Array | None, constraints: Sequence[Constraint]
-    ) -> tuple[Statics, Array]:
-        """Least modal energy under the constraints, the modal force iterated until it settles; and their residuals."""
+    def _constrained_answer(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Least modal energy under the constraints, the modal force iterated until it settles."""
         if self.basis.rigid_modes:
             raise OptionError(
                 "statics under constraints needs a shell that its supports hold; clamp some vertices, or let simulate "
@@ -204,7 +218,12 @@ class ModalModel(Model):
             outcome, message = Outcome.NO_FIXED_POINT, "the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
             outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {left.max():.2e} from its target"
-        return Statics(q, change, iterations, outcome, message), left
+        # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
+        units = np.array([[self._size if target.kind == "position" else 1.0] for target in targets])
+        out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
+        multipliers = np.linalg.lstsq(evaluate(q)[1].T, out_of_balance, rcond=None)[0].reshape(-1, 3)
+        answer = self._answer(Statics(q, change, iterations, outcome, message))
+        return replace(answer, constraint_residuals=left, constraint_reactions=multipliers / units)
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""
@@ -220,7 +239,7 @@ class ModalModel(Model):
         )
 
     def rigid_load(self, load: Array) -> float:
-        """Share of the load, in the modes' norm, that pushes on rigid modes: nothing holds it in statics."""
+        """Fraction of the load, in the modes' norm, on rigid modes, which have no resistance in statics."""
         if self.basis.rigid_modes == 0 or not load.any():
             return 0.0
         return rigid_share(self.shell, load)  # on all of them: the basis may have been asked for fewer
@@ -282,7 +301,7 @@ class ModalModel(Model):
         return MotionState(state.coordinates + moved * force, state.rates + sped * force)
 
     def turned_rows(self, q: Array, vertices: Index) -> Array:
-        """Rows (k, 3, m) of the modes at some vertices, turned with these."""
+        """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
         rows = self._patch_rows(self.basis.modes, vertices)
         turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
         return np.asarray(turns @ rows)

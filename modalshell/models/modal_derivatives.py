@@ -15,13 +15,14 @@ from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Model
 from modalshell.models.distortion import Distortion
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.modes import solve_modes
 from modalshell.outcome import Outcome
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives
 from modalshell.reduction.reduced_energy import ReducedEnergy
 from modalshell.reduction.reduced_potential import ReducedPotential
-from modalshell.shell import GAUSS_NEWTON, Shell
+from modalshell.shell import GAUSS_NEWTON, Isotropic, Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.path import Followable
@@ -64,11 +65,11 @@ class ModalDerivatives(Model):
     Attributes
     ----------
     basis : DerivativeBasis
-        U and what it is made of.
+        U and its parts.
     energy : ReducedEnergy
         The energy in use.
     cubature : Cubature or None
-        What training found, its error on held-out loads with it.
+        Result of the training, with its error on held-out loads.
 
     Raises
     ------
@@ -123,6 +124,21 @@ class ModalDerivatives(Model):
     def _statics(self, load: Array) -> ReducedPotential:
         push = load.ravel() @ self._vectors
         return ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium under dead loads; see :class:`Model`.
+
+        By loads, the density, and Young's modulus of an :class:`Isotropic`: these leave the span of U as it is. By
+        other constants the span changes, and what it locks with it: there the derivative of the answer on one span is
+        none of the model's.
+        """
+        z, vectors = dead_state(state)[0], self._vectors
+        constants: dict[str, Array] = {}
+        material = self.shell.material
+        if isinstance(material, Isotropic) and isinstance(material.young, float) and not self.shell.energies:
+            constants["young"] = -self.energy.gradient(z)[1] / material.young
+        hessian = self.energy.hessian(z)[2]
+        return LinearTangent(self.shell, state, hessian, vectors, vectors, constants).derivative(wrt, of)
 
     def followable(self, load: Array) -> Followable:
         """The reduced potential, coordinates z as unknowns."""

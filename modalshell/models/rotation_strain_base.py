@@ -94,6 +94,10 @@ class TurnedTriangles(ModalModel):
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
 
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        return self.work(q, weights)[1]
+
     def work_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of the work ``f . u(q)``."""
         gradients = self._face(load).gradients

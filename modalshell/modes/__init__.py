@@ -1,6 +1,7 @@
 """Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
 
 from modalshell.modes.basis import Basis, solve_modes
+from modalshell.modes.derivatives import BasisSensitivity
 from modalshell.modes.eigenpairs import (
     largest_eigenvalue,
     lowest_tangent_eigenvalue,
@@ -13,6 +14,7 @@ from modalshell.modes.loaded import LoadedModes
 __all__ = [
     "BACKENDS",
     "Basis",
+    "BasisSensitivity",
     "Factor",
     "Factoriser",
     "LoadedModes",

@@ -259,3 +259,42 @@ def test_linear_constraints_give_the_least_work(seed):
     assert np.linalg.norm((q - exact) / np.sqrt(compliance)) < 1e-4 * np.linalg.norm(
         (exact - free) / np.sqrt(compliance)
     )
+
+
+def test_a_prescribed_displacement_answers_with_its_reaction():
+    """A strip lifted at its end: 3 E I / L^3 times the lift, and with supports and weight in balance."""
+    young, thickness, width = 1e7, 0.01, 0.2
+    mesh = ms.flat_beam(length=1.0, width=width, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(young, 0.0, thickness, 1000.0), mesh.vertices[:, 0] < 1e-6)
+    end = np.flatnonzero(mesh.vertices[:, 0] > 0.999)
+    lifted = [ms.PositionConstraint(v, mesh.vertices[v] + [0.0, 0.0, 1e-4]) for v in end]
+    stiffness = 3.0 * young * width * thickness**3 / 12.0
+    state = ms.DiscreteShell(shell).equilibrium(constraints=lifted)
+    lift = state.constraint_reactions[:, 2].sum()
+    assert lift == pytest.approx(1e-4 * stiffness, rel=0.01)
+    modal = ms.LinearModal(ms.solve_modes(shell, 20)).equilibrium(constraints=lifted)
+    assert modal.constraint_reactions[:, 2].sum() == pytest.approx(lift, rel=0.02)
+    gravity = (0.0, 0.0, -1e-3)
+    state = ms.DiscreteShell(shell).equilibrium(gravity=gravity, constraints=lifted)
+    held = ms.measure.support_reactions(shell, state.positions, gravity=gravity).sum(axis=0)
+    total = held + state.constraint_reactions.sum(axis=0) + shell.gravity_force(gravity).sum(axis=0)
+    assert np.abs(total).max() < 1e-8 * np.abs(state.constraint_reactions).sum()
+
+
+def test_a_turned_patch_answers_with_its_moment():
+    """An end turned by a small angle, free to rise where it likes: a moment of E I / L times it, without a force."""
+    young, thickness, width, angle = 1e7, 0.01, 0.2, 1e-3
+    mesh = ms.flat_beam(length=1.0, width=width, cells=(20, 4))
+    shell = ms.Shell(mesh, ms.Isotropic(young, 0.0, thickness, 1000.0), mesh.vertices[:, 0] < 1e-6)
+    end = np.flatnonzero(mesh.vertices[:, 0] > 0.94)
+    centre = mesh.vertices[end].mean(axis=0)
+    length = 0.95  # as far as the patch does not reach
+    rise = angle * (0.5 * length + centre[0] - length)
+    turned = [
+        ms.PositionConstraint(end, centre + np.array([0.0, 0.0, rise])),
+        ms.OrientationConstraint(end, (0.0, -angle, 0.0)),
+    ]
+    force, moment = ms.DiscreteShell(shell).equilibrium(constraints=turned).constraint_reactions
+    expected = young * width * thickness**3 / 12.0 * angle / length
+    assert moment[1] == pytest.approx(-expected, rel=0.02)
+    assert abs(force[2]) < 0.05 * expected

@@ -42,7 +42,7 @@ RECORDS = {
     "Scene",
     "SceneResult",
 }
-RECORDS |= {"Fit", "RepairReport", "ShellFields", "SweepResult", "Tradeoff", "Trajectory"}
+RECORDS |= {"BasisSensitivity", "Fit", "RepairReport", "ShellFields", "SweepResult", "Tradeoff", "Trajectory"}
 """Plain records that the package fills itself; they hold what they are given."""
 NO_INPUT = {"models"}
 """They take nothing."""

@@ -205,3 +205,18 @@ def test_each_support_has_its_reaction(material):
     weight = 1e-3 * shell.mass.sum()
     np.testing.assert_allclose(found.sum(axis=0), [0.0, 0.0, weight], atol=1e-8 * weight)
     assert (found[:, 2] > 0.1 * weight).all()
+
+
+def test_supports_that_share_a_vertex_or_a_plane_have_one_answer():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+    y = mesh.vertices[:, 1]
+    supports = [ms.Clamp("x < 0.01"), ms.Symmetry(y < y.min() + 1e-9, (0, 1, 0)), ms.Pin("boundary(0) and x < 0.2")]
+    shell = ms.Shell(mesh, ms.Isotropic(1e7, 0.3, 0.01, 1000.0), supports=supports)
+    state = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 1e-3, -1e-3))
+    found = ms.measure.support_reactions(shell, state.positions, gravity=(0.0, 1e-3, -1e-3))
+    each = shell.support_reactions(state.positions, gravity=(0.0, 1e-3, -1e-3))
+    np.testing.assert_array_equal(found, [share.sum(axis=0) for share in each])
+    weight = 1e-3 * shell.mass.sum()
+    np.testing.assert_allclose(found.sum(axis=0), [0.0, -weight, weight], atol=1e-8 * weight)
+    assert np.abs(found).sum(axis=1).min() > 0.0
+    assert np.abs(found[1, [0, 2]]).max() < 1e-12 * weight  # a plane pushes along its normal alone
