@@ -248,7 +248,7 @@ def _noise(shape: tuple[int, ...], held: np.ndarray) -> np.ndarray:
 
 
 def grid_of(shear: float, flexion: float, drag: float) -> SheetGrid:
-    """A grid of 24 x 24 masses, some fixed: its springs over the structural ones, its drag over its highest frequency."""
+    """A grid of 24 x 24 masses, some fixed: by stiffness over the structural one, and drag over frequency."""
     corners = np.zeros((24, 24), bool)
     corners[0, [0, -1]] = True
     grid = SheetGrid(

@@ -252,6 +252,14 @@ class HybridStress(Model):
         message = "; ".join(part for part in (f"answered by {self.coarse.name}: {reason}", answer.message) if part)
         return replace(answer, message=message, coordinates=None)
 
+    def remark(self, state: MotionState) -> str:
+        """The range of training, or that the coarse shell has taken the step."""
+        if state.coordinates.ndim == 1:
+            return self._range()
+        seen = self._last_load().seen
+        reason = "the trained states do not hold the motion" if seen else "the basis misses the load"
+        return f"answered by {self.coarse.name}: {reason}"
+
     def _range(self) -> str:
         return (
             f"trained on {self.training}; error {100 * self.held_out_error:.1f} % on held-out loads (90th percentile)"

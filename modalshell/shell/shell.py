@@ -126,7 +126,7 @@ class Shell(ReadOnlyArrays):
         if isinstance(self.unknowns, VertexUnknowns):
             return self.unknowns.indices
         raise SupportError(
-            "this takes only clamped vertices and vertices of a Pin (got supports that hold single components, or tie vertices): "
+            "this takes only Clamp and Pin supports (got supports that hold single components, or tie vertices): "
             "use ms.Clamp or ms.Pin, or a model that takes the others, such as ms.DiscreteShell"
         )
 
