@@ -22,7 +22,7 @@ _PARALLEL = 1e-9
 
 
 class Rules(NamedTuple):
-    """What each rule asks of every boid times its weight, (N, 3) each; their sum is the direction that it turns to.
+    """Weighted steering vectors of each rule, (N, 3) each; a boid turns towards their sum.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Flock:
     rotation_speed : float
         Rate of turning [1/s].
     neighbour_distance : float
-        Boids nearer than this are neighbours [m].
+        Distance [m] below which boids are neighbours.
     field_of_view : float
         Full angle about its direction in which a boid sees others [degrees], in (0, 360].
     weights : (float, float, float)
@@ -197,7 +197,7 @@ class Flock:
         return gather(*boids, search=self.search, threads=self.threads)
 
     def rules(self) -> Rules:
-        """What each rule asks of every boid now."""
+        """The present weighted steering vectors of every boid."""
         near = self.neighbourhood()
         alignment = near.directions / np.maximum(near.counts, 1.0)[:, None]
         middle = (near.positions + self.flock_position) / (near.counts + 1.0)[:, None]

@@ -36,7 +36,7 @@ class Loading:
     Attributes
     ----------
     loads : tuple of Load
-        What it was made of besides the dead force that it began with.
+        Its loads, without the initial dead force.
     conservative : bool
         Whether every load has a potential on this shell.
     """

@@ -67,7 +67,7 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
 def repair_mesh(
     path: str | os.PathLike[str], *, tolerance: float | None = None, component: Component | None = None
 ) -> tuple[TriangleMesh, RepairReport]:
-    """:func:`~modalshell.repair` of what a file holds; parameters as there, formats as :func:`load_mesh` reads."""
+    """Apply :func:`~modalshell.repair` to a file of a format that :func:`load_mesh` reads; same parameters."""
     file = Path(path)
     found = read_polygons(file)
     try:
@@ -77,7 +77,7 @@ def repair_mesh(
 
 
 def read_polygons(file: Path) -> Polygons:
-    """Vertices and polygons of a mesh file in its own order; MeshError where it cannot be read as its suffix says."""
+    """Vertices and polygons of a mesh file in its own order; MeshError if it is not of the format of its suffix."""
     suffix = _check_suffix(file, READABLE, "read")
     try:
         data = read_regular(file)
@@ -155,7 +155,7 @@ def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
 
 
 def _beside(file: Path) -> Any:
-    """Gives trimesh the files that lie beside ``file``: regular ones only."""
+    """Give trimesh access to regular files in the folder of ``file``."""
     from trimesh.resolvers import FilePathResolver
 
     class Beside(FilePathResolver):

@@ -147,7 +147,7 @@ def _relaxed(points: FloatArray, faces: IntArray, margin: FloatArray, *, anywher
     faces = _delaunay_inside(moved, margin, area)
     if not np.isclose(signed_areas(moved, faces).sum(), area.sum(), rtol=1e-9):
         raise OptionError(
-            "no Lloyd mesh fills this leaf's outline; choose cells nearer to square, or family='equilateral'"
+            "no Lloyd mesh fills this leaf's outline; choose cells that are closer to square, or family='equilateral'"
         )
     return moved, faces
 

@@ -20,7 +20,7 @@ from modalshell.mesh.topology import FloatArray, IntArray
 
 FAMILIES = ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")
 _CELL_BYTES, _SHELL_BYTES = 700, 8_000
-"""Memory that a cell of a mesh takes while it is made, and of a shell on it."""
+"""Memory per cell [bytes] while a mesh is made, and of a shell on it."""
 _SLOW_CELLS = 100_000
 """Cells from which a mesh and a shell on it take more than some five seconds."""
 _MOST_CELLS = 20_000_000
@@ -165,7 +165,7 @@ def _lloyd(length: float, width: float, columns: int, rows: int, *, anywhere: bo
     fixed = np.vstack(sides)
     refusal = OptionError(
         f"no Lloyd mesh fills the rectangle with cells=({columns}, {rows}) of {spacing[0]:g} x {spacing[1]:g} m; "
-        "choose cells nearer to square"
+        "choose cells that are closer to square"
     )
     try:
         interior = relax_in_rectangle(first, fixed, length, width)

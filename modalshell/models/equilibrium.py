@@ -15,6 +15,8 @@ from modalshell.mesh import TriangleMesh
 from modalshell.outcome import Outcome
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.render.picture import SMALL
+from modalshell.shell.pattern import SparsePattern
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.typing import Array
 
 
@@ -22,7 +24,7 @@ from modalshell.typing import Array
 @brief
 @dataclass(frozen=True)
 class Equilibrium:
-    """A static answer, with what the solver has to say about it.
+    """A static solution with its outcome and solver statistics.
 
     Attributes
     ----------
@@ -33,13 +35,13 @@ class Equilibrium:
         model can hold and that is not known to be unstable, ``Outcome.DISTORTED`` where it did at a state that no
         modal model describes.
     message : str
-        What else is to be said of the answer, a sentence; empty if nothing is.
+        Message about the solution; empty if there is none.
     iterations : int
         Solver iterations over the whole load path.
     residual : float
         Out-of-balance force relative to the load (model-specific norm, see each model).
     stable : bool or None
-        Whether a small disturbance dies away; None where that was not found out.
+        Whether it is stable; None if unknown.
     seconds : float
         Wall time.
     coordinates : ndarray or None
@@ -54,9 +56,9 @@ class Equilibrium:
     conservative : bool
         Whether the load has a potential; ``message`` says so where it has none.
     loading, gravity
-        The load of the answer, for derivatives of it; None where it was made without.
+        The load, for derivatives of the solution; None if unknown.
     mesh : TriangleMesh or None
-        The mesh at rest, for pictures; None where it was made without.
+        The mesh at rest, for pictures; None if unknown.
     """
 
     positions: Array
@@ -78,6 +80,13 @@ class Equilibrium:
     def __post_init__(self) -> None:
         finite_answer("the equilibrium's positions", self.positions)
 
+    def load_stiffness(self, pattern: SparsePattern) -> Array:
+        """Minus the derivatives of the load's forces by the positions, as entries of a Hessian; zero of dead loads."""
+        data = np.zeros(pattern.size)
+        if self.loading is not None and self.loading.live:
+            LiveLoads(self.loading).add_stiffness(pattern, self.positions, data)
+        return data
+
     @property
     def converged(self) -> bool:
         """Whether the model's own equations are solved: ``Outcome.CONVERGED``, or ``DISTORTED`` beyond its reach."""
@@ -96,7 +105,7 @@ class Equilibrium:
         Raises
         ------
         OptionError
-            If the answer came without its mesh.
+            If the mesh is unknown.
         """
         if self.mesh is None:
             raise OptionError("this equilibrium came without its mesh: draw that of a model's equilibrium()")

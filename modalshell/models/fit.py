@@ -45,7 +45,7 @@ class Fit:
     converged : bool
         Whether the least squares converged.
     residual : float
-        Root mean square of what is left: of coordinates [m], of frequencies as a share of each.
+        Root mean square of the residual in coordinates [m], or in frequencies as a share of each.
     evaluations : int
         Shells that were solved.
     """
@@ -87,7 +87,7 @@ def fit(
     observed : array_like, shape (k, 3), or (L, k, 3) with ``factors``
         Measured positions [m] in equilibrium; NaN for coordinates that were not measured.
     where : selection, optional
-        The k vertices that were measured, in the order of their numbers; all without it.
+        The k measured vertices, in the order of their numbers; by default all.
     average : bool
         Whether the mean position of these vertices was measured, as of a strip's tip: ``observed`` then is (3,), or
         (L, 3).
@@ -108,7 +108,7 @@ def fit(
     LoadError
         For loads of the wrong shape, or no measured number.
     SolverError
-        If no equilibrium is found at the first guess, or the measurements do not determine the constants.
+        If there is no equilibrium at the initial guess, or the measurements do not determine the constants.
     """
     checked_kind("shell", shell, Shell)
     names = _checked_constants(shell, wrt)

@@ -23,15 +23,17 @@ _SIZES = (0.5, 1.2)
 _AROUND = np.radians(30.0)
 """Sizes of the loads over the given one, and largest angle between half of them and it."""
 _POINT = 0.1
-"""Size of the point force, over the load's, that a third of them have besides."""
+"""Size of the additional point force of a third of the loads, relative to the load."""
 _DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
-"""Damping by the mass [1/s], and that by the stiffness [s] that half of the motions have besides."""
-_HELD_OUT = 8
+"""Mass damping [1/s], and stiffness damping [s] of half of the motions."""
+_HELD_OUT = 10
 """Motions on loads that are not in training."""
-_LINEAR, _STRESSED, _SHARE = 8, 10, 2
-"""Linear modes in the basis, those whose stresses are assumed, and stress modes over vectors."""
+_LINEAR, _STRESSED = 4, 6
+"""Linear modes in the basis, and those whose stresses are assumed."""
 _MOST_FRAMES = 900
 """Snapshots at most."""
+_EVEN, _LEAST = 0.5, 1e-3
+"""Power of its size by which a snapshot is divided, so that states before a snap count, and the least size for it."""
 _SMALL = 0.02
 """Share of the largest energy in training that counts as small."""
 
@@ -39,7 +41,7 @@ _SMALL = 0.02
 @final
 @dataclass(frozen=True)
 class Trained:
-    """What training found.
+    """Result of the training.
 
     Attributes
     ----------
@@ -98,7 +100,7 @@ def train(coarse: Shell, load: Array, modes: int, motions: int, seed: int, on_st
 
 
 def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:
-    """Basis and stress modes of motions (f, k, 3)."""
+    """Basis, as many stress modes, and half as many viscous ones, of motions (f, k, 3)."""
     rest = coarse.rest_positions
     every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
     frames = np.concatenate(motions)[::every]
@@ -107,16 +109,24 @@ def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, R
     leading = np.array([_membrane(coarse, rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
     elastic = np.array([_membrane(coarse, frame, np.zeros_like(frame)) for frame in frames]).T
     rates = np.array([_membrane(coarse, x, step) - _membrane(coarse, x, np.zeros_like(x)) for x, step in steps]).T
-    displacements = (frames - rest).reshape(len(frames), -1).T
+    displacements = _evened((frames - rest).reshape(len(frames), -1).T, np.repeat(coarse.mass, 3))
+    weight = np.concatenate([coarse.elements[0].weight, coarse.elements[1].weight])
+    softness = np.where(weight > 0.0, 0.5 / np.where(weight > 0.0, weight, 1.0), 0.0)
     basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
-    stresses = stress_modes(coarse, leading, elastic, _SHARE * modes)
-    viscous = stress_modes(coarse, leading[:, :0], rates, modes)
+    stresses = stress_modes(coarse, leading, _evened(elastic, softness), modes)
+    viscous = stress_modes(coarse, leading[:, :0], _evened(rates, softness), max(1, modes // 2))
     energy = max(coarse.raw_energy(frame) for frame in frames[::5])
     return Trained(basis, stresses, viscous, 0.0, 1.0, energy, ""), reduce_energy(coarse, basis, stresses, viscous)
 
 
+def _evened(snapshots: Array, weight: Array) -> Array:
+    """Snapshots (N, s) over a power of their sizes in the norm of ``weight`` (N,)."""
+    sizes = np.sqrt(weight @ snapshots**2)
+    return np.asarray(snapshots / np.maximum(sizes, _LEAST * sizes.max()) ** _EVEN)
+
+
 def _random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
-    """The load turned, half of the time by at most 30 degrees, scaled, and a third of the time with a point force."""
+    """Random loads: rotated (half of them by at most 30 degrees), scaled, and a third of them with a point force."""
     given = load.sum(axis=0)
     size = float(np.linalg.norm(given))
     random = rng.standard_normal(3)
@@ -163,7 +173,7 @@ def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
 def _held_out(
     found: Trained, reduced: ReducedStress, coarse: Shell, load: Array, damping: Damping, truth: Array
 ) -> tuple[float, float]:
-    """Error of a motion over its size, and its largest share of unseen membrane energy."""
+    """Error of a motion over its size, 1 where it fails, and its largest share of unseen membrane energy."""
     push = load.ravel() @ found.basis
     z = np.zeros_like(push)
     rates, frames, unseen = np.zeros_like(z), [], 0.0
@@ -172,7 +182,7 @@ def _held_out(
         force = push if frame < _LOADED else np.zeros_like(push)
         moved, solved, energy, seen, _ = implicit_step(reduced, z, rates, force, _DT, *factors, 1e-3)
         if not solved:
-            return np.inf, unseen
+            return 1.0, unseen
         rates, z = (moved - z) / _DT, moved
         x = coarse.rest_positions + (found.basis @ z).reshape(-1, 3)
         unseen = max(unseen, found.unseen(coarse, x, energy, seen))

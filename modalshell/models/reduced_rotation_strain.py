@@ -17,13 +17,14 @@ from modalshell.models.modal import ModalModel
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.modes import Basis
+from modalshell.page import ReducedWarp
 from modalshell.reduction.load_points import LoadPoints
 from modalshell.reduction.load_quadrature import ModalPush
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _CANDIDATES = 2000
-"""Triangles to choose from; of more, so many are drawn by area."""
+"""Largest number of candidate triangles; a sample by area of more."""
 _FEATURES = 96
 """Principal components of the candidates' F - I that the sampled triangles must determine."""
 _RESOLVED = 1e-7
@@ -50,6 +51,8 @@ class ReducedRotationStrain(TurnedTriangles):
         Modal coordinates to train on, s of at least ``rank``.
     rank : int
         Columns of U. Positions cost a product with a (3n, m + rank) matrix.
+    samples : int
+        Triangles that are sampled at most, up to 128.
 
     Attributes
     ----------
@@ -67,29 +70,30 @@ class ReducedRotationStrain(TurnedTriangles):
 
     name = "reduced RSW"
 
-    def __init__(self, model: RotationStrain, coordinates: ArrayLike, *, rank: int = 32) -> None:
+    def __init__(self, model: RotationStrain, coordinates: ArrayLike, *, rank: int = 32, samples: int = TILE) -> None:
         checked_kind("model", model, RotationStrain)
         basis, shell = model.basis, model.shell
         rank = checked_count("rank", rank)
-        samples = checked_vectors("coordinates", coordinates, (vector_count(coordinates), basis.count), OptionError)
+        most = checked_count("samples", samples, at_most=TILE)
+        given = checked_vectors("coordinates", coordinates, (vector_count(coordinates), basis.count), OptionError)
         _check_held(basis)
-        if len(samples) < rank:
-            raise OptionError(f"training needs at least rank = {rank} coordinates (got {len(samples)})")
-        if np.abs(samples).max() < 1.0 / LARGEST:
+        if len(given) < rank:
+            raise OptionError(f"training needs at least rank = {rank} coordinates (got {len(given)})")
+        if np.abs(given).max() < 1.0 / LARGEST:
             raise OptionError(
-                f"training needs coordinates that move the shell (got at most {np.abs(samples).max():g} in size)"
+                f"training needs coordinates that move the shell (got at most {np.abs(given).max():g} in size)"
             )
         root_mass = np.sqrt(np.repeat(shell.mass, 3))
-        full = np.array([model.raw_displacement(q).ravel() for q in samples])
-        wanted, shapes = principal((full - samples @ basis.modes.T) * root_mass, rank)
+        full = np.array([model.raw_displacement(q).ravel() for q in given])
+        wanted, shapes = principal((full - given @ basis.modes.T) * root_mass, rank)
         shapes = shapes / root_mass
 
         chosen = candidates(shell.mesh.face_areas)
         modal = tiled(model.turns_and_strains(chosen))
-        bent = np.array([deformations(modal, q) for q in samples])
-        bent = (bent - samples @ linear_part(modal).T)[:, places(len(chosen)).ravel()]
+        bent = np.array([deformations(modal, q) for q in given])
+        bent = (bent - given @ linear_part(modal).T)[:, places(len(chosen)).ravel()]
         amounts, features = principal(bent, _FEATURES)
-        picked = interpolation_triangles(features)
+        picked = interpolation_triangles(features, most)
         self.triangles: Index = chosen[picked]
         rows = (6 * picked[:, None] + np.arange(6)).ravel()
         # Features from the sampled triangles, then the wanted coordinates from the features; their columns have the
@@ -102,7 +106,7 @@ class ReducedRotationStrain(TurnedTriangles):
         self._map[:, places(len(picked)).ravel()] = regression
         linear = basis.modes - shapes.T @ (self._map @ linear_part(modal))
         self._expansion = np.ascontiguousarray(np.hstack([linear, shapes.T]))
-        reduced = np.array([self.raw_displacement(q).ravel() for q in samples])
+        reduced = np.array([self.raw_displacement(q).ravel() for q in given])
         errors, lengths = (np.linalg.norm(moved * root_mass, axis=1) for moved in (reduced - full, full))
         self.training_error = float((errors[lengths > 0.0] / lengths[lengths > 0.0]).max())
 
@@ -120,16 +124,17 @@ class ReducedRotationStrain(TurnedTriangles):
         mixtures: int = 4,
         aside: float = 0.0,
         rank: int = 32,
+        samples: int = TILE,
         seed: int = 0,
     ) -> ReducedRotationStrain:
-        """Train on static answers to loads, and on what motion makes of them.
+        """Train on static solutions under loads, and on perturbed copies of them.
 
         Parameters
         ----------
         model : RotationStrain
             The full model.
         gravities : array_like, shape (k, 3), optional
-            Accelerations [m/s^2] whose static answers are trained on: the range of loads to come.
+            Accelerations [m/s^2] whose static solutions are trained on: the expected range of loads.
         loads : array_like, shape (k, n, 3), optional
             The same as forces on the vertices [N]; one of both must be there.
         mixtures : int
@@ -138,8 +143,10 @@ class ReducedRotationStrain(TurnedTriangles):
         aside : float
             Size of random coordinates added to the copies, as a share of the answer's energy norm: without them forces
             are wrong in modes that the loads leave alone.
-        rank, seed : int
-            Columns of U, and seed of the random numbers.
+        rank, samples : int
+            Columns of U, and triangles that are sampled at most.
+        seed : int
+            Of the random numbers.
 
         Raises
         ------
@@ -164,7 +171,16 @@ class ReducedRotationStrain(TurnedTriangles):
             root = np.sqrt(model.basis.eigenvalues)
             sizes = np.linalg.norm(answers * root, axis=1)[:, None] / root
             mixed += aside * sizes * rng.standard_normal(factors.shape)
-        return cls(model, np.vstack([answers, mixed.reshape(-1, answers.shape[1])]), rank=rank)
+        return cls(model, np.vstack([answers, mixed.reshape(-1, answers.shape[1])]), rank=rank, samples=samples)
+
+    def on_page(self) -> ReducedWarp:
+        """What a page needs to move by this model."""
+        count, modes = len(self.triangles), self.basis.count
+        return ReducedWarp(
+            self._expansion[:, modes:],
+            self._map[:, places(count)].transpose(2, 1, 0).reshape(6 * count, -1),
+            self._modal[0].reshape(modes, 6, TILE)[:, :, :count].reshape(modes, -1).T,
+        )
 
     def raw_displacement(self, q: Array) -> Array:
         """Displacements (n, 3) [m] of the reduced surface."""
@@ -210,11 +226,11 @@ def candidates(areas: Array) -> Index:
     return np.sort(rng.choice(len(areas), _CANDIDATES, replace=False, p=areas / areas.sum()))
 
 
-def interpolation_triangles(features: Array) -> Index:
-    """A tile of triangles whose six numbers determine the coordinates of features (p, 6 k) best: pivots of QR."""
+def interpolation_triangles(features: Array, count: int = TILE) -> Index:
+    """Triangles, ``count`` at most, whose six numbers determine features (p, 6 k) best: pivots of QR."""
     _, _, pivots = scipy.linalg.qr(features, pivoting=True, mode="economic")
     triangles, first = np.unique(pivots // 6, return_index=True)
-    return np.sort(triangles[np.argsort(first)][:TILE])
+    return np.sort(triangles[np.argsort(first)][:count])
 
 
 def places(count: int) -> Index:

@@ -29,14 +29,14 @@ class SpringSheet(FullModel):
     shell : Shell
         Mesh, masses and supports; its energies too where ``springs`` are not given.
     springs : Springs, optional
-        Between the mesh's vertices; those of :func:`modalshell.springs.shell_springs` without it.
+        Springs between the mesh's vertices; by default those of :func:`modalshell.springs.shell_springs`.
     integrator : str or FullIntegrator
         As for :class:`DiscreteShell`. ``"linear_implicit"`` is the method of Baraff and Witkin [baraff1998].
     solver : {"factor", "cg"}
         How ``"linear_implicit"`` solves its equations: by a sparse factorisation, or by conjugate gradients on blocks
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
     iterations : int
-        Most conjugate-gradient iterations in a step.
+        Largest number of conjugate-gradient iterations per step.
     allow_unstable_step, step_tolerance, backend
         As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
     reference_fold : float

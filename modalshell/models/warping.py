@@ -25,13 +25,13 @@ from modalshell.work import count_products, count_read
 _TOLERANCE = 1e-9
 """Relative residual at which an equilibrium has converged."""
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
-"""Share of the load below which a load step is given up."""
+"""Smallest load step, relative to the load."""
 _NEWTON_LIMIT = 12
 """Newton iterations at one load at most."""
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
 _LOAD_TURN = 0.5
-"""Turn of a vertex [rad] that one load step may predict."""
+"""Largest predicted rotation of a vertex [rad] per load step."""
 
 
 @final
@@ -232,7 +232,7 @@ class ModalWarping(ModalModel):
         return y, residual, iteration, False
 
     def _turn(self, y: Array, root: Array) -> float:
-        """Largest turn of a vertex [rad] at y."""
+        """Largest rotation of a vertex [rad] at y."""
         return float(rotations.largest_angle((self._rotations @ (y / root)).reshape(-1, 3)))
 
     def _follow(self, load: Array, root: Array, scale: float) -> tuple[Array, float, int, bool]:
@@ -265,5 +265,5 @@ class ModalWarping(ModalModel):
 
 
 def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:
-    """MWTS under the consistent modal force ``J^T f``: a record of its own on the ladder."""
+    """MWTS under the consistent modal force ``J^T f``, a separate entry of the registry."""
     return ModalWarping(basis, integrator=integrator, consistent_force=True)

@@ -27,7 +27,7 @@ from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
-from modalshell.page import Page, modal_page
+from modalshell.page import Page, ReducedWarp, modal_page
 from modalshell.plugins import load_plugins
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
@@ -37,7 +37,7 @@ from modalshell.supports import SUPPORTS, Clamp, Support
 from modalshell.typing import Array
 
 _SHOWN_SHARE = 0.15
-"""Largest displacement of a mode that is drawn, as a share of the shell's size."""
+"""Largest displacement in a picture of a mode, over the shell's size."""
 _STRIP = 8
 """Mode shapes that a notebook shows of a basis."""
 _FORMAT = 1
@@ -153,6 +153,7 @@ class Basis(ReadOnlyArrays):
         force: ArrayLike | None = None,
         damping: tuple[float, float] = (0.5, 0.001),
         dt: float = 1.0 / 60.0,
+        reduced: ReducedWarp | None = None,
     ) -> Page:
         """A self-contained web page on which the shell moves by LMA and MWTS; notebooks show it live.
 
@@ -160,7 +161,7 @@ class Basis(ReadOnlyArrays):
         ----------
         path : str or path, optional
             HTML file to write.
-        title, gravity, force, damping, dt
+        title, gravity, force, damping, dt, reduced
             See :func:`modalshell.page.modal_page`.
 
         Raises
@@ -180,13 +181,14 @@ class Basis(ReadOnlyArrays):
             force=force,
             damping=damping,
             dt=dt,
+            reduced=reduced,
         )
         if path is not None:
             page.save(path)
         return page
 
     def plot(self, *, count: int | None = None, size: tuple[int, int] = (1600, 900)) -> Picture:
-        """Draw the first ``count`` mode shapes, all without it, coloured by their displacement, with frequencies.
+        """Draw the first ``count`` mode shapes (by default all), coloured by displacement, with frequencies.
 
         A notebook shows the picture, and its ``save(path)`` writes it.
         """
@@ -286,7 +288,9 @@ def solve_modes(
         Loads, or forces [N], under which the shell's linear answer shall be in the basis, too: for each that the modes
         do not hold already a vector follows them, so that vectors stay orthonormal and eigenvalues ascend.
     about : Equilibrium or array_like, shape (n, 3), optional
-        A stable state under dead loads, or its positions [m]: small vibrations are those about it.
+        A stable state: small vibrations are those about it. Loads of an equilibrium that follow the shell add their
+        stiffness, unsymmetric where they have no potential; forces by velocity, such as drag, are left out. About
+        positions [m] alone loads count as dead.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 

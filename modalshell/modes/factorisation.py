@@ -121,7 +121,7 @@ def _symmetric_lu(matrix: sps.csc_matrix, order: Literal["MMD_AT_PLUS_A", "NATUR
 
 
 class _SuperLU(Factor):
-    """SciPy's SuperLU in symmetric mode: minimum-degree order of A + A^T, found once a pattern, and diagonal pivots."""
+    """SciPy's SuperLU in symmetric mode: minimum-degree order of A + A^T, once per pattern, and diagonal pivots."""
 
     backend = "superlu"
 
@@ -170,7 +170,7 @@ class _GeneralLU(Factor):
         return self._factor.solve(np.ascontiguousarray(right_side))
 
     def is_definite(self) -> bool:
-        """False: nothing is known of it."""
+        """False: unknown."""
         return False
 
 
@@ -194,7 +194,7 @@ _SMALL = 3000
 
 
 class Factoriser:
-    """Factorises matrices of one pattern, keeping what the back end has learnt of it; threads may share it.
+    """Factorises matrices of one pattern, reusing its symbolic analysis; thread-safe.
 
     Parameters
     ----------
@@ -218,9 +218,9 @@ class Factoriser:
         self._ordering: _Ordering | None = None
 
     def definite(self, matrix: sps.csc_array) -> Factor:
-        """Factor of a positive definite matrix (both triangles stored); SolverError if it is found not to be.
+        """Factor of a positive definite matrix (both triangles stored); SolverError if it proves not to be.
 
-        SuperLU takes other matrices without a word: ask its factor's ``is_definite`` where that matters.
+        SuperLU accepts other matrices silently: check the factor's ``is_definite`` if that matters.
         """
         _check_finite(matrix)
         if self._takes_superlu(matrix):

@@ -6,17 +6,23 @@ from dataclasses import dataclass
 from typing import Any, Protocol, final
 
 import numpy as np
+import scipy.sparse as sps
+import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
 from modalshell.brief import brief
 from modalshell.checks import finite_answer
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes.eigenpairs import canonical_pairs, dense_pairs, lanczos_pairs, mass_scaled
+from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell import EXACT, Shell
+from modalshell.shell.pattern import SparsePattern
 from modalshell.typing import Array
 
+_REAL = 1e-6
+"""Share of an eigenvalue up to which its imaginary part is rounding."""
 _DENSE_BELOW = 150
 """Unknowns up to which a dense solver finds all eigenpairs."""
 
@@ -28,12 +34,19 @@ class State(Protocol):
     def positions(self) -> Array:
         """Vertex positions (n, 3) [m]."""
 
+    @property
+    def conservative(self) -> bool:
+        """Whether the load has a potential."""
+
+    def load_stiffness(self, pattern: SparsePattern) -> Array:
+        """Minus the derivatives of the load's forces, as entries of a Hessian."""
+
 
 @final
 @brief
 @dataclass(frozen=True)
 class LoadedModes(ReadOnlyArrays):
-    """Small vibrations of a shell about a stable state under dead loads.
+    """Small vibrations of a shell about a stable state.
 
     Attributes
     ----------
@@ -44,13 +57,17 @@ class LoadedModes(ReadOnlyArrays):
     eigenvalues : ndarray, shape (m,)
         Squared angular frequencies [1/s^2], ascending.
     modes : ndarray, shape (3n, m)
-        Mass-orthonormal displacements from the state, as supports allow them [1/sqrt(kg)].
+        Mass-orthonormal displacements from the state, as supports allow them [1/sqrt(kg)]; under a load without a
+        potential each is of length one in the norm of the mass, but they are not orthogonal.
+    conservative : bool
+        Whether the load has a potential.
     """
 
     shell: Shell
     positions: Array
     eigenvalues: Array
     modes: Array
+    conservative: bool = True
 
     @property
     def frequencies(self) -> Array:
@@ -66,19 +83,27 @@ class LoadedModes(ReadOnlyArrays):
 def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: str | None) -> LoadedModes:
     """The ``count`` lowest vibrations about a state, or positions (n, 3) [m]; see :func:`modalshell.solve_modes`."""
     given: Any = about
+    state: State | None = given if hasattr(given, "load_stiffness") else None
     x = shell.checked_positions(getattr(given, "positions", given))
     unknowns = shell.unknowns
     if count > unknowns.count:
         raise OptionError(f"count must be at most {unknowns.count}, the number of free unknowns (got {count})")
     mass = unknowns.masses(shell.mass)
     data = shell.energy_gradient_hessian(x, EXACT)[2]
+    if state is not None:
+        data += state.load_stiffness(shell.pattern)
     if not np.isfinite(data).all():
         raise OptionError("about must be a stable state (got one whose stiffness is not finite)")
+    if state is not None and not state.conservative:
+        values, vectors = _general_pairs(shell, data, mass, count)
+        modes = np.asarray(unknowns.prolong(vectors / np.sqrt(mass)[:, None]))
+        return LoadedModes(shell, read_only(x.copy()), read_only(values), read_only(modes), conservative=False)
     root, none = np.sqrt(mass), np.empty((mass.size, 0))
     wanted = min(count + 1, mass.size)
     unstable = OptionError(
-        "about must be a stable state under dead loads, of a shell that its supports hold (got one about which the "
-        "stiffness is not positive definite): see its stable and its converged"
+        "about must be a stable state of a shell that its supports hold (got one about which the stiffness is not "
+        "positive definite): see its stable and its converged; under loads that follow the shell, pass the equilibrium "
+        "itself"
     )
     if mass.size <= max(_DENSE_BELOW, 3 * wanted):
         dense = np.asarray(mass_scaled(shell, data) @ np.eye(mass.size))
@@ -98,3 +123,40 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
     modes = np.asarray(unknowns.prolong(vectors / root[:, None]))
     finite_answer("the modes", values, modes)
     return LoadedModes(shell, read_only(x.copy()), read_only(values.copy()), read_only(modes))
+
+
+def _general_pairs(shell: Shell, data: Array, mass: Array, count: int) -> tuple[Array, Array]:
+    """The lowest eigenvalues (m,), and eigenvectors (N, m) of length one, of an unsymmetric stiffness over the mass.
+
+    OptionError where one is complex or not positive: such a state flutters or drifts away.
+    """
+    matrix = sps.csc_array(shell.pattern.free_matrix(data).T)  # its arrays are those of CSR
+    internal = shell.pattern.internal
+    factor = condensed_factor(Factoriser().general(matrix), 0 if internal is None else internal.count)
+    root = np.sqrt(mass)
+
+    def inverse(vector: Array) -> Array:
+        return root * factor.solve(root * vector.ravel())
+
+    if mass.size <= max(_DENSE_BELOW, 3 * count):
+        inverses, vectors = np.linalg.eig(np.stack([inverse(unit) for unit in np.eye(mass.size)], axis=1))
+    else:
+        operator = spla.LinearOperator((mass.size, mass.size), matvec=inverse, dtype=np.float64)
+        start = np.random.default_rng(0).standard_normal(mass.size)
+        try:
+            inverses, vectors = spla.eigs(operator, count + 1, which="LM", v0=start)
+        except spla.ArpackError as error:
+            raise SolverError(f"the modes about the state did not converge: {error}") from error
+    order = np.argsort(-np.abs(inverses), kind="stable")[:count]
+    inverses, vectors = inverses[order], vectors[:, order]
+    if (inverses.real <= 0.0).any() or (np.abs(inverses.imag) > _REAL * np.abs(inverses)).any():
+        raise OptionError(
+            "about must be a stable state (got one that flutters or drifts away under its load, which has no "
+            "potential): see its stable and its converged"
+        )
+    # Real ones, as the largest entry is.
+    vectors = np.stack([(one / one[np.argmax(np.abs(one))]).real for one in vectors.T], axis=1)
+    vectors /= np.linalg.norm(vectors, axis=0)
+    found = canonical_pairs(1.0 / inverses.real, vectors, count)
+    finite_answer("the modes", *found)
+    return found

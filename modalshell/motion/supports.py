@@ -31,7 +31,7 @@ class Pose:
     translation : ndarray, shape (3,)
         Of the pivot [m].
     pivot : ndarray, shape (3,)
-        Point of the rest shape about which it turns [m].
+        Point of the rest shape about which it rotates [m].
     acceleration : ndarray, shape (3,)
         Of the pivot, in the shell's frame [m/s^2].
     turn_rate, turn_acceleration : ndarray, shape (3,)
@@ -91,7 +91,7 @@ class SupportPath:
     translations : array_like, shape (k, 3)
         Displacement of the supports [m].
     rotation_vectors : array_like, shape (k, 3), optional
-        Rotation of the supports from their rest orientation [rad], more than one turn if need be; none without it.
+        Rotation of the supports from their rest orientation [rad], may exceed one turn; none by default.
     pivot : array_like, shape (3,)
         Point of the rest shape about which they turn [m].
 

@@ -120,12 +120,16 @@ function clear() {  // the canvas at its size in the page, white
   gl.clearColor(1, 1, 1, 1);
   gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
 }
-function modalTexture(tables, n, m) {  // half floats (n, 3, m) of each table, entry (table * m + mode) * n + vertex
-  const texels = new Uint16Array(3 * WIDTH * Math.ceil(tables.length * m * n / WIDTH));
-  tables.forEach((half, which) => {
+function modalTexture(tables, n) {  // half floats (n, 3, columns) of each table, entry column * n + vertex
+  const columns = tables.reduce((sum, half) => sum + half.length / (3 * n), 0);
+  const texels = new Uint16Array(3 * WIDTH * Math.ceil(columns * n / WIDTH));
+  let first = 0;
+  for (const half of tables) {
+    const m = half.length / (3 * n);
     for (let i = 0; i < n; i++) for (let a = 0; a < 3; a++) for (let k = 0; k < m; k++)
-      texels[3 * ((which * m + k) * n + i) + a] = half[(3 * i + a) * m + k];
-  });
+      texels[3 * ((first + k) * n + i) + a] = half[(3 * i + a) * m + k];
+    first += m;
+  }
   return texture(gl.RGB16F, WIDTH, texels.length / (3 * WIDTH), gl.RGB, gl.HALF_FLOAT, texels);
 }
 function surface(made, rest, faces) {  // attribute and index buffers of a mesh

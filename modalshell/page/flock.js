@@ -88,7 +88,7 @@ void main() {
 const rest = new Float32Array(bytes(data.rest)), faces = new Uint32Array(bytes(data.faces));
 const scales = new Float32Array(4 * m), modeTable = new Float32Array(8 * m), knots = new Float32Array(4 * 256);
 for (let k = 0; k < m; k++) {
-  scales.set([data.phiScales[k], data.psiScales[k]], 4 * k);
+  scales.set([data.phi.scales[k], data.psi.scales[k]], 4 * k);
   modeTable.set([...data.modalWeights[k], data.flapForce[k]], 4 * k);
   modeTable.set([data.eigenvalues[k], data.damping[k], 0, 0], 4 * (m + k));
 }
@@ -194,8 +194,8 @@ if (gl && gl.getExtension("EXT_color_buffer_float")) {
   drawn = program(DRAWN.replaceAll("place_", "spot"), SHADED.replaceAll("place", "spot"));
   mesh = surface(drawn.made, rest, faces);
   empty = gl.createVertexArray();
-  const halves = [data.phi, data.psi].map(text => new Uint16Array(bytes(text)));
-  fixed = {table: modalTexture(halves, n, m), scales: floats(m, 1, scales), modes: floats(m, 2, modeTable),
+  const halves = [data.phi, data.psi].map(part => new Uint16Array(bytes(part.halves)));
+  fixed = {table: modalTexture(halves, n), scales: floats(m, 1, scales), modes: floats(m, 2, modeTable),
            knots: floats(256, 1, knots), own: spread(new Float32Array(bytes(data.own)), 2)};
   restart();
   connect();

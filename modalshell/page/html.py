@@ -82,8 +82,7 @@ def modal_data(
     }
     for name, matrix in (("phi", modes), ("psi", rotations)):
         if matrix is not None:
-            half, scales = _halves(matrix)
-            data |= {name: encoded(half), f"{name}Scales": scales.tolist()}
+            data[name] = encoded_columns(matrix)
     return data
 
 
@@ -92,8 +91,8 @@ def encoded(array: NDArray[Any]) -> str:
     return base64.b64encode(np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes()).decode("ascii")
 
 
-def _halves(matrix: Array) -> tuple[NDArray[np.float16], Array]:
-    """Columns scaled to 1 at most as half floats (3n, m), and their scales (m,)."""
+def encoded_columns(matrix: Array) -> dict[str, Any]:
+    """Columns of a matrix scaled to 1 at most as half floats, and their scales."""
     scales = np.abs(matrix).max(axis=0, initial=0.0)
     scales[scales == 0.0] = 1.0
-    return (matrix / scales).astype(np.float16), scales
+    return {"halves": encoded((matrix / scales).astype(np.float16)), "scales": scales.tolist()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,13 +11,33 @@ from numpy.typing import ArrayLike
 from modalshell.checks import checked_number, checked_vectors
 from modalshell.errors import LoadError, OptionError
 from modalshell.mesh import TriangleMesh
-from modalshell.page.html import Page, encoded, filled_page, modal_data
+from modalshell.page.html import Page, encoded, encoded_columns, filled_page, modal_data
 from modalshell.typing import Array, Index
 
 _SHOWN_SHARE = 0.2
 """Largest displacement of a mode shown by itself, as a share of the shell's size."""
 _PULL = 20.0
 """Force of the pointer at a distance of the shell's size, in weights of the shell on Earth."""
+
+
+class ReducedWarp(NamedTuple):
+    """The rotation-strain warp in reduced form: ``u = Phi q + U M (F(q) - I - L q)``, F of T sampled triangles.
+
+    F = exp([w]) (I + S) of a triangle has six numbers, in its own frame; L q is the part that is linear in q.
+
+    Attributes
+    ----------
+    shapes : ndarray, shape (3n, r)
+        U [m].
+    amounts : ndarray, shape (6 T, r)
+        Transposed M: the six numbers of all triangles one after another.
+    turns : ndarray, shape (6 T, m)
+        Turn w and strain S (aa, bb, ab) of the triangles in every mode.
+    """
+
+    shapes: Array
+    amounts: Array
+    turns: Array
 
 
 def modal_page(
@@ -33,6 +53,7 @@ def modal_page(
     force: ArrayLike | None = None,
     damping: tuple[float, float] = (0.5, 0.001),
     dt: float = 1.0 / 60.0,
+    reduced: ReducedWarp | None = None,
 ) -> Page:
     """The page of a modal basis.
 
@@ -62,6 +83,8 @@ def modal_page(
         Rayleigh factors of mass [1/s] and stiffness [s].
     dt : float
         Time step [s].
+    reduced : ReducedWarp, optional
+        RSW in reduced form, which the page then offers as a third model.
 
     Raises
     ------
@@ -93,4 +116,6 @@ def modal_page(
         "centre": centre.tolist(),
         "pull": _PULL * 9.81 * float(mass.sum()) / float(mesh.size),
     }
+    if reduced is not None:
+        data["reduced"] = {name: encoded_columns(part) for name, part in reduced._asdict().items()}
     return filled_page("shell", title, data, mesh.vertices, mesh.faces)

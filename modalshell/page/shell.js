@@ -1,4 +1,4 @@
-// ---- a shell: LMA and MWTS, or the shapes of a stored motion ----
+// ---- a shell: LMA, MWTS and reduced RSW, or the shapes of a stored motion ----
 function fromHalf(halves, scales, m) {  // (n, 3, m) half floats times a scale for each mode
   const out = new Float32Array(halves.length);
   for (let i = 0; i < halves.length; i++) {
@@ -11,19 +11,22 @@ function fromHalf(halves, scales, m) {  // (n, 3, m) half floats times a scale f
 const n = data.vertices, m = data.modes;
 const rest = new Float32Array(bytes(data.rest)), faces = new Uint32Array(bytes(data.faces));
 const play = data.play ? new Float32Array(bytes(data.play)) : null;  // amplitudes of a stored motion, instead of a model
-const tables = (play ? ["phi"] : ["phi", "psi"]).map(name => new Uint16Array(bytes(data[name])));
-const phi = fromHalf(tables[0], data.phiScales, m), psi = play ? null : fromHalf(tables[1], data.psiScales, m);
+const halves = part => new Uint16Array(bytes(part.halves)), floatsOf = part => fromHalf(halves(part), part.scales, part.scales.length);
+const phi = floatsOf(data.phi), psi = play ? null : floatsOf(data.psi);
+const reduced = data.reduced || null, r = reduced ? reduced.shapes.scales.length : 0;
+const shapes = reduced && floatsOf(reduced.shapes), amounts = reduced && floatsOf(reduced.amounts), turns = reduced && floatsOf(reduced.turns);
 const mass = play ? null : new Float32Array(bytes(data.mass));
 const force = data.force ? new Float32Array(bytes(data.force)) : null;
 const lambda = data.eigenvalues;
 const state = {
-  q: new Float64Array(m), v: new Float64Array(m), time: play ? data.times[0] : 0, count: m, warp: !play,
+  q: new Float64Array(m), v: new Float64Array(m), time: play ? data.times[0] : 0, count: m, model: play ? "lma" : "mwts",
   xi: play ? 0 : data.damping[0], zeta: play ? 0 : data.damping[1],
   gravity: data.gravity.slice(), pull: null, shown: -1, paused: false,
 };
 
 // ---- the model: warp, modal force, implicit Euler of modes ----
 function rowsTimes(matrix, i, q, out) {
+  const m = q.length;
   let x = 0, y = 0, z = 0, at = 3 * i * m;
   for (let k = 0; k < m; k++) x += matrix[at++] * q[k];
   for (let k = 0; k < m; k++) y += matrix[at++] * q[k];
@@ -37,9 +40,53 @@ function combination(w, u, a, b, c, out) {  // a u + b w x u + c w x (w x u)
   out[2] = a * u[2] + b * z + c * (w[0] * y - w[1] * x);
 }
 const W = new Float64Array(3), U = new Float64Array(3), F = new Float64Array(3), T = new Float64Array(3);
-function position(i, q, out) {
+const bent = new Float64Array(r);  // coordinates of the shapes that reduced RSW adds
+// Numbers of sampled triangle t, in its frame: turn w, strain (aa, bb, ab), and the columns Ra, Rb of exp([w]).
+function turned(t, q) {
+  const p = new Float64Array(6);
+  for (let c = 0; c < 6; c++) for (let k = 0, at = (c * turns.length / (6 * m) + t) * m; k < m; k++) p[c] += turns[at + k] * q[k];
+  const [x, y, z] = p, s = x * x + y * y + z * z, f = Math.sqrt(s), small = s < 1e-4;
+  const c1 = small ? 1 - s / 6 : Math.sin(f) / f, c2 = small ? 0.5 - s / 24 : (1 - Math.cos(f)) / s;
+  const d1 = small ? s / 60 - 1 / 6 : (Math.cos(f) - c1) / (2 * s), d2 = small ? s / 360 - 1 / 24 : (c1 - 2 * c2) / (2 * s);
+  const a = [1 + c2 * (x * x - s), c1 * z + c2 * x * y, c2 * x * z - c1 * y];
+  const b = [c2 * x * y - c1 * z, 1 + c2 * (y * y - s), c1 * x + c2 * y * z];
+  return {w: [x, y, z], strain: [p[3], p[4], p[5]], a, b, s, c1, c2, d1, d2};
+}
+function bend(q) {  // amounts of F(q) - I less its linear part
+  if (state.model !== "rsw") return;
+  bent.fill(0);
+  const count = turns.length / (6 * m);
+  for (let t = 0; t < count; t++) {
+    const {w, strain: [aa, bb, ab], a, b} = turned(t, q);
+    for (let i = 0; i < 3; i++) {
+      const along = a[i] * (1 + aa) + b[i] * ab - [1 + aa, ab + w[2], -w[1]][i];
+      const across = a[i] * ab + b[i] * (1 + bb) - [ab - w[2], 1 + bb, w[0]][i];
+      for (let k = 0; k < r; k++) bent[k] += amounts[(i * count + t) * r + k] * along + amounts[((3 + i) * count + t) * r + k] * across;
+    }
+  }
+}
+function addBentForce(q, push, p) {  // gradient of push . bent(q) [huang2011]
+  const count = turns.length / (6 * m), dot = (x, y) => x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+  for (let t = 0; t < count; t++) {
+    const {w, strain: [aa, bb, ab], a, b, s, c1, c2, d1, d2} = turned(t, q), ga = [0, 0, 0], gb = [0, 0, 0];
+    for (let i = 0; i < 3; i++) for (let k = 0; k < r; k++) {
+      ga[i] += amounts[(i * count + t) * r + k] * push[k]; gb[i] += amounts[((3 + i) * count + t) * r + k] * push[k];
+    }
+    const na = ga.map((x, i) => x * (1 + aa) + gb[i] * ab), nb = gb.map((x, i) => ga[i] * ab + x * (1 + bb));
+    const axial = [nb[2], -na[2], na[1] - nb[0]], trace = na[0] + nb[1], alongA = dot(w, na), alongB = dot(w, nb);
+    const slope = 2 * (d1 * dot(axial, w) + d2 * (alongA * w[0] + alongB * w[1] - s * trace));
+    const by = [0, 1, 2].map(i => c1 * axial[i] + c2 * (na[i] * w[0] + nb[i] * w[1] + [alongA, alongB, 0][i] - 2 * w[i] * trace) + slope * w[i]);
+    by.push(dot(ga, a), dot(gb, b), dot(ga, b) + dot(gb, a));
+    const linear = [gb[2], -ga[2], ga[1] - gb[0], ga[0], gb[1], ga[1] + gb[0]];
+    for (let c = 0; c < 6; c++) for (let k = 0, at = (c * count + t) * m; k < m; k++) p[k] += turns[at + k] * (by[c] - linear[c]);
+  }
+}
+function position(i, q, out) {  // after bend(q)
   rowsTimes(phi, i, q, U);
-  if (state.warp) {
+  if (state.model === "rsw") {
+    rowsTimes(shapes, i, bent, T);
+    for (let a = 0; a < 3; a++) U[a] += T[a];
+  } else if (state.model === "mwts") {
     rowsTimes(psi, i, q, W);
     const s = W[0] * W[0] + W[1] * W[1] + W[2] * W[2], t = Math.sqrt(s), small = s < 1e-4;
     combination(W, U, 1, small ? 0.5 - s / 24 : (1 - Math.cos(t)) / s,
@@ -50,12 +97,13 @@ function position(i, q, out) {
 }
 function modalForce(q, p) {
   p.fill(0);
-  const g = state.gravity;
+  const g = state.gravity, push = new Float64Array(r);
   for (let i = 0; i < n; i++) {
     for (let a = 0; a < 3; a++) F[a] = mass[i] * g[a] + (force ? force[3 * i + a] : 0);
     if (state.pull && state.pull.vertex === i) for (let a = 0; a < 3; a++) F[a] += state.pull.force[a];
     if (F[0] === 0 && F[1] === 0 && F[2] === 0) continue;
-    if (state.warp) {
+    if (state.model === "rsw") for (let k = 0; k < r; k++) for (let a = 0; a < 3; a++) push[k] += shapes[(3 * i + a) * r + k] * F[a];
+    if (state.model === "mwts") {
       rowsTimes(psi, i, q, W);
       const s = W[0] * W[0] + W[1] * W[1] + W[2] * W[2], t = Math.sqrt(s), small = s < 1e-4;
       combination(W, F, 1, -(small ? 1 - s / 6 : Math.sin(t) / t), small ? 0.5 - s / 24 : (1 - Math.cos(t)) / s, T);
@@ -64,6 +112,7 @@ function modalForce(q, p) {
     let at = 3 * i * m;
     for (let a = 0; a < 3; a++) for (let k = 0; k < m; k++) p[k] += phi[at++] * F[a];
   }
+  if (state.model === "rsw") addBentForce(q, push, p);
 }
 const load = new Float64Array(m);
 function step(h, xi) {
@@ -104,6 +153,7 @@ function playAt(time) {  // amplitudes between the two nearest frames
 function release() { state.q.fill(0); state.v.fill(0); state.time = 0; }
 function positions(q = state.q) {
   const out = new Float64Array(3 * n), x = new Float64Array(3);
+  bend(q);
   for (let i = 0; i < n; i++) { position(i, q, x); out.set(x, 3 * i); }
   return out;
 }
@@ -121,7 +171,7 @@ const restArea = area(rest);
 
 // ---- drawing: the warp runs in the vertex shader ----
 const VERTEX = WARP + `
-uniform sampler2D table; uniform float q[${2 * m}]; uniform mat4 camera; uniform bool warp;
+uniform sampler2D table; uniform float q[${2 * m + r}]; uniform mat4 camera; uniform bool warp;
 in vec3 rest; out vec3 place;
 vec3 entry(int at) { return texelFetch(table, ivec2(at % ${WIDTH}, at / ${WIDTH}), 0).xyz; }
 void main() {
@@ -130,13 +180,14 @@ void main() {
     u += q[k] * entry(k * ${n} + gl_VertexID);
     if (warp) w += q[${m} + k] * entry((${m} + k) * ${n} + gl_VertexID);
   }
+  for (int k = ${2 * m}; k < ${2 * m + r}; k++) u += q[k] * entry(k * ${n} + gl_VertexID);
   place = rest + warped(u, w);
   gl_Position = camera * vec4(place, 1.0);
 }`;
 let drawn = null, mesh = null, table = null;
 function prepare() {
   drawn = program(VERTEX, SHADED);
-  table = modalTexture(tables, n, m);
+  table = modalTexture([data.phi, ...(play ? [] : [data.psi]), ...(reduced ? [reduced.shapes] : [])].map(halves), n);
   mesh = surface(drawn.made, rest, faces);
 }
 function shownCoordinates() {
@@ -147,13 +198,15 @@ function shownCoordinates() {
 }
 function draw(q) {
   clear();
-  const scaled = new Float32Array(2 * m);
-  for (let k = 0; k < m; k++) { scaled[k] = q[k] * data.phiScales[k]; scaled[m + k] = play ? 0 : q[k] * data.psiScales[k]; }
+  const scaled = new Float32Array(2 * m + r);
+  for (let k = 0; k < m; k++) { scaled[k] = q[k] * data.phi.scales[k]; scaled[m + k] = play ? 0 : q[k] * data.psi.scales[k]; }
+  bend(q);
+  if (state.model === "rsw") for (let k = 0; k < r; k++) scaled[2 * m + k] = bent[k] * reduced.shapes.scales[k];
   gl.useProgram(drawn.made);
   gl.bindVertexArray(mesh);
   bind(drawn.places, {table});
   gl.uniform1fv(drawn.places.q, scaled);
-  gl.uniform1i(drawn.places.warp, state.warp);
+  gl.uniform1i(drawn.places.warp, state.model === "mwts");
   gl.uniformMatrix4fv(drawn.places.camera, false, cameraMatrix());
   gl.uniform3fv(drawn.places.towards, axes()[2]);
   gl.drawElements(gl.TRIANGLES, faces.length, gl.UNSIGNED_INT, 0);
@@ -204,7 +257,8 @@ function connect() {
   element("pause").onclick = () => { state.paused = !state.paused; labels(); };
   element("release").onclick = () => { release(); state.shown = -1; state.paused = false; labels(); };
   element("settle").onclick = () => { show("shape", settle() ? "Settled." : "It does not settle: no static shape near here."); };
-  element("model").onchange = event => { state.warp = event.target.value === "mwts"; };
+  element("model").onchange = event => { state.model = event.target.value; };
+  if (!reduced) element("model").querySelector("[value=rsw]").remove();
   element("count").oninput = event => { state.count = +event.target.value; labels(); };
   for (const name of ["gravity", "azimuth", "elevation"]) element(name).oninput = aim;
   element("damping").oninput = event => { state.xi = +event.target.value; labels(); };
@@ -234,6 +288,7 @@ function connect() {
 }
 function pullAlong() {  // a spring from the vertex to the pointer, in the plane of the picture
   const x = new Float64Array(3), [right, up] = axes();
+  bend(state.q);
   position(state.pull.vertex, state.q, x);
   const at = projected(x), dx = (state.pull.at[0] - at[0]) / at[2], dy = (at[1] - state.pull.at[1]) / at[2];
   for (let a = 0; a < 3; a++) state.pull.force[a] = data.pull * (dx * right[a] + dy * up[a]);

@@ -10,11 +10,13 @@ from modalshell.kernels.compiler import njit
 from modalshell.kernels.generated.flexure import first_derivatives
 
 _MOST, _STALLED = 25, 6
-"""Iterations of a step at most, and those without halving the residual after which it is given up."""
+"""Largest number of iterations per step, and of iterations without halving the residual before it fails."""
 _DESCENT = 100
 """Steps of a descent at most."""
 _LOOSE, _NEAR = 1e-3, 0.3
 """Relative residuals of a descent's steps, and from which it tries to end by mixed Newton."""
+_SADDLES, _HALVINGS = 4, 20
+"""Saddles that a descent leaves, and halvings of the state's size where the search along the way out begins."""
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _summing = _options | {"fastmath": {"contract", "nsz", "reassoc"}}
@@ -211,12 +213,40 @@ def potential(reduced, z, start, outer, push):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
+def _leave_saddle(reduced, moved, start, outer, push, stresses):  # type: ignore[no-untyped-def]
+    """Move ``moved`` off a saddle, along the direction in which the potential curves down most; the potential there.
+
+    Steps double for as long as the potential falls: the first valley is looked for, on either side.
+    """
+    hessian = evaluate(reduced, moved, stresses)[4] + outer
+    for i in range(moved.size):
+        for j in range(i):
+            hessian[j, i] = hessian[i, j]
+    way = np.linalg.eigh(hessian)[1][:, 0].copy()
+    size = np.sqrt(np.sum(moved * moved))
+    best, least = moved.copy(), potential(reduced, moved, start, outer, push)[0]
+    for sign in (-1.0, 1.0):
+        last, length = np.inf, sign * size * 2.0**-_HALVINGS
+        while abs(length) < size:
+            trial = moved + length * way
+            value = potential(reduced, trial, start, outer, push)[0]
+            if not value < last:
+                break
+            last = value
+            length *= 2.0
+            if value < least:
+                best, least = trial, value
+    moved[:] = best
+    return least
+
+
+@njit(**_options)
 def _descend(reduced, start, moved, stresses, outer, push, scale, tolerance):  # type: ignore[no-untyped-def]
     """Go downhill from ``moved``, which it moves, by steps with a drag; what :func:`_mixed` returns."""
     value, gradient, present = potential(reduced, moved, start, outer, push)
     drag = 1e-2 * outer[0, 0]
     unit = np.eye(moved.size)
-    iterations = 0
+    iterations, left = 0, 0
     for _ in range(_DESCENT):
         trial = moved.copy()
         stresses[:] = present
@@ -238,9 +268,13 @@ def _descend(reduced, start, moved, stresses, outer, push, scale, tolerance):  #
         stresses[:] = present
         solved, minimum, energy, taken = _mixed(reduced, start, trial, stresses, outer, push, tolerance * scale, 12, 1)
         iterations += taken
-        if minimum and potential(reduced, trial, start, outer, push)[0] <= value + 1e-9 * abs(value):
+        if solved and potential(reduced, trial, start, outer, push)[0] <= value + 1e-9 * abs(value):
             moved[:] = trial
-            return True, True, energy, iterations
+            if minimum or left == _SADDLES:
+                return True, minimum, energy, iterations
+            left += 1
+            value = _leave_saddle(reduced, moved, start, outer, push, stresses)
+            present = potential(reduced, moved, start, outer, push)[2]
     return False, False, np.inf, iterations
 
 

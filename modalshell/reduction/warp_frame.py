@@ -17,7 +17,7 @@ from modalshell.sharing import PerThread
 _ALIGNMENT = 64
 """Bytes to which the data are aligned: a cache line."""
 MOST_THREADS = 1024
-"""Parts that a frame may be cut into."""
+"""Largest number of parts of a frame."""
 
 
 class WarpFrame:
@@ -39,7 +39,7 @@ class WarpFrame:
     Raises
     ------
     OptionError
-        If ``dtype`` or ``threads`` is none of these.
+        If ``dtype`` or ``threads`` is invalid.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class WarpFrame:
 
     @property
     def modal_data(self) -> NDArray[Any]:
-        """What a frame reads in this order (tiles, m, 6 * 128): rows of Phi and Psi, padded with zeros."""
+        """Modal data in the order of reading (tiles, m, 6 * 128): rows of Phi and Psi, padded with zeros."""
         return self._modal
 
     @property
@@ -93,7 +93,7 @@ class WarpFrame:
         q : array_like, shape (m,)
             Modal coordinates. They are not checked to be finite: positions are not where they are not.
         out : ndarray, shape (n, 3), optional
-            C-ordered array of the frame's precision to write into; nothing is allocated then.
+            C-ordered array of the frame's precision to write into; avoids an allocation.
 
         Returns
         -------

@@ -8,14 +8,14 @@ from modalshell.render.camera import look_at
 from modalshell.render.content import ShadedSurface, View
 from modalshell.render.film import write_film
 from modalshell.render.picture import Picture, html_of
-from modalshell.render.views import draw_surface, draw_views
+from modalshell.render.views import draw_surfaces, draw_views
 
 __all__ = [
     "Picture",
     "ShadedSurface",
     "View",
     "choose_backend",
-    "draw_surface",
+    "draw_surfaces",
     "draw_views",
     "html_of",
     "look_at",

@@ -10,6 +10,7 @@ import threading
 import warnings
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import Literal
 
 from modalshell.errors import ModalShellWarning, OptionError
@@ -48,6 +49,8 @@ shown = not plotter.render_window.GetClassName().startswith(("vtkEGL", "vtkOSOpe
 plotter.close()
 print("modalshell-probe", "ok" if shown else "unseen")
 """
+_GRAPHICS_DEVICES = ("dri/renderD*", "nvidia[0-9]*", "dxg")
+"""Files under /dev of what runs OpenGL beside the processor: kernel drivers, NVIDIA's own, Windows' under WSL."""
 _lock = threading.Lock()
 _told: set[tuple[str, ...]] = set()
 """Commands whose failure was warned of."""
@@ -95,11 +98,21 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
     if first:
         warnings.warn(
             "PyVista renders nothing on this machine (no OpenGL), so the built-in rasteriser draws: slower and "
-            f"plainer. On Debian or Ubuntu this mends it: {APT_LINE}",
+            f"plainer. On Debian or Ubuntu this helps: {APT_LINE}",
             ModalShellWarning,
             stacklevel=2,
         )
     return "built-in"
+
+
+def draws_faster() -> bool:
+    """Tell whether the built-in rasteriser is the faster one: nothing but the processor would run OpenGL.
+
+    The environment variable ``MODALSHELL_RENDERER`` has its way.
+    """
+    if os.environ.get(RENDERER_VARIABLE) or not sys.platform.startswith("linux"):
+        return False
+    return not any(next(Path("/dev").glob(pattern), None) for pattern in _GRAPHICS_DEVICES)
 
 
 @cache

@@ -119,7 +119,8 @@ def write_film(
         moving: dict[int, Iterator[ArrayLike]] = {
             index: iter(cast("Iterable[ArrayLike]", motion)) for index, motion in enumerate(moves) if motion is not None
         }
-        with closing(open_painter(page.cell)) as painter:
+        film = all(surface.opacity == 1.0 for surface in shown)
+        with closing(open_painter(page.cell, film=film)) as painter:
             painter.start(shown, view, colors)
             for frame in range(count):
                 for index, frames in moving.items():

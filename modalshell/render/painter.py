@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.kernels import raster as kernel
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface
 from modalshell.render.surfaces import ScalarColors
@@ -51,8 +52,6 @@ def line_opacity(surface: ShadedSurface) -> float:
 
 def shrink(pixels: NDArray[np.uint8], factor: int = SUPERSAMPLING) -> NDArray[np.uint8]:
     """Average blocks of `factor` x `factor` pixels, (h, w, 3) to (h / factor, w / factor, 3)."""
-    total = np.zeros((pixels.shape[0] // factor, pixels.shape[1] // factor, 3), dtype=np.uint16)
-    for row in range(factor):
-        for column in range(factor):
-            total += pixels[row::factor, column::factor, :3]
-    return ((total + factor * factor // 2) // (factor * factor)).astype(np.uint8)
+    out = np.empty((pixels.shape[0] // factor, pixels.shape[1] // factor, 3), dtype=np.uint8)
+    kernel.shrink(np.ascontiguousarray(pixels), factor, out)
+    return out

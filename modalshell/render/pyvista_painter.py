@@ -12,7 +12,7 @@ from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface
 from modalshell.render.painter import LINE_WIDTH, MESH_LINE_WIDTH, SUPERSAMPLING, line_opacity, shrink
 from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
-from modalshell.render.surfaces import EdgeTable, ScalarColors, line_color, vertex_colors, vertex_normals
+from modalshell.render.surfaces import EdgeTable, ScalarColors, Sides, line_color, vertex_colors
 
 
 class PyvistaPainter:
@@ -94,7 +94,7 @@ class _Shown:
             self.move(vertices, camera)
             return
         self._table = EdgeTable.of(vertices, self._faces)
-        self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(vertices, camera))
+        self._lines = pyvista.PolyData(vertices.copy(), lines=self._line_cells(Sides.of(vertices, self._faces, camera)))
         plotter.add_mesh(
             self._lines,
             color=tuple(line_color(surface)),
@@ -108,19 +108,20 @@ class _Shown:
 
     def move(self, vertices: NDArray[np.float64], camera: Camera) -> None:
         """Update the points in place, and what depends on them."""
+        sides = Sides.of(vertices, self._faces, camera)
         if self._mesh is not None:
             self._mesh.points = vertices
             if self._surface.smooth:
-                self._mesh.point_data.active_normals = vertex_normals(vertices, self._faces)
+                self._mesh.point_data.active_normals = sides.smooth
         if self._lines is not None:
             self._lines.points = vertices
-            self._lines.lines = self._line_cells(vertices, camera)
+            self._lines.lines = self._line_cells(sides)
 
     def recolour(self, scalars: NDArray[np.float64]) -> None:
         """Colour the faces by other scalars (n,)."""
         if self._mesh is not None and self._scalar_colors is not None:
             self._mesh.point_data["colors"] = np.round(255.0 * self._scalar_colors(scalars)).astype(np.uint8)
 
-    def _line_cells(self, vertices: NDArray[np.float64], camera: Camera) -> NDArray[np.int64]:
-        edges = self._table.edges[self._table.outline(vertices, self._faces, camera)]
+    def _line_cells(self, sides: Sides) -> NDArray[np.int64]:
+        edges = self._table.edges[self._table.outline(sides)]
         return np.column_stack([np.full(len(edges), 2), edges]).ravel()

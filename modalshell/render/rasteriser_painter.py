@@ -1,4 +1,4 @@
-"""Built-in rasteriser: projects, shades and draws triangles by NumPy, for machines without OpenGL."""
+"""Built-in rasteriser: projects, shades and draws triangles by compiled kernels."""
 
 from __future__ import annotations
 
@@ -8,19 +8,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.kernels.raster import shade
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface
-from modalshell.render.painter import (
-    LIGHTS,
-    LINE_WIDTH,
-    MESH_LINE_WIDTH,
-    SUPERSAMPLING,
-    line_opacity,
-    reflectance,
-    shrink,
-)
-from modalshell.render.raster import Layer, Triangles, blend
-from modalshell.render.surfaces import EdgeTable, ScalarColors, face_normals, line_color, vertex_colors, vertex_normals
+from modalshell.render.painter import LIGHTS, LINE_WIDTH, MESH_LINE_WIDTH, SUPERSAMPLING, line_opacity, reflectance
+from modalshell.render.raster import Canvas, Triangles
+from modalshell.render.surfaces import EdgeTable, ScalarColors, Sides, line_color, vertex_colors
+
+_LIGHTS = np.array([[*np.array(direction) / np.linalg.norm(direction), power] for direction, power in LIGHTS])
 
 
 class RasteriserPainter:
@@ -37,7 +32,9 @@ class RasteriserPainter:
     """
 
     def __init__(self, size: tuple[int, int]) -> None:
+        self._picture = size
         self._size = (size[0] * SUPERSAMPLING, size[1] * SUPERSAMPLING)
+        self._canvas: Canvas | None = None
         self._surfaces: list[ShadedSurface] = []
         self._vertices: list[NDArray[np.float64]] = []
         self._tables: dict[int, EdgeTable] = {}
@@ -54,6 +51,9 @@ class RasteriserPainter:
             if surface.lined or surface.edges or surface.style != "surface"
         }
         self._camera, self._scalar_colors = camera, scalar_colors
+        # All opaque surfaces share one layer; each transparent one has its own.
+        clear = sum(surface.opacity < 1.0 for surface in surfaces)
+        self._canvas = Canvas(self._picture, 1 + clear, SUPERSAMPLING)
 
     def move(self, index: int, vertices: NDArray[np.float64], scalars: NDArray[np.float64] | None = None) -> None:
         """Move the vertices (n, 3) of one surface, keeping its triangles; and give it other scalars (n,), if any."""
@@ -64,24 +64,23 @@ class RasteriserPainter:
     def image(self) -> NDArray[np.uint8]:
         """Draw, and return pixels of shape (height, width, 3)."""
         assert self._camera is not None
-        # All opaque surfaces share one layer; each transparent one has its own.
-        layers = [Layer.empty(self._size)]
+        assert self._canvas is not None
+        clear = 0
         for index, surface in enumerate(self._surfaces):
-            opaque = surface.opacity == 1.0
-            if not opaque:
-                layers.append(Layer.empty(self._size))
+            clear += surface.opacity < 1.0
             for triangles in self._pieces(index, self._camera):
-                layers[0 if opaque else -1].draw(triangles, self._size)
-        return shrink(blend(layers, self._size))
+                self._canvas.draw(clear if surface.opacity < 1.0 else 0, triangles)
+        return self._canvas.take_image()
 
     def _pieces(self, index: int, camera: Camera) -> list[Triangles]:
         """Return the faces, then the lines, as triangles in the picture."""
         surface, vertices = self._surfaces[index], self._vertices[index]
         faces = np.asarray(surface.faces)
         pixels, nearness = self._place(vertices, camera, 0.0)
+        sides = Sides.of(vertices, faces, camera)
         pieces = []
         if surface.style == "surface":
-            shades = self._shade(surface, vertices, faces, camera)
+            shades = self._shade(surface, sides, faces, camera)
             pieces.append(Triangles(pixels[faces], nearness[faces], shades, surface.opacity))
         if index not in self._tables:
             return pieces
@@ -93,7 +92,7 @@ class RasteriserPainter:
             opacity = surface.opacity
             pieces.append(_lines(pixels, nearness, table.edges, color, MESH_LINE_WIDTH * SUPERSAMPLING, opacity))
         if surface.lined or surface.style == "outline":
-            edges = table.edges[table.outline(vertices, faces, camera)]
+            edges = table.edges[table.outline(sides)]
             pieces.append(_lines(pixels, nearness, edges, color, LINE_WIDTH * SUPERSAMPLING, line_opacity(surface)))
         return pieces
 
@@ -108,26 +107,19 @@ class RasteriserPainter:
         return pixels, 1.0 / np.maximum(camera.distance - height, 1e-9)
 
     def _shade(
-        self, surface: ShadedSurface, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera
+        self, surface: ShadedSurface, sides: Sides, faces: NDArray[np.int64], camera: Camera
     ) -> NDArray[np.float64]:
         """Return the shaded colours at the corners of the faces, shape (T, 3, 3), the same from both sides."""
-        flat = face_normals(vertices, faces)
-        normals = np.repeat(flat[:, None], 3, axis=1)
-        if surface.smooth:
-            normals = vertex_normals(vertices, faces)[faces]
-        away = np.einsum("ij,ij->i", flat, camera.facing(vertices[faces].mean(axis=1))) < 0.0
-        local = np.where(away[:, None, None], -normals, normals) @ camera.axes.T
-        ambient, diffuse = reflectance(surface)
-        light = np.full(local.shape[:2], ambient)
-        for direction, power in LIGHTS:
-            unit = np.array(direction) / np.linalg.norm(direction)
-            light += diffuse * power * np.maximum(local @ unit, 0.0)
-        colors = vertex_colors(surface, self._scalar_colors)[faces]
-        return np.clip(colors * light[..., None], 0.0, 1.0)
+        out = np.empty((len(faces), 3, 3))
+        normals = sides.smooth if surface.smooth else sides.flat
+        colors = np.ascontiguousarray(vertex_colors(surface, self._scalar_colors))
+        look = camera.axes, _LIGHTS, *reflectance(surface)
+        shade(faces, normals, surface.smooth, sides.seen, colors, *look, out)
+        return out
 
     def close(self) -> None:
         """Forget the surfaces."""
-        self._surfaces, self._vertices, self._tables = [], [], {}
+        self._surfaces, self._vertices, self._tables, self._canvas = [], [], {}, None
 
 
 def _lines(

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from modalshell.checks import shown
 from modalshell.errors import OptionError
+from modalshell.kernels import raster as kernel
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface, rgb
-from modalshell.triangles import area_vectors
 
 # Neighbouring faces whose normals differ by more than this at the start meet in a line that is drawn.
 CREASE_ANGLE = math.radians(25.0)
@@ -84,32 +84,50 @@ class EdgeTable:
         starts = np.flatnonzero(np.r_[True, (pairs[1:] != pairs[:-1]).any(axis=1)])
         ends = np.r_[starts[1:], len(pairs)] - 1
         left, right = owners[starts], owners[ends]
-        normals = face_normals(vertices, faces)
-        agreement = np.abs(np.einsum("ij,ij->i", normals[left], normals[right]))
+        flat, _ = normals(vertices, faces)
+        agreement = np.abs(np.einsum("ij,ij->i", flat[left], flat[right]))
         return cls(pairs[starts], left, right, (left == right) | (agreement < math.cos(CREASE_ANGLE)))
 
-    def outline(self, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera) -> NDArray[np.int64]:
+    def outline(self, sides: Sides) -> NDArray[np.int64]:
         """Return the numbers of edges at the border, at creases, or between a face seen and a face turned away."""
-        normals = face_normals(vertices, faces)
-        toward = np.einsum("ij,ij->i", normals, camera.facing(vertices[faces].mean(axis=1))) > 0.0
-        # Where neighbours are wound apart their normals disagree without any contour.
-        aligned = np.einsum("ij,ij->i", normals[self.left], normals[self.right]) > -0.5
-        contour = (toward[self.left] != toward[self.right]) & aligned
-        return np.flatnonzero(self.drawn | contour)
+        shown = np.empty(len(self.left), dtype=np.bool_)
+        kernel.outline(self.left, self.right, self.drawn, sides.flat, sides.seen, shown)
+        return np.flatnonzero(shown)
 
 
-def face_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return unit normals of the faces, shape (T, 3); zero for a face without area."""
-    return _unit(area_vectors(vertices, faces))
+@dataclass(frozen=True)
+class Sides:
+    """
+    How the faces of a surface lie to a camera.
+
+    Attributes
+    ----------
+    flat : ndarray, shape (T, 3)
+        Unit normals of the faces; zero for a face without area.
+    smooth : ndarray, shape (n, 3)
+        Unit normals at the vertices, averaged over faces by area.
+    seen : ndarray of int, shape (T,)
+        1 for a face that looks towards the camera, -1 for one that is turned away.
+    """
+
+    flat: NDArray[np.float64]
+    smooth: NDArray[np.float64]
+    seen: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, vertices: NDArray[np.float64], faces: NDArray[np.int64], camera: Camera) -> Sides:
+        """Sides of the faces (T, 3) at ``vertices`` (n, 3)."""
+        points, seen = np.ascontiguousarray(vertices, dtype=np.float64), np.empty(len(faces), np.int64)
+        flat, smooth = normals(points, faces)
+        kernel.seen_faces(points, faces, flat, camera.position, seen)
+        return cls(flat, smooth, seen)
 
 
-def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return unit vertex normals, averaged over faces by area, shape (n, 3)."""
-    normals = area_vectors(vertices, faces)
-    total = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(normals[:, k], 3), minlength=len(vertices)) for k in range(3)], axis=1
-    )
-    return _unit(np.asarray(total, dtype=np.float64))
+def normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Unit normals of the faces (T, 3), zero without area, and at the vertices (n, 3), averaged by area."""
+    flat, smooth = np.empty((len(faces), 3)), np.empty((len(vertices), 3))
+    kernel.unit_normals(np.ascontiguousarray(vertices, dtype=np.float64), faces, flat, smooth)
+    return flat, smooth
 
 
 def vertex_colors(surface: ShadedSurface, scalar_colors: ScalarColors | None) -> NDArray[np.float64]:
@@ -124,8 +142,3 @@ def line_color(surface: ShadedSurface) -> NDArray[np.float64]:
     if surface.style != "surface":
         return rgb(surface.color)
     return np.full(3, 0.25) if surface.scalars is not None else 0.45 * rgb(surface.color)
-
-
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)

@@ -94,11 +94,13 @@ def draw_views(
     return target
 
 
-def draw_surface(path: str | Path, surface: ShadedSurface, camera: Camera, *, size: tuple[int, int]) -> Path:
-    """Draw a surface as a placed camera sees it (see `look_at`) into a PNG file, as a frame of a film."""
+def draw_surfaces(
+    path: str | Path, surfaces: Sequence[ShadedSurface], camera: Camera, *, size: tuple[int, int]
+) -> Path:
+    """Draw surfaces as a placed camera sees them (see `look_at`) into a PNG file, as a frame of a film."""
     target, size = checked_path(path, ".png"), checked_size(size)
     with closing(open_painter(size)) as painter:
-        painter.start([surface], camera, scalar_colors([surface]))
+        painter.start(surfaces, camera, scalar_colors(surfaces))
         save_picture(painter.image(), target)
     return target
 

@@ -26,7 +26,7 @@ class FlightReport:
     shares : dict of float
         Part of the birds' frames at each level; "RSW" is the part with any share of it, counted in its own level too.
     allowed_pixels : float
-        Largest distance allowed between a vertex as drawn and its place by MWTS.
+        Largest distance allowed between a vertex as drawn and its position by MWTS.
     largest_error : float
         That distance, largest over all frames [m].
     largest_pixels : float
@@ -63,7 +63,7 @@ class FlightFilm:
 
     def __init__(self, table: FlockTable, flight: Flight) -> None:
         self._flight, self._detail, camera = flight, table.detail, table.camera
-        self._eye = np.array(camera.position)
+        self._camera = camera
         self._focal = 0.5 * camera.size[1] / math.tan(0.5 * math.radians(camera.view_angle))
         crowd = flight.crowd
         rest = crowd.basis.shell.rest_positions
@@ -78,6 +78,12 @@ class FlightFilm:
     def choose_levels(self) -> None:
         """Levels of detail at the present state."""
         self._flight.crowd.choose_levels(self._distances(), self._detail.pixels / self._focal)
+
+    def shift(self) -> Array:
+        """How far the camera has gone along with the flock at the present state (3,) [m]."""
+        if not self._camera.follow:
+            return np.zeros(3)
+        return np.asarray(self._flight.flock.positions.mean(axis=0) - self._camera.target)
 
     def positions(self) -> NDArray[Any]:
         """Vertex positions (B, n, 3) [m] at the present state; overwritten by the next call."""
@@ -94,8 +100,8 @@ class FlightFilm:
         return out
 
     def _distances(self) -> Array:
-        """From the camera to the nearest that a vertex of each bird may be, at least a tenth of a bird."""
-        away = np.linalg.norm(self._flight.flock.positions - self._eye, axis=1)
+        """Lower bound of the distance from the camera to each bird's vertices, at least a tenth of a bird."""
+        away = np.linalg.norm(self._flight.flock.positions - self._camera.position - self.shift(), axis=1)
         return np.maximum(away - self._radius, 0.1 * self._radius)
 
     def _note(self, distances: Array, shares: Array, gaps: Array) -> None:

@@ -38,7 +38,7 @@ def write_path(path: EquilibriumPath, folder: Path, name: str) -> list[Path]:
             place = next((one, e[1]) for one in [path, *path.branches] for e in one.events if e.kind == kind)
             x, y = place[0].displacements[place[1]], place[0].factors[place[1]]
             curves.append(Curve([x], [y], kind, "black", marker=marker))
-    panel = Panel(curves, f"{name}: stable parts drawn through, unstable dashed", "displacement [m]", "load factor")
+    panel = Panel(curves, f"{name}: stable parts solid, unstable ones dashed", "displacement [m]", "load factor")
     written.append(draw_curves([panel], folder / f"{name}_path.png"))
     if path.mesh is not None:
         written.append(_draw_shapes(path, folder / f"{name}_path_shapes.png"))

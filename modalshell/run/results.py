@@ -62,9 +62,9 @@ def write_results(
     color: str | None = None,
     on_step: Progress | None = None,
 ) -> list[Path]:
-    """Write ``NAME.format`` into ``folder`` for each format, whole or not at all; return the paths.
+    """Write ``NAME.format`` into ``folder`` for each format, atomically; return the paths.
 
-    A film shows ``rate`` stored frames a second, or plays at real speed without it. Films and pictures are coloured by
+    A film shows ``rate`` stored frames per second, at real speed if None. Films and pictures are coloured by
     the trajectory's field ``color``.
     """
     return [

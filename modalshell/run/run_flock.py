@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from itertools import tee
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, final
 
@@ -18,10 +19,11 @@ from modalshell.crowd import Flight
 from modalshell.memory import demand_disk, demand_memory
 from modalshell.motion.recorder import step_count
 from modalshell.outcome import Outcome
-from modalshell.render import ShadedSurface, draw_surface, look_at, write_film
+from modalshell.render import ShadedSurface, draw_surfaces, look_at, write_film
 from modalshell.render.camera import Camera
 from modalshell.render.content import checked_size, rgb
 from modalshell.run.flight_film import FlightFilm, FlightReport
+from modalshell.run.flight_stage import FlightStage
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.scene import FlockScene
@@ -31,7 +33,7 @@ from modalshell.timings import Stopwatch
 from modalshell.typing import Progress
 
 _BIRD_BYTES, _DRAWN_BYTES = 60, 240
-"""For each vertex of each bird: as it is stepped, and as it is drawn."""
+"""Bytes per vertex of each bird, in stepping and in drawing."""
 _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "levels")
 
 
@@ -92,7 +94,7 @@ class FlockRun(SceneRun[FlightResult]):
         self._total = self._warm_up + self._steps + self._drawn
 
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
-        """Take up the report if every file is whole: none can be made from the others."""
+        """Load the report if every file is intact: none can be made from the others."""
         if not set(self.formats) <= set(whole):
             return False
         self._report, self.frames = FlightReport(**record["report"]), int(record["frames"])
@@ -142,7 +144,7 @@ class FlockRun(SceneRun[FlightResult]):
         demand_memory(told, float(each) * birds * vertices, "take fewer birds, or a coarser mesh")
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:
-        """Draw the film and the picture, with the report that comes from it, and write the arrays."""
+        """Draw film and picture, collect the report, and write the arrays."""
 
         def advance(done: int, _total: int) -> None:
             if on_step is not None:
@@ -169,28 +171,40 @@ class FlockRun(SceneRun[FlightResult]):
         offsets = crowd.vertices * np.arange(crowd.count)[:, None, None]
         names = tuple(flight.snapshot())
 
-        def surface(at: int) -> ShadedSurface:
+        stage = None
+        if table.ground is not None:
+            stage = FlightStage(self._camera, table.ground, crowd.basis.shell.rest_positions, crowd.count)
+
+        def seen(film: FlightFilm, at: int) -> list[NDArray[Any]]:
+            """Everything that moves, as the camera sees it that goes along."""
             flight.restore({name: records[at][name] for name in names})
-            shape = FlightFilm(scene.flock, flight).positions().reshape(-1, 3)
-            return ShadedSurface(shape, (single + offsets).reshape(-1, 3), table.color, lined=False)
+            positions, shift = film.positions(), film.shift()
+            moved = [] if stage is None else stage.move(positions, shift)
+            return [(positions - shift).reshape(-1, 3), *moved]
 
-        def frames() -> Iterator[NDArray[Any]]:
-            for record in records:
-                flight.restore({name: record[name] for name in names})
-                yield film.positions().reshape(-1, 3)
+        def surfaces(at: int) -> list[ShadedSurface]:
+            shapes = seen(FlightFilm(scene.flock, flight), at)
+            birds = ShadedSurface(shapes[0], (single + offsets).reshape(-1, 3), table.color, lined=False)
+            about = [birds, *(stage.surfaces() if stage is not None else [])]
+            moved = [replace(one, vertices=shape) for one, shape in zip(about, shapes, strict=False)]
+            return moved + about[len(moved) :]
 
+        frames = (seen(film, at) for at in range(len(records)))
         if "mp4" in formats:
             rate = 1.0 / (scene.motion.dt * scene.motion.store_every)
+            shown = surfaces(0)
+            count = 1 if stage is None else 4
+            each = [map(itemgetter(k), copy) for k, copy in enumerate(tee(frames, count))]
             write_film(
-                self.path("mp4"), [surface(0)], [frames()], total=len(records), camera=self._camera, fps=rate,
-                size=table.size, rate_factor=table.rate_factor, on_frame=on_frame,
+                self.path("mp4"), shown, [*each, *[None] * (len(shown) - count)], total=len(records),
+                camera=self._camera, fps=rate, size=table.size, rate_factor=table.rate_factor, on_frame=on_frame,
             )  # fmt: skip
         else:
-            deque(frames(), maxlen=0)  # for the report
+            deque(frames, maxlen=0)  # for the report
         report = film.report(float(records["seconds"][-1]))
         if "png" in formats:
             at = -1 if table.still is None else int(np.abs(records["time"] - table.still).argmin())
-            draw_surface(self.path("png"), surface(at), self._camera, size=table.size)
+            draw_surfaces(self.path("png"), surfaces(at), self._camera, size=table.size)
             on_frame(self._drawn, self._drawn)
         return report
 

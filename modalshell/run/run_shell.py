@@ -85,7 +85,7 @@ class ShellRun(SceneRun[SceneResult]):
         return list(dict.fromkeys([*output.fields, *([output.color] if output.color else [])]))
 
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
-        """Take up the trajectory if its file is whole; what shows other fields than asked for is written anew."""
+        """Load the trajectory if its file is intact; files with other fields than requested are rewritten."""
         try:
             found = load_trajectory(self.path("npz"), verify=True)
         except FileFormatError:
@@ -135,7 +135,7 @@ def _move(
     restart: bool,
     on_step: Progress | None,
 ) -> tuple[Trajectory, int]:
-    """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
+    """Step to the end from rest or from the last stored frame; also return how many frames there were."""
     motion = built.start_motion()
     recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
     fields = _record_fields(motion, built.scene.output.positions)
@@ -156,7 +156,7 @@ def _move(
 
 
 def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
-    """NumPy fields of one stored frame: results, then the snapshot from which to go on."""
+    """NumPy fields of one stored frame: results, then the checkpoint to resume from."""
     fields: list[tuple[Any, ...]] = [
         ("time", "<f8"),
         ("seconds", "<f8"),
@@ -169,7 +169,7 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
 
 
 def _constants(built: BuiltScene) -> dict[str, NDArray[Any]]:
-    """What those who follow the run need beside its frames."""
+    """Data for followers of the run in addition to its frames."""
     shell = built.shell
     return {
         "rest_positions": np.asarray(shell.rest_positions, "<f8"),

@@ -5,24 +5,38 @@ from __future__ import annotations
 import warnings
 from pathlib import Path
 
+import numpy as np
+
 from modalshell.errors import ModalShellWarning
-from modalshell.models import LinearModal, ModalWarping
+from modalshell.models import LinearModal, ModalWarping, ReducedRotationStrain, RotationStrain
 from modalshell.models.factory import MODE_COUNT
-from modalshell.modes import solve_modes
-from modalshell.page import Page
+from modalshell.models.reduced_rotation_strain import trained_on_loads
+from modalshell.modes import Basis, solve_modes
+from modalshell.page import Page, ReducedWarp
 from modalshell.provenance import repository_file
 from modalshell.scene.flock_scene import FlockScene
 from modalshell.scene.load import load_scene
 from modalshell.scene.parts import build_damping
 from modalshell.scene.read import located
 from modalshell.scene.scene import Scene
-from modalshell.typing import Progress
+from modalshell.typing import Array, Progress
+
+_RANK, _SAMPLES, _MIXTURES = 8, 32, 8
+"""Shapes and triangles of reduced RSW on a page, and copies of each answer in its training."""
+_MOST_NUMBERS = 700_000
+"""Numbers of modes, rotations and shapes up to which a page has reduced RSW: about 2 MB."""
+_NEAR = 0.05
+"""Error in training up to which a page has reduced RSW."""
+_EARTH = 9.81
+"""Acceleration [m/s^2] that it is trained on where the scene has none."""
 
 
 def scene_page(scene: Scene) -> Page:
-    """The page of a scene: its flock, or its shell by LMA and MWTS with its loads, damping and number of modes.
+    """The page of a scene: its flock, or its shell with its loads, damping and number of modes.
 
-    A ModalShellWarning names what the page leaves out: supports that move, constraints, another model.
+    A shell moves by LMA, MWTS and, where its data are small enough, reduced RSW.
+
+    A ModalShellWarning names what is left out: supports that move, constraints, how loads change, another model.
 
     Raises
     ------
@@ -40,11 +54,14 @@ def scene_page(scene: Scene) -> Page:
     path, force, loads, constraints = declared.build_loading(shell)
     model, motion = declared.model, declared.motion
     left = ["the supports rest"] if path is not None else []
-    left += ["there are no loads that change with the shell or in time"] if loads else []
+    if loads:
+        left += ["loads that change are dead: as on the shape at rest, at their largest"]
+        loading = shell.loading(force=force, loads=loads)
+        force = loading.dead + loading.largest_force()
     left += ["there are no constraints"] if constraints else []
     left += (
-        [f"the model is LMA or MWTS, not {model.spec.name}"]
-        if model.spec.builder not in (LinearModal, ModalWarping)
+        [f"the model is LMA, MWTS or reduced RSW, not {model.spec.name}"]
+        if model.spec.builder not in (LinearModal, ModalWarping, trained_on_loads)
         else []
     )
     left += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
@@ -52,16 +69,33 @@ def scene_page(scene: Scene) -> Page:
         warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)
     basis = solve_modes(shell, model.options.get("modes", MODE_COUNT))
+    reduced = _reduced(basis, np.array(gravity), force)
     if motion is None:
-        return basis.page(title=scene.name, gravity=gravity, force=force)
+        return basis.page(title=scene.name, gravity=gravity, force=force, reduced=reduced)
     with located(scene.file, "motion", motion):
         damping = build_damping(motion)
     factors = damping.mass_factor, damping.stiffness_factor
-    return basis.page(title=scene.name, gravity=gravity, force=force, damping=factors, dt=motion.dt)
+    return basis.page(title=scene.name, gravity=gravity, force=force, damping=factors, dt=motion.dt, reduced=reduced)
+
+
+def _reduced(basis: Basis, gravity: Array, force: Array | None) -> ReducedWarp | None:
+    """Reduced RSW for a page, trained on the scene's load and its weight in every direction; None where it is large."""
+    size = 3 * len(basis.shell.rest_positions) * (2 * basis.count + _RANK)
+    if basis.rigid_modes or size > _MOST_NUMBERS:
+        return None
+    strength = float(np.linalg.norm(gravity)) or _EARTH
+    pulls = [sign * strength * axis for axis in np.eye(3) for sign in (1.0, -1.0)] + [gravity]
+    dead = np.zeros_like(basis.shell.rest_positions) if force is None else force
+    loads = [share * (basis.shell.gravity_force(pull) + dead) for pull in pulls for share in (0.5, 1.0)]
+    full = RotationStrain(basis)
+    trained = ReducedRotationStrain.trained(
+        full, loads=np.array(loads), mixtures=_MIXTURES, aside=0.1, rank=_RANK, samples=_SAMPLES
+    )
+    return trained.on_page() if trained.training_error < _NEAR else None
 
 
 def write_pages(folder: Path, on_step: Progress | None = None) -> list[Path]:
-    """Write the page of every scene that comes with the package into ``folder``; return the files."""
+    """Write the page of every bundled scene into ``folder``; return the files."""
     scenes = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
     written = []
     for index, file in enumerate(scenes):

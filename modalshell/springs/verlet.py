@@ -33,9 +33,9 @@ class GridVerlet(VerletSheet):
     dtype : {float64, float32}
         Precision of the state and the arithmetic.
     start, velocity : array_like, shape (rows * columns, 3), optional
-        Positions [m], at rest without them, and velocities [m/s], none without them. Pinned masses stay put.
+        Positions [m], by default at rest, and velocities [m/s], by default zero. Pinned masses do not move.
     threads : int, optional
-        So many; one or all of numba's without it, as its own steps show to be faster. The results do not depend on it.
+        Number of threads; by default one or all of numba's, whichever is faster. The results do not depend on it.
     allow_unstable_step : bool
         Whether steps may be longer than the stable one.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 
@@ -19,6 +19,7 @@ from modalshell.modes import Factor, Factoriser, condensed_factor
 from modalshell.modes.rigid import left_free
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
+from modalshell.statics.live_loads import LiveLoads
 from modalshell.typing import Array
 
 ADVICE = (
@@ -28,7 +29,11 @@ ADVICE = (
 _DENSE_BELOW = 60
 """Unknowns up to which a dense solver finds all factors."""
 _RESTARTS = 60
-"""Restarts of Lanczos, within which factors converge that stand apart from the shapes that never buckle."""
+"""Number of Lanczos restarts, enough for factors separate from those of shapes that never buckle."""
+_MORE = 6
+"""Number of additional eigenvalues of an unsymmetric problem, since complex ones are discarded."""
+_REAL = 1e-6
+"""Share of an eigenvalue up to which its imaginary part is rounding."""
 _NONE = 1e-9
 """Inverse of a factor, as a share of the largest one, below which it is rounding."""
 
@@ -45,10 +50,14 @@ class Buckling(ReadOnlyArrays):
         Multiples of the load at which the shell buckles, ascending, all positive; none where it never does.
     modes : ndarray, shape (3n, k)
         Shapes in which it does, of largest displacement 1.
+    conservative : bool
+        Whether the load has a potential. Without one a shell may flutter below every factor, which linear buckling does
+        not see: ``stable`` of an equilibrium does.
     """
 
     factors: Array
     modes: Array
+    conservative: bool = True
 
 
 def buckling_factors(
@@ -61,8 +70,9 @@ def buckling_factors(
 ) -> Buckling:
     """The lowest factors by which a load buckles a shell, by linear theory.
 
-    Solves ``(K + lambda K_g) phi = 0``, K the stiffness at rest and K_g the geometric stiffness under the stresses of
-    the linear answer [bathe1996, section 6.8.2]. That is exact where the shell hardly moves before it buckles; where it
+    Solves ``(K + lambda (K_g + K_f)) phi = 0``, K the stiffness at rest, K_g the geometric stiffness under the stresses
+    of the linear answer [bathe1996, section 6.8.2], and K_f that of loads that follow the shell, unsymmetric where they
+    have no potential. That is exact where the shell hardly moves before it buckles; where it
     bends first, follow :func:`modalshell.equilibrium_path`. There may be fewer factors than asked for: of a load that
     pulls, none.
 
@@ -73,20 +83,21 @@ def buckling_factors(
     count : int
         Number of factors k at most.
     gravity, force, loads
-        The load, as in :meth:`Model.equilibrium`; loads that follow the shell count as they are at rest.
+        The load, as in :meth:`Model.equilibrium`; loads of time count as they are at time 0.
 
     Raises
     ------
     LoadError
         For a load of the wrong shape, not finite, or of no force on what can move.
     OptionError
-        For a ``count`` that is none, or a shell that its supports leave free.
+        For an invalid ``count``, or a shell that its supports leave free.
     SolverError
         If the stiffness at rest cannot be factorised, or the factors do not converge.
     """
     count = checked_count("count", count)
     checked_kind("shell", shell, Shell)
-    load = shell.total_load(gravity, force, loads)
+    loading = shell.loading(gravity, force, loads)
+    load = loading.force(shell.rest_positions)
     if not shell.unknowns.restrict(load.ravel()).any():
         raise LoadError("buckling needs a load on what the supports leave free (got none)")
     if loose := left_free(shell):
@@ -96,7 +107,9 @@ def buckling_factors(
     factor = _definite_factor(shell, stiffness)
     if factor is None:
         raise SolverError("the stiffness at rest is not positive definite: check the mesh for slivers")
-    geometric = pattern.matrix(_loaded(shell, factor, load) - stiffness)
+    softer = _loaded(shell, factor, load) - stiffness
+    LiveLoads(loading).add_stiffness(pattern, rest, softer)
+    geometric = pattern.matrix(softer)
     size = unknowns.count
 
     def softening(values: Array) -> Array:
@@ -106,7 +119,9 @@ def buckling_factors(
         return np.asarray(unknowns.restrict(pattern.product(stiffness, unknowns.prolong(values))))
 
     wanted = min(count, size)
-    if size <= max(_DENSE_BELOW, 3 * wanted):
+    if not loading.conservative:
+        inverses, vectors = _general_inverses(softening, resisting, factor, size, wanted)
+    elif size <= max(_DENSE_BELOW, 3 * wanted):
         identity = np.eye(size)
         left, right = softening(identity), resisting(identity)
         inverses, vectors = scipy.linalg.eigh(0.5 * (left + left.T), 0.5 * (right + right.T))
@@ -130,7 +145,32 @@ def buckling_factors(
     order = order[inverses[order] > _NONE * np.abs(inverses).max(initial=0.0)]
     modes = np.asarray(unknowns.prolong(vectors[:, order]))
     modes /= np.linalg.norm(modes.reshape(len(rest), 3, order.size), axis=1).max(axis=0, initial=1e-300)
-    return Buckling(read_only(1.0 / inverses[order]), read_only(modes))
+    return Buckling(read_only(1.0 / inverses[order]), read_only(modes), loading.conservative)
+
+
+def _general_inverses(
+    softening: Callable[[Array], Array], resisting: Callable[[Array], Array], factor: Factor, size: int, wanted: int
+) -> tuple[Array, Array]:
+    """Real ones among the largest inverses of factors (k,), and shapes (N, k), of an unsymmetric softening."""
+    if size <= max(_DENSE_BELOW, 3 * (wanted + _MORE)):
+        identity = np.eye(size)
+        inverses, vectors = scipy.linalg.eig(softening(identity), resisting(identity))
+    else:
+        operator = spla.LinearOperator(
+            (size, size), matvec=lambda y: factor.solve(softening(y.ravel())), dtype=np.float64
+        )
+        start, most = np.random.default_rng(0).standard_normal(size), min(wanted + _MORE, size - 2)
+        try:
+            inverses, vectors = spla.eigs(
+                operator, most, which="LR", v0=start, ncv=min(size, 2 * most + 20), maxiter=_RESTARTS
+            )
+        except spla.ArpackNoConvergence as error:  # see above
+            inverses, vectors = error.eigenvalues, error.eigenvectors.reshape(size, -1)
+        except spla.ArpackError as error:
+            raise SolverError(f"the buckling factors did not converge: {error}") from error
+    real = np.abs(inverses.imag) <= _REAL * np.abs(inverses)
+    shapes = [(one / one[np.argmax(np.abs(one))]).real for one in vectors[:, real].T]
+    return inverses[real].real, np.array(shapes).reshape(-1, size).T
 
 
 def buckles(shell: Shell, load: Array) -> bool:

@@ -56,11 +56,11 @@ class NewtonResult:
     factor : Factored or None
         Of the last Hessian, a step before the end; of the one at the end where :func:`is_minimum` has found it so.
     stable : bool or None
-        Whether the exact Hessian at the end is positive definite; None where that was not found out.
+        Whether the exact Hessian at the end is positive definite; None if unknown.
     limited : bool
         Whether rounding keeps the residual above :data:`ACCEPTED`.
     left_saddle : bool
-        Whether the way there led over a saddle, left along its unstable mode to the lower of both sides.
+        Whether the iteration passed a saddle and left it along its unstable mode to the lower side.
     path : list
         Shares of the load, and unknowns, of the states on the way from rest.
     jumps : list
@@ -102,7 +102,7 @@ class Problem(ABC, Generic[Matrix]):
     path_goal: ClassVar[float]
     """Relative residual that load steps before the last aim at."""
     snaps: ClassVar[int]
-    """Ends of branches after which the potential is minimised under the whole load at once."""
+    """Number of ends of branches after which the potential is minimised under the whole load at once."""
 
     @property
     def push(self) -> Array:
@@ -141,9 +141,9 @@ class Problem(ABC, Generic[Matrix]):
 
     @abstractmethod
     def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
-        """Unknowns and predicted stresses after a step along ``direction`` (N,), and how much of it that is.
+        """Unknowns and predicted stresses after a step along ``direction`` (N,), and the step's fraction of it.
 
-        ``reach`` is the largest turn [rad], or change of an edge over its length, that the step may make.
+        ``reach`` is the largest rotation [rad], or relative change of an edge, of the step.
         """
 
     @abstractmethod
@@ -168,11 +168,11 @@ class Problem(ABC, Generic[Matrix]):
         return float(np.linalg.norm(force))
 
     def rounding(self, x: Array, hessian: Matrix, length: float) -> float:  # noqa: ARG002 (for sparse problems)
-        """Size of the residual that rounding alone explains after a step that moved no unknown by more than length."""
+        """Size of the residual due to rounding after a step that moved no unknown by more than ``length``."""
         return 0.0
 
     def scale_at(self, start: Array | None) -> float:
-        """What residuals are held against: the load's size, or without a load that of the start's own forces."""
+        """Scale of residuals: the load's size, or without a load that of the forces at the start."""
         size = self.measure(self.push)
         return size or (0.0 if start is None else self.measure(self.residual(start))) or 1.0
 

@@ -219,7 +219,7 @@ class Potential(Problem[sps.csc_array]):
     def rounding(self, x: Array, hessian: sps.csc_array, length: float) -> float:
         """Residual that the rounding of positions alone leaves: each force by eps times its stiffness times ``|x|``.
 
-        A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced any better in double
+        A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced further in double
         precision; :mod:`modalshell.statics.refine` goes on from there.
         """
         if length > _STILL * self.shell.size:
@@ -299,7 +299,7 @@ def _symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
 
 
 def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
-    """Move along ``direction`` (N,), warped, as far as no vertex turns by more than ``largest_turn`` [rad].
+    """Move along ``direction`` (N,), warped, until a vertex rotates by ``largest_turn`` [rad].
 
     Returns
     -------

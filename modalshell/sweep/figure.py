@@ -1,6 +1,6 @@
 """Picture of a sweep.
 
-The rule: an axis of numbers, or of vectors that differ by a factor alone (their lengths are taken), can be drawn along.
+Rule: an axis of numbers, or of vectors that differ only by a factor (represented by their lengths), can be plotted.
 Two such axes of four values or more become a map of the sixths that the value falls in, one panel for each combination
 of the other axes. Otherwise there are curves along the axis with the most values, one for each combination of the
 others; where those are too many, one panel for each value of the first of the others. Cases without the value are left
@@ -41,7 +41,7 @@ _RANGES = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 _NONE, _NONE_COLOR = "no value", "#cccccc"
 _CURVES, _PANELS = len(_COLORS), 12
 _TICKS = 8
-"""Values along an axis up to which each gets a tick of its own."""
+"""Largest number of axis values that each get a tick."""
 _WIDE = 30.0
 """Ratio of largest to smallest from which an axis is logarithmic."""
 
@@ -89,7 +89,7 @@ def _draw_curves(
     panels = list(_combinations(axes, apart))
     curves_each = np.prod([len(axes[other].values) for other in each], dtype=int)
     if len(panels) > _PANELS or curves_each > _CURVES:
-        return f"no picture: {count} curves are too many; plot the table instead"
+        return f"no picture: {count} curves are too many for a picture; plot the table instead"
     log = _is_wide(known)
     drawn = []
     for fixed in panels:
@@ -131,7 +131,7 @@ def _draw_map(
     fixed = [other for other in range(len(axes)) if other not in (x_place, y_place)]
     panels = list(_combinations(axes, fixed))
     if len(panels) > _PANELS:
-        return f"no picture: {len(panels)} maps are too many; plot the table instead"
+        return f"no picture: {len(panels)} maps are too many for a picture; plot the table instead"
     edges, names = _sixths(np.array(known))
     x_order, y_order = np.argsort(x), np.argsort(y)
 
@@ -175,7 +175,7 @@ def _ticks(along: Array) -> dict[float, str] | None:
 
 
 def _numbers(axis: Axis) -> Array | None:
-    """Where an axis's values lie on a line of numbers; None if they do not."""
+    """Positions of an axis's values on a number line; None if they are not numeric."""
     if any(isinstance(value, bool | str | dict) for value in axis.values):
         return None
     try:
@@ -225,7 +225,7 @@ def _is_wide(values: Any) -> bool:
 
 
 def _is_geometric(along: Array) -> bool:
-    """Whether an axis is better logarithmic: it spans much, or its values are at equal ratios."""
+    """Whether to use a logarithmic axis: values with a large range or with equal ratios."""
     if along.min() <= 0.0 or len(along) < 3:
         return False
     ratios = np.diff(np.log(np.sort(along)))
@@ -233,7 +233,7 @@ def _is_geometric(along: Array) -> bool:
 
 
 def checked_value(value: str | None, truth: bool, columns: Sequence[str], file: Path) -> str:
-    """The column to draw: what is asked for, else the error if there is a truth, else the displacement."""
+    """The column to draw: the requested one, else the error if there is a reference, else the displacement."""
     allowed = [*columns, *(["error"] if truth else [])]
     if value is not None and value not in allowed:
         hint = "" if truth else "; 'error' needs a [truth]"

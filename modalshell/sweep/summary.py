@@ -21,11 +21,11 @@ from modalshell.sweep.plan import Plan
 SummaryRow = dict[str, Any]
 
 MEASURES = Measures.__struct_fields__
-"""Columns of every summary; with a truth comes "error"."""
+"""Columns of every summary; "error" is added if there is a reference."""
 
 
 def summary_rows(plan: Plan, keys: Sequence[str], found: Mapping[str, CaseResult]) -> list[SummaryRow]:
-    """What each case found: its number from 1, the values of its axes, outcome, message, measures, error, digest.
+    """One row per case: its number from 1, the values of its axes, outcome, message, measures, error, digest.
 
     The error is the relative displacement error of the last frame against the truth's, vertices weighted by their
     mass; None where one of both has no positions or the truth does not move. The truth's outcome and message follow.
@@ -68,7 +68,7 @@ def _plain(value: Any) -> Any:
 
 
 def write_csv(path: Path, rows: Sequence[SummaryRow]) -> Path:
-    """Rows as CSV: floats in full, nothing for None."""
+    """Rows as CSV: floats with all digits, empty cells for None."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()

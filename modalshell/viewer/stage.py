@@ -15,7 +15,7 @@ from modalshell.render.camera import frame_points
 from modalshell.render.content import DEFAULT_CAMERA, ShadedSurface
 from modalshell.render.painter import LINE_WIDTH, reflectance
 from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
-from modalshell.render.surfaces import EdgeTable, line_color, vertex_normals
+from modalshell.render.surfaces import EdgeTable, line_color, normals
 from modalshell.typing import Array
 from modalshell.viewer.session import gravity_limit
 
@@ -25,7 +25,7 @@ _ARROW_LENGTH = 0.35
 
 
 class Shown(Protocol):
-    """What a stage shows: positions (n, 3), which may move, of a shell with triangles ``faces`` (T, 3)."""
+    """Source of a stage: positions (n, 3), which may move, of a shell with triangles ``faces`` (T, 3)."""
 
     @property
     def rest_positions(self) -> Array:
@@ -75,7 +75,7 @@ class Stage:
         self.refresh()
 
     def _build(self) -> None:
-        """Put the shell on the stage, in place of another that may be there."""
+        """Add the shell to the stage, replacing a previous one."""
         for actor in self._actors:
             self.plotter.remove_actor(actor, render=False)
         self._actors = []
@@ -84,7 +84,7 @@ class Stage:
         self._size = float(np.ptp(rest, axis=0).max())
         look = ShadedSurface(rest, faces)
         self._surface = self._pyvista.PolyData.from_regular_faces(rest.copy(), faces)
-        self._surface.point_data.active_normals = vertex_normals(rest, faces)
+        self._surface.point_data.active_normals = normals(rest, faces)[1]
         self._actors.append(add_faces(self.plotter, self._surface, look, color=look.color))
         table = EdgeTable.of(rest, faces)
         edges = table.edges[table.drawn]
@@ -120,12 +120,12 @@ class Stage:
         set_camera(self.plotter, frame_points(room, DEFAULT_CAMERA, self._aspect))
 
     def refresh(self) -> None:
-        """Bring what is shown up to its present state; draws nothing yet."""
+        """Update the stage to the present state, without rendering."""
         if self._shown.rest_positions is not self._rest:
             self._build()
         positions = self._shown.positions
         self._surface.points = positions
-        self._surface.point_data.active_normals = vertex_normals(positions, self._faces)
+        self._surface.point_data.active_normals = normals(positions, self._faces)[1]
         self._lines.points = positions
         if self._held_points is not None:
             self._held_points.points = positions[self._held]
@@ -149,7 +149,7 @@ class Stage:
         self._arrow.points = tail + stretched @ axes
 
     def save_picture(self, path: Path) -> None:
-        """Write what is shown to a PNG file, and close."""
+        """Render to a PNG file, and close."""
         self.plotter.render()
         self.plotter.screenshot(str(path))
         self.close()
@@ -160,6 +160,6 @@ class Stage:
 
 
 def demand_opengl() -> None:
-    """Raise OptionError where PyVista draws nothing: the viewer has no slower way to draw."""
+    """Raise OptionError if PyVista cannot render: the viewer has no other renderer."""
     if choose_backend() != "pyvista":
         raise OptionError(f"the viewer needs OpenGL, which draws nothing here: {drawing_hint()}")

@@ -31,8 +31,8 @@ def _film(path: Any, surfaces: Any, motions: Any, **_: Any) -> Path:
     return write_text(path, "film")
 
 
-def _surface(path: Any, surface: Any, *_: Any, **__: Any) -> Path:
-    _checked([surface.vertices])
+def _surfaces(path: Any, surfaces: Any, *_: Any, **__: Any) -> Path:
+    _checked([surface.vertices for surface in surfaces])
     return write_text(path, "picture")
 
 
@@ -41,6 +41,6 @@ def without_pictures() -> Iterator[None]:
     """Draw nothing, but look at what should be drawn."""
     with (
         mock.patch.multiple("modalshell.run.results", draw_views=_views, write_film=_film),
-        mock.patch.multiple("modalshell.run.run_flock", draw_surface=_surface, write_film=_film),
+        mock.patch.multiple("modalshell.run.run_flock", draw_surfaces=_surfaces, write_film=_film),
     ):
         yield

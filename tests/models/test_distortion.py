@@ -7,8 +7,8 @@ import pytest
 
 import modalshell as ms
 from modalshell.kernels.distortion import surface_changes
-from modalshell.mesh.topology import area_vectors
 from modalshell.models.distortion import Distortion
+from modalshell.triangles import area_vectors
 
 
 @pytest.fixture(scope="module")

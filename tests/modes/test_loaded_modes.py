@@ -1,12 +1,18 @@
 """Vibrations about loaded states, linear buckling, participation, and attachments, against closed forms of beams."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from modalshell import (
     Buckling,
     DiscreteShell,
+    EdgeMoment,
     Fix,
+    FollowerForce,
+    FrameInertia,
     Isotropic,
     LinearModal,
     LineForce,
@@ -16,8 +22,12 @@ from modalshell import (
     OptionError,
     Pin,
     PointForce,
+    Pressure,
     Roller,
     Shell,
+    Symmetry,
+    TriangleMesh,
+    Wind,
     buckling_factors,
     flat_beam,
     sheet,
@@ -164,3 +174,79 @@ def test_attachments_make_the_linear_answer_exact():
         solve_modes(shell, 4, attachments=[])
     with pytest.raises(LoadError):
         solve_modes(shell, 4, attachments=[np.zeros(3)])
+
+
+def arc(cells=(24, 2)):
+    """A quarter of a ring of radius 1 m on planes of symmetry, held along its axis; normals point outwards."""
+    flat = flat_beam(length=1.0, width=0.1, cells=cells)
+    angle, height = 0.5 * np.pi * flat.vertices[:, 0], flat.vertices[:, 1]
+    mesh = TriangleMesh(np.column_stack([np.sin(angle), height, np.cos(angle)]), flat.faces)
+    x, _, z = mesh.vertices.T
+    planes = [Symmetry(np.abs(x) < 1e-9, (1, 0, 0)), Symmetry(np.abs(z) < 1e-9, (0, 0, 1))]
+    return Shell(mesh, STRIP, supports=[*planes, Fix("y > -9", "y")])
+
+
+@pytest.mark.parametrize(("follower", "multiple"), [(True, 3.0), (False, 4.0)])
+def test_rings_buckle_at_three_or_four_times_their_stiffness(follower, multiple):
+    """``p R^3 / D``: 3 under the pressure of a fluid, 4 under one that keeps its directions [timoshenko1961, 7.2]."""
+    rigidity = YOUNG * THICKNESS**3 / 12.0
+    found = buckling_factors(arc(), loads=[Pressure(-rigidity, follower=follower)])
+    assert found.factors == pytest.approx([multiple], rel=0.01)
+    assert found.conservative is not follower  # of a pressure on a free rim nothing tells that it has a potential
+
+
+def becks_frequencies(load):
+    """The first two angular frequencies, in ``sqrt(E I / m) / L^2``, of Beck's column [beck1952] at P L^2 / (E I)."""
+
+    def left(omega):
+        half, root = 0.5 * load, np.sqrt(0.25 * load**2 + omega**2)
+        a, b = np.sqrt(root + half), np.sqrt(root - half)
+        return load**2 + 2 * omega**2 * (1 + np.cos(a) * np.cosh(b)) + load * omega * np.sin(a) * np.sinh(b)
+
+    grid = np.linspace(0.5, 25.0, 400)
+    signs = np.sign([left(one) for one in grid])
+    return [brentq(left, grid[k], grid[k + 1]) for k in np.flatnonzero(np.diff(signs))]
+
+
+@pytest.mark.parametrize("load", [10.0, 18.0])
+def test_a_follower_force_draws_the_frequencies_of_becks_column_together(load):
+    shell = column("clamped")
+    end = np.flatnonzero(shell.mesh.vertices[:, 0] > 0.999999)
+    force = FollowerForce(end, (-load * BENDING / len(end), 0.0, 0.0))
+    state = DiscreteShell(shell).equilibrium(loads=[force])
+    assert state.stable
+    about = solve_modes(shell, 6, about=state)
+    assert not about.conservative
+    flapping = np.abs(about.modes.reshape(-1, 3, 6)[:, 2]).max(axis=0) > 0.5 * np.abs(about.modes).max(axis=0)
+    found = 2.0 * np.pi * about.frequencies[flapping][:2]
+    assert found == pytest.approx(np.sqrt(BENDING / PER_LENGTH) * np.array(becks_frequencies(load)), rel=0.01)
+    assert buckling_factors(shell, loads=[force]).factors.size == 0  # it flutters, and never buckles
+    past = shell.loading(loads=[FollowerForce(end, (-22.0 * BENDING / len(end), 0.0, 0.0))])
+    pressed = shell.rest_positions + 22.0 / load * (state.positions - shell.rest_positions)
+    with pytest.raises(OptionError, match="flutters"):
+        solve_modes(shell, 6, about=replace(state, positions=pressed, loading=past))
+
+
+@pytest.mark.parametrize(
+    "load",
+    [Pressure(5.0), EdgeMoment(TIP, 1.0), FrameInertia((0.0, 0.0, 0.1), (0.0, 3.0, 0.0)), Wind((0.0, 1.0, 3.0))],
+)
+def test_modes_about_a_state_know_the_stiffness_of_its_load(load):
+    mesh = strip((6, 1))
+    shell = Shell(mesh, STRIP, mesh.vertices[:, 0] < 1e-9)
+    state = DiscreteShell(shell).equilibrium(loads=[load])
+    x, loading = state.positions, shell.loading(loads=[load])
+
+    def force(change):
+        return loading.force(x + change.reshape(-1, 3)).ravel()
+
+    steps = 1e-6 * np.eye(x.size)
+    slope = np.stack([(force(step) - force(-step)) / 2e-6 for step in steps], axis=1)
+    free = np.flatnonzero(np.repeat(~shell.clamped, 3))
+    whole = (shell.stiffness(x).toarray() - slope)[np.ix_(free, free)] / np.repeat(shell.mass, 3)[free, None]
+    expected = np.sort(np.linalg.eigvals(whole).real)[:4]
+    about = solve_modes(shell, 4, about=state)
+    assert about.conservative == state.conservative
+    assert about.eigenvalues == pytest.approx(expected, rel=1e-5)
+    dead = solve_modes(shell, 4, about=x).eigenvalues
+    assert np.abs(about.eigenvalues / dead - 1.0).max() > 1e-4

@@ -15,7 +15,7 @@ from modalshell.export import compress
 from modalshell.integrators.state import Damping
 from modalshell.page import clip_page
 from modalshell.provenance import repository_file
-from modalshell.scene.page import write_pages
+from modalshell.scene.page import scene_page, write_pages
 
 GRAVITY = (0.0, 0.0, -3.0)
 
@@ -46,8 +46,8 @@ def test_a_page_stands_alone_and_is_small(v_basis, tmp_path):
 def test_a_page_holds_the_basis_to_half_precision(v_basis):
     data = content(v_basis.page(gravity=GRAVITY, damping=(0.25, 0.002), dt=0.01))
     for name, exact in (("phi", v_basis.modes), ("psi", v_basis.rotations)):
-        halves = np.frombuffer(base64.b64decode(data[name]), "<f2").astype(float).reshape(-1, v_basis.count)
-        shown = halves * data[f"{name}Scales"]
+        halves = np.frombuffer(base64.b64decode(data[name]["halves"]), "<f2").astype(float).reshape(-1, v_basis.count)
+        shown = halves * data[name]["scales"]
         assert (np.abs(shown - exact).max(axis=0) <= 2.0**-11 * np.abs(exact).max(axis=0)).all()
     rest = np.frombuffer(base64.b64decode(data["rest"]), "<f4").reshape(-1, 3) + data["centre"]
     np.testing.assert_allclose(rest, v_basis.shell.rest_positions, atol=1e-7)
@@ -87,10 +87,15 @@ def picture(page):
 def test_the_page_moves_as_the_models_do(v_basis, open_file):
     force = np.zeros_like(v_basis.shell.rest_positions)
     force[-1, 1] = 0.02
-    page, errors = open_file(v_basis.page(gravity=GRAVITY, force=force))
     load = v_basis.shell.gravity_force(GRAVITY) + force
-    for model, warped in ((ms.ModalWarping(v_basis), "true"), (ms.LinearModal(v_basis), "false")):
-        script = f"shell.state.paused = true; shell.state.warp = {warped}; shell.release(); shell.steps(200)"
+    full = ms.RotationStrain(v_basis)
+    reduced = ms.ReducedRotationStrain.trained(
+        full, loads=np.array([load, 0.5 * load]), mixtures=8, aside=0.1, rank=8, samples=32
+    )
+    page, errors = open_file(v_basis.page(gravity=GRAVITY, force=force, reduced=reduced.on_page()))
+    models = {"mwts": ms.ModalWarping(v_basis), "lma": ms.LinearModal(v_basis), "rsw": reduced}
+    for name, model in models.items():
+        script = f"shell.state.paused = true; shell.state.model = '{name}'; shell.release(); shell.steps(200)"
         coordinates = page.evaluate(f"() => {{ {script}; return [...shell.state.q]; }}")
         state = model.start_motion()
         for _ in range(200):
@@ -105,6 +110,8 @@ def test_the_page_moves_as_the_models_do(v_basis, open_file):
         assert ms.measure.displacement_error(positions, answer.positions, v_basis.shell) < 1e-3
         numbers = page.evaluate("shell.numbers(shell.state.q)")
         assert numbers["area"] == pytest.approx(ms.measure.area_change(answer.positions, v_basis.shell.mesh), abs=1e-4)
+    exact = full.equilibrium(gravity=GRAVITY, force=force).positions
+    assert ms.measure.displacement_error(positions, exact, v_basis.shell) < 2e-3  # those of reduced RSW, the last
     assert errors == []
 
 
@@ -197,9 +204,22 @@ def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
     assert errors == []
 
 
+def test_loads_that_follow_act_on_a_page_as_they_do_at_rest(scene_file):
+    wind = "[[loads.wind]]\nvelocity = [0.0, 1.0, 4.0]\ntimes = [0.0, 0.5]\nfactors = [0.0, 2.0]\n"
+    scene = ms.load_scene(scene_file(("[model]", f"{wind}[model]"))).require_shell()
+    with pytest.warns(ms.ModalShellWarning, match="as on the shape at rest, at their largest"):
+        data = content(scene_page(scene))
+    force = np.frombuffer(base64.b64decode(data["force"]), "<f4").reshape(-1, 3)
+    expected = 2.0 * ms.Wind((0.0, 1.0, 4.0)).force(scene.build_shell().mesh)
+    np.testing.assert_allclose(force, expected, atol=1e-6 * np.abs(expected).max())
+
+
 @pytest.mark.slow
 def test_every_scene_has_a_page(tmp_path):
     written = write_pages(tmp_path)
     scenes = sorted(repository_file("studies/scenes/v_beam.toml").parent.glob("*.toml"))
     assert [file.stem for file in written] == [file.stem for file in scenes]
-    assert max(file.stat().st_size for file in written) < 3_000_000
+    sizes = {file.stem: file.stat().st_size for file in written}
+    assert max(sizes.values()) < 3_000_000
+    assert sizes["v_beam"] < 150_000
+    assert '"reduced"' in (tmp_path / "v_beam.html").read_text()

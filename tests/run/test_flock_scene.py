@@ -10,6 +10,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.cli import main
+from modalshell.render import look_at
 
 FILE = Path(__file__).resolve().parents[2] / "studies" / "scenes" / "flock.toml"
 
@@ -89,7 +90,28 @@ def test_film_and_picture(tmp_path, monkeypatch):
 
     picture = imread(tmp_path / "flock.png")
     assert picture.shape[:2] == (180, 320)
-    assert 0.005 < (picture[..., :3].mean(axis=2) < 0.95).mean() < 0.5
+    sky, ground = picture[2, :, :3].mean(axis=0), picture[-3, :, :3].mean(axis=0)
+    assert sky[2] - sky[1] > ground[2] - ground[1] + 0.05  # bluer
+    assert ground[1] > ground[2] + 0.05
+    plain = msgspec.structs.replace(scene.flock, camera=msgspec.structs.replace(scene.flock.camera, ground=None))
+    output = msgspec.structs.replace(scene.output, formats=["png"])
+    ms.run_scene(replace(scene, motion=motion, output=output, flock=plain), out=tmp_path / "plain")
+    white = imread(tmp_path / "plain" / "flock.png")
+    assert 0.005 < (white[..., :3].mean(axis=2) < 0.95).mean() < 0.5  # birds alone
+
+
+@pytest.mark.slow
+def test_the_camera_keeps_the_flock_in_view(tmp_path):
+    scene = ms.load_scene(FILE)
+    output = msgspec.structs.replace(scene.output, formats=[])
+    result = ms.run_scene(replace(scene, output=output), out=tmp_path)
+    table = scene.flock.camera
+    camera = look_at(table.position, table.target, np.deg2rad(table.view_angle), table.size[0] / table.size[1])
+    with np.load(result.files[0]) as found:
+        for birds in found["positions"]:
+            seen = camera.project(birds - (birds.mean(axis=0) - table.target))
+            assert np.abs(seen[:, :2]).max() < 1.0
+    assert table.follow
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,109 @@
+"""The rasteriser's kernels: coverage, depth, and what cannot be drawn."""
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.kernels.raster import shrink
+from modalshell.render import backend
+from modalshell.render.raster import Canvas, Triangles
+from modalshell.render.surfaces import normals
+from modalshell.triangles import area_vectors
+
+
+def flat_triangles(corners, nearness, shade, opacity=1.0):
+    corners = np.asarray(corners, dtype=float)
+    near = np.broadcast_to(np.asarray(nearness, dtype=float)[:, None], (len(corners), 3))
+    return Triangles(corners, near, np.full((len(corners), 3, 3), shade), opacity)
+
+
+def fan(center, radius, count, turn):
+    angles = turn + 2.0 * np.pi * np.arange(count + 1) / count
+    ring = center + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return np.stack([np.broadcast_to(center, (count, 2)), ring[:-1], ring[1:]], axis=1)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.1, 1.3])
+def test_triangles_that_share_sides_cover_every_pixel_once(turn):
+    """Half opaque ones, each on its own layer: a pixel drawn twice would be darker."""
+    count = 7
+    canvas = Canvas((40, 30), count, 1)
+    for layer, corners in enumerate(fan(np.array([20.3, 14.6]), 12.0, count, turn)):
+        canvas.draw(layer, flat_triangles([corners], [0.0], 0.0, 0.5))
+    image = canvas.take_image()
+    assert set(np.unique(image)) == {128, 255}
+    area = 0.5 * count * 12.0**2 * np.sin(2.0 * np.pi / count)
+    assert (image[..., 0] == 128).sum() == pytest.approx(area, rel=0.03)
+
+
+def test_the_nearest_is_seen_and_of_equal_ones_the_last():
+    square = np.array([[[1.0, 1.0], [8.0, 1.0], [8.0, 8.0]], [[1.0, 1.0], [8.0, 8.0], [1.0, 8.0]]])
+    canvas = Canvas((10, 10), 1, 1)
+    for order in (1, -1):
+        for nearness, shade in ((1.0, 0.2), (2.0, 0.6))[::order]:
+            canvas.draw(0, flat_triangles(square, [nearness] * 2, shade))
+        image = canvas.take_image()
+        assert (image[1:8, 1:8] == 153).all()
+        assert (image[8:] == 255).all()
+        assert (image[:, 8:] == 255).all()
+    for shade in (0.2, 0.4):
+        canvas.draw(0, flat_triangles(square, [1.0] * 2, shade))
+    assert (canvas.take_image()[1:8, 1:8] == 102).all()
+    assert (canvas.take_image() == 255).all()  # emptied
+
+
+def test_layers_mix_from_far_to_near():
+    square = np.array([[[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]]])
+    canvas = Canvas((2, 2), 2, 2)
+    canvas.draw(1, flat_triangles(square, [3.0], 0.0, 0.25))
+    canvas.draw(0, flat_triangles(square, [1.0], 1.0))
+    assert (canvas.take_image() == 191).all()
+    canvas.draw(1, flat_triangles(square, [0.0], 0.0, 0.25))
+    canvas.draw(0, flat_triangles(square, [1.0], 1.0))
+    assert (canvas.take_image() == 255).all()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300, -1e300, 1e14])
+def test_corners_that_are_nowhere_draw_nothing_outside_the_picture(value):
+    canvas = Canvas((6, 5), 1, 2)
+    for corner in range(3):
+        for axis in range(2):
+            corners = np.array([[[1.0, 1.0], [9.0, 2.0], [4.0, 8.0]]])
+            corners[0, corner, axis] = value
+            canvas.draw(0, flat_triangles(corners, [1.0], 0.5))
+    assert canvas.take_image().shape == (5, 6, 3)
+
+
+def test_normals_are_those_of_faces_and_their_mean_by_area():
+    mesh = ms.v_beam(cells=(6, 4))
+    x = mesh.vertices + 0.02 * np.random.default_rng(2).standard_normal(mesh.vertices.shape)
+    x[mesh.faces[3]] = x[mesh.faces[3, 0]]  # a face without area
+    flat, smooth = normals(x, mesh.faces)
+    vectors = area_vectors(x, mesh.faces)
+    total = np.zeros_like(x)
+    np.add.at(total, mesh.faces, vectors[:, None])
+    for found, along in ((flat, vectors), (smooth, total)):
+        lengths = np.linalg.norm(along, axis=1, keepdims=True)
+        expected = np.divide(along, lengths, out=np.zeros_like(along), where=lengths > 0.0)
+        np.testing.assert_allclose(found, expected, atol=1e-15)
+    assert not flat[3].any()
+
+
+def test_blocks_are_averaged_and_rounded():
+    pixels = np.random.default_rng(0).integers(0, 256, (12, 18, 4)).astype(np.uint8)
+    out = np.empty((4, 6, 3), np.uint8)
+    shrink(pixels, 3, out)
+    mean = pixels[..., :3].reshape(4, 3, 6, 3, 3).mean(axis=(1, 3))
+    np.testing.assert_array_equal(out, np.floor(mean + 0.5 - 1.0 / 18.0 + 1e-9))
+
+
+def test_the_named_renderer_draws_films(monkeypatch):
+    monkeypatch.setattr(backend.sys, "platform", "linux")
+    monkeypatch.setattr(backend, "_GRAPHICS_DEVICES", ("no such device",))
+    monkeypatch.delenv(backend.RENDERER_VARIABLE, raising=False)
+    assert backend.draws_faster()
+    monkeypatch.setattr(backend, "_GRAPHICS_DEVICES", ("nul*",))
+    assert not backend.draws_faster()
+    monkeypatch.setattr(backend, "_GRAPHICS_DEVICES", ("no such device",))
+    monkeypatch.setenv(backend.RENDERER_VARIABLE, "pyvista")
+    assert not backend.draws_faster()
