@@ -1,4 +1,4 @@
-"""Load over displacement of the benchmarks beside published values (``large_deflection_benchmarks``)."""
+"""Load over displacement of the benchmarks with published values (``large_deflection_benchmarks``)."""
 
 from __future__ import annotations
 

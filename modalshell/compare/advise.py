@@ -231,7 +231,7 @@ def _measured_text(measured: Tradeoff) -> list[str]:
     text = [
         f"Measured: static answers of {len(measured.rows)} rungs at {shares} of the load against DS on the same mesh "
         f"({len(case.shell.rest_positions)} vertices), and frames of {1000 * case.dt:.3g} ms in motion: their "
-        "counted work, the same on every machine, ranks the rungs; their median time is held against the frame rate."
+        "counted work, the same on every machine, ranks the rungs; their median time is compared with the frame rate."
     ]
     text += [f"{case.told[0].upper()}{case.told[1:]}."] if case.told else []
     if unknown := [f"{path.factors[k]:g}" for k in range(len(path.factors)) if k not in path.known]:

@@ -137,7 +137,7 @@ def equilibrium_path(
         What the steps are measured by. Load control ends at the first limit point, displacement control where the
         watched displacement turns back.
     watch : (selection, direction), optional
-        The displacement that is told: the mean of these vertices' along a direction. Without it the mean along the
+        The displacement to report: the mean of these vertices' along a direction. Without it the mean along the
         load, weighted by its forces. Weights (N,) of the unknowns of an EnergyFunction.
     steps : int
         Steps at least from ``begin`` to ``until``.
