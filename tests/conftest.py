@@ -30,6 +30,7 @@ SLOW_STUDIES = {"held_out_advice", "large_mesh", "sheet_vs_shell", "stability_at
 SLOW_STUDIES |= {
     "cloth_scaling",
     "dancing_character",
+    "energy_cost",
     "error_budget",
     "large_deflection_benchmarks",
     "mesh_bias",
