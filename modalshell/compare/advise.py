@@ -130,12 +130,19 @@ def advise(
 
     Parameters
     ----------
+    scene : Scene, path or Shell
+        As for :func:`modalshell.tradeoff`.
     error : float
         Largest displacement error against DS over the load range, relative to how far DS moves.
     fps : float
         Frame rate [1/s] on this machine; a model must reach :data:`RATE_MARGIN` times as much.
-    scene, gravity, force, coarse, modes, loads, on_step
-        See :func:`modalshell.compare.tradeoff.tradeoff`.
+    gravity, force, coarse, modes, loads, on_step : optional
+        As for :func:`modalshell.tradeoff`.
+
+    Returns
+    -------
+    Advice
+        The advice, with all measurements.
     """
     wanted = checked_number("error", error, above=0.0)
     rate = checked_number("fps", fps, above=0.0, unit="1/s")

@@ -161,7 +161,7 @@ class Basis(ReadOnlyArrays):
         ----------
         path : str or path, optional
             HTML file to write.
-        title, gravity, force, damping, dt, reduced
+        title, gravity, force, damping, dt, reduced : optional
             See :func:`modalshell.page.modal_page`.
 
         Raises

@@ -291,7 +291,7 @@ class Shell(ReadOnlyArrays):
         ----------
         positions : array_like, shape (n, 3)
             Vertex positions in equilibrium [m].
-        gravity, force, loads
+        gravity, force, loads : optional
             The load, as in :meth:`Model.equilibrium`.
 
         Raises
@@ -321,7 +321,7 @@ class Shell(ReadOnlyArrays):
 
         Parameters
         ----------
-        positions, gravity, force, loads
+        positions, gravity, force, loads : optional
             As for :meth:`reactions`.
 
         Raises
