@@ -294,6 +294,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "commands": {
         "atomic_io",
+        "checks",
         "errors",
         "export",
         "mesh",
@@ -303,6 +304,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "motion",
         "outcome",
         "page",
+        "reading",
         "run",
         "scene",
         "selection",

@@ -78,6 +78,16 @@ def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:
 def load_clip(path: str | os.PathLike[str]) -> Trajectory:
     """Read a clip as a trajectory: its frames, without energies or residuals.
 
+    Parameters
+    ----------
+    path : path
+        The ``.clip`` file.
+
+    Returns
+    -------
+    Trajectory
+        The decompressed frames.
+
     Raises
     ------
     FileFormatError

@@ -169,7 +169,7 @@ class Basis(ReadOnlyArrays):
         ----------
         path : str or path, optional
             HTML file to write.
-        title, gravity, force, damping, dt, reduced
+        title, gravity, force, damping, dt, reduced : optional
             See :func:`modalshell.page.modal_page`.
 
         Raises
@@ -293,7 +293,7 @@ def solve_modes(
     count : int
         Number of modes m, rigid ones counted in.
     attachments : sequence of Load or array_like, shape (n, 3), optional
-        Loads, or forces [N], under which the shell's linear answer shall be in the basis, too: for each that the modes
+        Loads, or forces [N], under which the shell's linear solution is added to the basis: for each that the modes
         do not hold already a vector follows them, so that vectors stay orthonormal and eigenvalues ascend.
     about : Equilibrium or array_like, shape (n, 3), optional
         A stable state: small vibrations are those about it. Loads of an equilibrium that follow the shell add their

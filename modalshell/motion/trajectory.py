@@ -44,7 +44,8 @@ class Trajectory:
         How the motion ended, the gravest outcome where several hold; an equilibrium's own for a static answer. A motion
         that diverges keeps the frames up to there; any other one is kept whole.
     message : str
-        A message that names all that went wrong, with numbers and times; empty if nothing did.
+        A message that names all that went wrong, with numbers and times, and the range that a trained model states;
+        empty if there is nothing to say.
     unconverged_steps : int
         Steps whose own solver did not converge.
     seconds : float

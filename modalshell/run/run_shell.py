@@ -194,7 +194,7 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
     if not all(np.array_equal(found[name], expected[name]) for name in expected):
         raise OptionError(
             f"the last step of {path} comes out otherwise than it did (other threads or libraries?), so that going on "
-            "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start anew"
+            "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start again"
         )
     fault = bytes(last["fault"]).decode()
     recorder.resume(

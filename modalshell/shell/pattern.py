@@ -21,7 +21,7 @@ class InternalUnknowns:
     Attributes
     ----------
     indptr, vertices : ndarray of int64
-        CSR structure of their coupling to the vertices, one row an internal unknown, three entries a vertex.
+        CSR structure of their coupling to the vertices: one row per internal unknown, three entries per vertex.
     stiffness : csr_array, shape (m, m)
         Second derivatives by these unknowns, positive definite.
     solve : callable
@@ -47,7 +47,7 @@ class InternalUnknowns:
 @brief
 @dataclass(frozen=True)
 class SparsePattern:
-    """CSR pattern of a symmetric matrix of 3 x 3 blocks, one block row a vertex.
+    """CSR pattern of a symmetric matrix of 3 x 3 blocks, one block row per vertex.
 
     An energy with internal unknowns has the entries of their coupling, then of their own stiffness after those of the
     blocks; its Hessian by positions is the Schur complement, which is dense and is never formed: see :meth:`product`.
@@ -59,11 +59,11 @@ class SparsePattern:
     strides : ndarray of int64, shape (n,)
         Entries in a matrix row of each vertex.
     diagonal : ndarray of int64, shape (3n,)
-        Where the diagonal entries stand.
+        Positions of the diagonal entries.
     free_indptr, free_indices : ndarray of int32
         CSR structure of the part that belongs to the free unknowns, and to the internal ones after them.
     free_entries : ndarray of int64, or csr_array
-        Where its entries stand in the whole; or the matrix that gives them from those of the whole.
+        Positions of its entries in the whole matrix; or the matrix that maps the whole's entries to them.
     internal : InternalUnknowns, optional
         Internal unknowns of the energy.
     """
@@ -111,7 +111,7 @@ class SparsePattern:
         return np.asarray(coupled.T @ self.internal.solve(coupled) / scale)
 
     def _internal_scale(self, data: Array) -> float:
-        """The stiffness of the internal unknowns in ``data`` over their own; 0 where there is none."""
+        """The stiffness of the internal unknowns in ``data`` over their own; 0 if there is none."""
         inner = self.internal
         if inner is None or inner.count == 0:
             return 0.0

@@ -33,7 +33,7 @@ from modalshell.supports.reactions import shared_reactions
 from modalshell.typing import Array, Index
 
 _VERTEX_BYTES = 8_000
-"""Memory that the pattern of the stiffness takes while it is made."""
+"""Memory of the assembly of the stiffness pattern [bytes]."""
 
 
 class Shell(ReadOnlyArrays):
@@ -53,7 +53,7 @@ class Shell(ReadOnlyArrays):
     supports : sequence of Support, optional
         Further supports, such as :class:`Pin`, :class:`Roller` or :class:`Symmetry`.
     energies : sequence of Energy, optional
-        Further energies besides those of the material.
+        Energies in addition to those of the material.
     loose_parts : bool
         Whether parts of a mesh may be left without support; :func:`solve_modes` refuses them otherwise.
 
@@ -126,7 +126,7 @@ class Shell(ReadOnlyArrays):
         if isinstance(self.unknowns, VertexUnknowns):
             return self.unknowns.indices
         raise SupportError(
-            "this takes clamped and pinned vertices only (got supports that hold single components, or tie vertices): "
+            "this takes only Clamp and Pin supports (got supports that hold single components, or tie vertices): "
             "use ms.Clamp or ms.Pin, or a model that takes the others, such as ms.DiscreteShell"
         )
 
@@ -178,8 +178,8 @@ class Shell(ReadOnlyArrays):
     def centred(self) -> tuple[Shell, Array]:
         """The same shell about the origin, and where its origin was (3,) [m]; itself where it is near the origin.
 
-        Far away the rounding of coordinates would be felt. The shift is by whole multiples of a power of two, so that
-        not a bit of the shape is lost.
+        Far away the rounding of coordinates would affect the energy. The shift is by whole multiples of a power of two,
+        so that not a bit of the shape is lost.
         """
         grid = 4.0 * 2.0 ** np.ceil(np.log2(self.size))
         origin = grid * np.round(0.5 * (self.rest_positions.min(axis=0) + self.rest_positions.max(axis=0)) / grid)
@@ -213,7 +213,7 @@ class Shell(ReadOnlyArrays):
         return -gradient
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
-        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them.
+        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; by default at rest.
 
         LoadError where it is not finite. That of an :class:`Isotropic` shell is the Schur complement without the fold
         shares: exact to rounding, but as its entries fall off slowly it is almost full, and made for checks on meshes
@@ -233,7 +233,7 @@ class Shell(ReadOnlyArrays):
         Returns
         -------
         ShellFields
-            One value a triangle; ``membrane_force``, ``moment`` and ``von_mises`` are None of a :class:`Material`.
+            One value per triangle; ``membrane_force``, ``moment`` and ``von_mises`` are None of a :class:`Material`.
 
         Raises
         ------
@@ -291,7 +291,7 @@ class Shell(ReadOnlyArrays):
         ----------
         positions : array_like, shape (n, 3)
             Vertex positions in equilibrium [m].
-        gravity, force, loads
+        gravity, force, loads : optional
             The load, as in :meth:`Model.equilibrium`.
 
         Raises
@@ -317,11 +317,11 @@ class Shell(ReadOnlyArrays):
     ) -> list[Array]:
         """The :meth:`reactions` (n, 3) [N] of each of :attr:`supports`; their sum over the vertices is its resultant.
 
-        Where several supports hold a vertex along one direction they share the force evenly.
+        Several supports that hold a vertex along one direction share the force evenly.
 
         Parameters
         ----------
-        positions, gravity, force, loads
+        positions, gravity, force, loads : optional
             As for :meth:`reactions`.
 
         Raises
