@@ -96,7 +96,7 @@ class CondensedFactor(Factor):
 
 
 def condensed_factor(factor: Factor, internal: int) -> Factor:
-    """``factor`` as one of the unknowns before the last ``internal`` ones; itself where there are none of these."""
+    """``factor`` as one of the unknowns before the last ``internal`` ones; itself if there are none."""
     return CondensedFactor(factor, internal) if internal else factor
 
 

@@ -115,7 +115,7 @@ class SparsePattern:
         return np.asarray(coupled.T @ self.internal.solve(coupled) / scale)
 
     def _internal_scale(self, data: Array) -> float:
-        """The stiffness of the internal unknowns in ``data`` over their own; 0 where there is none."""
+        """The stiffness of the internal unknowns in ``data`` over their own; 0 if there is none."""
         inner = self.internal
         if inner is None or inner.count == 0:
             return 0.0

@@ -127,7 +127,7 @@ class Shell(ReadOnlyArrays):
         if isinstance(self.unknowns, VertexUnknowns):
             return self.unknowns.indices
         raise SupportError(
-            "this takes clamped and pinned vertices only (got supports that hold single components, or tie vertices): "
+            "this takes only Clamp and Pin supports (got supports that hold single components, or tie vertices): "
             "use ms.Clamp or ms.Pin, or a model that takes the others, such as ms.DiscreteShell"
         )
 
@@ -179,8 +179,8 @@ class Shell(ReadOnlyArrays):
     def centred(self) -> tuple[Shell, Array]:
         """The same shell about the origin, and where its origin was (3,) [m]; itself where it is near the origin.
 
-        Far away the rounding of coordinates would be felt. The shift is by whole multiples of a power of two, so that
-        not a bit of the shape is lost.
+        Far away the rounding of coordinates would affect the energy. The shift is by whole multiples of a power of two,
+        so that not a bit of the shape is lost.
         """
         grid = 4.0 * 2.0 ** np.ceil(np.log2(self.size))
         origin = grid * np.round(0.5 * (self.rest_positions.min(axis=0) + self.rest_positions.max(axis=0)) / grid)
@@ -292,7 +292,7 @@ class Shell(ReadOnlyArrays):
         ----------
         positions : array_like, shape (n, 3)
             Vertex positions in equilibrium [m].
-        gravity, force, loads
+        gravity, force, loads : optional
             The load, as in :meth:`Model.equilibrium`.
 
         Raises
@@ -322,7 +322,7 @@ class Shell(ReadOnlyArrays):
 
         Parameters
         ----------
-        positions, gravity, force, loads
+        positions, gravity, force, loads : optional
             As for :meth:`reactions`.
 
         Raises
