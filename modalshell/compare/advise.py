@@ -33,7 +33,7 @@ from modalshell.typing import Progress
 NEAR_TIE = 1.25
 """Counted costs of frames within this factor of the cheapest are ties, which go to the simplest rung."""
 RATE_MARGIN = 1.2
-"""Measured frames a second over those asked, from which a rung is fast enough: measured times scatter by this much."""
+"""Least measured frame rate over the requested one for a model to count as fast enough: times scatter by this much."""
 
 _WORDS: dict[str, str] = {Outcome.STOPPED: "its static answers cost many times those of DS"}
 """Outcomes of static answers that a reader of advice would not understand."""
@@ -49,13 +49,13 @@ class Advice:
     chosen : Measurement or None
         The simplest rung among those that meet both demands at nearly the cheapest frame; None if none does.
     error, frames_per_second : float
-        What was asked.
+        The requested error and frame rate.
     refused : dict
-        Rungs that were measured but may not be chosen, and why.
+        Measured models that may not be chosen, with the reasons.
     measured : Tradeoff
         All that was measured.
     explanation : str
-        What was found, in words.
+        Explanation of the choice, as text.
     """
 
     chosen: Measurement | None
@@ -82,14 +82,14 @@ class Advice:
 
     @property
     def margin(self) -> tuple[float, float] | None:
-        """Asked error over the chosen rung's worst one, and its frames per second over those asked."""
+        """Requested error over the chosen model's worst error, and its frame rate over the requested one."""
         if self.chosen is None or self.chosen.worst_error is None:
             return None
         error = self.chosen.worst_error
         return (self.error / error if error else float("inf"), self.chosen.frames_per_second / self.frames_per_second)
 
     def plot(self) -> Picture:
-        """Draw what was measured: error over the milliseconds of a frame."""
+        """Draw the measurements: error over milliseconds per frame."""
         return self.measured.plot()
 
     def _repr_html_(self) -> str:
@@ -97,13 +97,13 @@ class Advice:
         return picture + html_table(self.measured.table())
 
     def save(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write what was measured, and ``NAME_advice.md``, into ``folder``; return the paths."""
+        """Write the measurements and ``NAME_advice.md`` into ``folder``; return the paths."""
         name = self.measured.case.name
         page = f"# {name}\n\n{self.explanation}\n\n{self.measured.table()}\n"
         return [*self.measured.save(folder), write_text(Path(folder) / f"{name}_advice.md", page)]
 
     def write_scene(self, scene: str | os.PathLike[str], out: str | os.PathLike[str]) -> Path:
-        """Write the scene of a file to ``out`` with the chosen rung as its model; OptionError where there is none."""
+        """Write the scene of a file to ``out`` with the chosen model; OptionError if none was chosen."""
         if self.model_table is None:
             raise OptionError(f"no scene to write: {self.explanation.splitlines()[0]}")
         return write_scene_with(Path(scene), out, self.model_table)
@@ -121,21 +121,28 @@ def advise(
     loads: Sequence[float] = LOADS,
     on_step: Progress | None = None,
 ) -> Advice:
-    """Find the cheapest rung and mode count that is as accurate and as fast as asked on a scene.
+    """Find the cheapest model and mode count that meet an error and a frame rate on a scene.
 
     Every rung that the scene allows is run: static answers over the load range against DS, and frames of motion. Rungs
-    are ranked by the counted work of a frame, which no machine changes; of those within :data:`NEAR_TIE` of the
+    are ranked by the counted work of a frame, the same on every machine; of those within :data:`NEAR_TIE` of the
     cheapest the simplest is taken. Time counts only against ``fps``, by the margin :data:`RATE_MARGIN`. Where DS snaps,
     rungs whose elastic energy is quadratic in modes are refused whatever they measure.
 
     Parameters
     ----------
+    scene : Scene, path or Shell
+        As for :func:`modalshell.tradeoff`.
     error : float
         Largest displacement error against DS over the load range, relative to how far DS moves.
     fps : float
-        Frames a second, on this machine; a rung must make :data:`RATE_MARGIN` times as many.
-    scene, gravity, force, coarse, modes, loads, on_step
-        See :func:`modalshell.compare.tradeoff.tradeoff`.
+        Frame rate [1/s] on this machine; a model must reach :data:`RATE_MARGIN` times as much.
+    gravity, force, coarse, modes, loads, on_step : optional
+        As for :func:`modalshell.tradeoff`.
+
+    Returns
+    -------
+    Advice
+        The advice, with all measurements.
     """
     wanted = checked_number("error", error, above=0.0)
     rate = checked_number("fps", fps, above=0.0, unit="1/s")
@@ -144,7 +151,7 @@ def advise(
 
 
 def choose(measured: Tradeoff, error: float, fps: float) -> Advice:
-    """The advice that follows from what was measured."""
+    """The advice that follows from measurements."""
     refused = refusals(measured)
     allowed = [row for row in measured.rows if row.label not in refused and row.worst_error is not None]
     fitting = [row for row in allowed if _error(row) <= error and row.frames_per_second >= RATE_MARGIN * fps]
@@ -161,7 +168,7 @@ def choose(measured: Tradeoff, error: float, fps: float) -> Advice:
 
 
 def refusals(measured: Tradeoff) -> dict[str, str]:
-    """Rungs that may not be chosen, and why."""
+    """Models that may not be chosen, with the reasons."""
     refused: dict[str, str] = {}
     for row in measured.rows:
         if row.missed:
@@ -218,7 +225,7 @@ def _faults(rows: list[Measurement], refused: dict[str, str], error: float) -> l
 
 
 def _spread(measured: Tradeoff) -> float:
-    """Largest distance between answers of two rungs under the whole load, in lengths."""
+    """Largest distance between two models' solutions under the whole load, over the length."""
     answers = [row.positions for row in measured.rows if row.converged and row.candidate.spec.pictured]
     size = measured.case.shell.size
     pairs = combinations(answers, 2)
@@ -231,7 +238,7 @@ def _measured_text(measured: Tradeoff) -> list[str]:
     text = [
         f"Measured: static answers of {len(measured.rows)} rungs at {shares} of the load against DS on the same mesh "
         f"({len(case.shell.rest_positions)} vertices), and frames of {1000 * case.dt:.3g} ms in motion: their "
-        "counted work, the same on every machine, ranks the rungs; their median time is held against the frame rate."
+        "counted work, the same on every machine, ranks the rungs; their median time is compared with the frame rate."
     ]
     text += [f"{case.told[0].upper()}{case.told[1:]}."] if case.told else []
     if unknown := [f"{path.factors[k]:g}" for k in range(len(path.factors)) if k not in path.known]:

@@ -51,7 +51,7 @@ class Candidate:
         return {"name": self.spec.key, **self.options}
 
     def build(self, factory: ModelFactory) -> tuple[Model, float]:
-        """The model, and what it would take to build it alone [s]."""
+        """The model, and the time to build it alone [s]."""
         return factory.timed(self.spec, self.options, self.coarse)
 
 

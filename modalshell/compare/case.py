@@ -38,7 +38,7 @@ class Case:
     shell : Shell
         The shell, held by its supports.
     load : ndarray, shape (n, 3)
-        The whole load [N]; the load range is from none to this.
+        The whole load [N]; the load range is from zero to this.
     dt : float
         Time between frames [s].
     damping : Damping
@@ -46,9 +46,9 @@ class Case:
     coarse : sequence of CoarseMesh
         Coarser meshes to run discrete shells on.
     note : str
-        How the load came about, where that has to be said.
+        Note on the origin of the load, if needed.
     integrator : str or None
-        Key of the rule by which models on modes step; their own default without it.
+        Key of the integrator of modal models; by default their own.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Case:
 
     @property
     def told(self) -> str:
-        """What has to be said of the truth, and of the load."""
+        """Notes on the reference and the load."""
         theory = isinstance(self.shell.material, Isotropic)
         truth = ["DS stands for shell theory, by split folds on the same mesh"] if theory else []
         return "; ".join([*truth, *([self.note] if self.note else [])])
@@ -99,7 +99,7 @@ def make_case(
 
 
 def scene_case(scene: ShellScene) -> Case:
-    """The case that a scene asks for; moving supports give the largest inertial load of their path."""
+    """The case of a scene; moving supports give the largest inertial load of their path."""
     if scene.constraints:
         raise OptionError(
             f"{scene.file}: constraints: rungs are compared under loads, not under constraints; leave them out, or "

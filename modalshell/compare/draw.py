@@ -15,10 +15,10 @@ from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
 from modalshell.typing import Array
 
 Shapes = tuple[dict[str, Any], Mapping[str, Array], NDArray[np.int64]]
-"""Findings of a tradeoff, positions under the whole load by label, and faces."""
+"""Results of a comparison, positions under the whole load by label, and faces."""
 
 _FLOOR = 1e-6
-"""Smallest error that is drawn."""
+"""Smallest error drawn."""
 
 
 def draw_fronts(found: Sequence[dict[str, Any]], path: str | Path, titles: Sequence[str] | None = None) -> Path:
@@ -29,7 +29,7 @@ def draw_fronts(found: Sequence[dict[str, Any]], path: str | Path, titles: Seque
 
 
 def pareto_panel(found: dict[str, Any], title: str) -> ParetoPanel:
-    """Error over milliseconds a frame; against an outside solution DS is a point like the others."""
+    """Error over milliseconds per frame; with an external reference DS is a point like the others."""
     key = "worst_error" if all(row["outside_error"] is None for row in found["rows"]) else "outside_error"
     marks, truth, ladder = [], None, models()
     for row in sorted(found["rows"], key=lambda row: ladder[row["key"]].cost):

@@ -34,18 +34,18 @@ class Marks:
     Attributes
     ----------
     bifurcation : float or None
-        Where the path from rest turns unstable aside, before any limit point.
+        Bifurcation at which the path from rest becomes unstable, before any limit point.
     limit : float or None
         Limit point at which the stable states end: of the path, or of the branch that leaves it at the bifurcation.
     stable_again : float or None
-        Where the path turns stable again after it.
+        Load factor at which the path becomes stable again.
     """
 
     bifurcation: float | None = None
     limit: float | None = None
     stable_again: float | None = None
     smooth: bool = True
-    """Whether stable states go on to the path's end."""
+    """Whether stable states continue to the path's end."""
 
     @classmethod
     def of(cls, path: EquilibriumPath) -> Marks:
@@ -64,7 +64,7 @@ class Marks:
 
     @property
     def snap(self) -> float | None:
-        """Load factor from which no stable state is near; None where the states go on."""
+        """Load factor from which no stable state is near; None if the states continue."""
         if self.smooth:
             return None
         return self.bifurcation if self.limit is None else self.limit
@@ -91,7 +91,7 @@ class Snap:
     marks: Marks = field(default_factory=Marks)
 
     def __str__(self) -> str:
-        """Where it snaps, to stand after "the shell"."""
+        """Description of the snap, to follow "the shell"."""
         if self.low == self.high:
             return f"snaps at {self.low:.4g} of the load: {self.reason}"
         return f"snaps between {self.low:.3g} and {self.high:.3g} of the load: {self.reason}"
@@ -176,9 +176,9 @@ def tangent_ratio(shell: Shell, answer: Equilibrium, lowest: float) -> float | N
 def find_snap(
     model: DiscreteShell, load: Array, before: Array, low: float, after: Array, high: float, missed: bool = False
 ) -> Snap | None:
-    """Look for a snap between two shares of ``load`` whose states are far apart, along the path of equilibria.
+    """Search for a snap between two fractions of ``load`` with distant states, along the equilibrium path.
 
-    ``missed`` says that DS found no answer at some load in between.
+    ``missed``: whether DS found no equilibrium at some load in between.
     """
     size = model.shell.size
 

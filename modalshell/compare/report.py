@@ -18,7 +18,7 @@ _HEADS = (
 
 
 def markdown_table(found: dict[str, Any]) -> str:
-    """One row a rung, cheapest frame first, those of the Pareto front in bold, and what has to be said of them."""
+    """One row per model, cheapest frame first, the Pareto front in bold, with notes."""
     outside = any(row["outside_error"] is not None for row in found["rows"])
     heads = [*_HEADS, *(["outside solution"] if outside else []), "notes"]
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
@@ -57,7 +57,7 @@ def html_table(markdown: str) -> str:
 
 
 def percent(value: float | None, form: str = ".3g") -> str:
-    """A share as per cent; a dash where there is none."""
+    """A fraction in per cent; a dash for None."""
     return "-" if value is None else f"{100.0 * value:{form}} %"
 
 

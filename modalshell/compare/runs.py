@@ -27,7 +27,7 @@ from modalshell.work import Work, counted
 _FRAMES, _FEWEST, _UNTIMED = 48, 4, 2
 """Frames timed at most and at least, and frames before them that are not timed."""
 _FRAME_BUDGET = 4e6
-"""Counted cost [reference microseconds] after which no more frames are run: as many on every machine."""
+"""Counted cost [reference microseconds] after which timing stops: the same number of frames on every machine."""
 _STATICS_LIMIT = 20.0
 """Counted cost of a rung's static answers over that of DS at all loads, from which the other loads are left out."""
 ANSWER_FRAMES = 600
@@ -62,15 +62,15 @@ class Measurement:
         Outcome of each static answer.
     frequency : float or None
         Lowest frequency about the last state that DS knows, over that of DS at rest; 0 where that state is unstable,
-        None for rungs that cannot tell.
+        None for models without a tangent.
     motion : str
-        Outcome of the timed motion, with what else is to be said of it.
+        Outcome of the timed motion, with its message.
     missed : bool
         Whether the rung has no answer at a load where DS has one, or its motion left the finite numbers.
     positions : ndarray, shape (n, 3)
         Under the whole load [m].
     outside_error : float or None
-        Relative displacement error under the whole load against an outside solution, where one was given.
+        Relative displacement error under the whole load against an external solution, if given.
     """
 
     candidate: Candidate
@@ -110,12 +110,12 @@ class Measurement:
 
     @property
     def converged(self) -> bool:
-        """Whether the answer under the whole load is one."""
+        """Whether the solution under the whole load is valid."""
         return Outcome(self.statuses[-1]).solved
 
     @property
     def is_truth(self) -> bool:
-        """Whether the others are held against this rung."""
+        """Whether this model is the reference of the others."""
         return self.key == TRUTH
 
     @property
@@ -130,22 +130,22 @@ class Measurement:
 
     @property
     def elements(self) -> float:
-        """Element evaluations in a frame."""
+        """Element evaluations per frame."""
         return self.work.elements
 
     @property
     def solves(self) -> float:
-        """Right sides solved for in a frame, each with a sparse factor."""
+        """Solves with a sparse factor per frame."""
         return self.work.solves
 
     @property
     def bytes_read(self) -> float:
-        """Bytes of model data read in a frame."""
+        """Bytes of model data read per frame."""
         return self.work.bytes_read
 
     @property
     def cost(self) -> float:
-        """Counted cost of a frame [reference microseconds]."""
+        """Counted cost per frame [reference microseconds]."""
         return self.work.cost
 
     @property
@@ -166,7 +166,7 @@ def measure_row(
 ) -> Measurement:
     """Build the rung, find its answers at the loads of ``path``, and time its frames.
 
-    ``tip`` is the vertex whose turn is told; ``outside`` (n, 3) [m] an outside solution under the whole load.
+    ``tip`` is the vertex whose rotation is reported; ``outside`` (n, 3) [m] an external solution under the whole load.
     """
     shell, mesh = case.shell, case.shell.mesh
     model, preprocessing = candidate.build(factory)
@@ -208,7 +208,7 @@ def measure_row(
 
 
 def static_answers(model: Model, case: Case, path: LoadPath) -> list[Equilibrium]:
-    """Answers of ``model`` at the loads of ``path``; no more are sought once they cost many times those of DS."""
+    """Equilibria of ``model`` at the loads of ``path``; stops once they cost many times those of DS."""
     answers: list[Equilibrium] = []
     cost = 0.0
     for factor in path.factors:
@@ -241,7 +241,7 @@ def turn_at(positions: Array, mesh: TriangleMesh, vertex: int) -> float:
 def timed_frames(model: Model, case: Case) -> tuple[float, Work, Outcome, str]:
     """Median time [ms] and mean counted work of a frame in motion from rest under the whole load.
 
-    Also the outcome of that motion, and what else is to be said of it.
+    Also the outcome of that motion, and its message.
     """
     damping = case.damping.mass_factor, case.damping.stiffness_factor
     motion = Motion(model, dt=case.dt, force=case.load, damping=damping)

@@ -34,7 +34,7 @@ from modalshell.typing import Array, Progress
 LOADS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the load at which rungs are compared."""
 _GAIN = 0.02
-"""Share by which a dearer rung must lower the error to count as better: mode counts often change nothing."""
+"""Relative decrease of the error by which a costlier model counts as better: mode counts often change nothing."""
 
 _FINDINGS = (
     *("key", "rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
@@ -47,7 +47,7 @@ _FINDINGS = (
 @brief
 @dataclass(frozen=True)
 class Tradeoff:
-    """What every rung gets right on one case, and what it costs.
+    """Error and cost of every model on one case.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Tradeoff:
         return markdown_table(self.findings())
 
     def plot(self) -> Picture:
-        """Draw error over the milliseconds of a frame; a notebook shows the picture, and ``save(path)`` writes it."""
+        """Draw error over milliseconds per frame; a notebook shows the picture, and ``save(path)`` writes it."""
         return Picture.of(lambda path: draw_fronts([self.findings()], path))
 
     def _repr_html_(self) -> str:
@@ -146,16 +146,27 @@ def tradeoff(
     ----------
     scene : Scene, path or Shell
         A scene or its file; of a scene in motion the load, or the largest inertial load of its moving supports, is
-        taken. Or a shell, with ``gravity`` (3,) [m/s^2] or ``force`` (n, 3) [N], and ``coarse`` meshes of its surface.
+        taken. Or a shell, with ``gravity`` or ``force``.
+    gravity : array_like, shape (3,), optional
+        Acceleration [m/s^2]; with a shell.
+    force : array_like, shape (n, 3), optional
+        Dead forces on the vertices [N]; with a shell.
+    coarse : sequence of TriangleMesh
+        Coarse meshes of the shell's surface; with a shell.
     modes : sequence of int
         Mode counts.
     loads : sequence of float
         Growing shares of the load at which answers are compared, the last one 1.
     truth : array_like, shape (n, 3), or path, optional
-        An outside solution under the whole load [m]: positions, an ``.npz`` file with ``positions``, or a mesh file
+        An external solution under the whole load [m]: positions, an ``.npz`` file with ``positions``, or a mesh file
         with the same vertices in the same order. Rungs, DS among them, are then judged by it.
     on_step : callable, optional
-        Called with what is done and the total.
+        Called with the models done and their total.
+
+    Returns
+    -------
+    Tradeoff
+        Error and cost of every model.
 
     Raises
     ------

@@ -57,7 +57,7 @@ class Constraint:
 
 
 class PositionConstraint(Constraint):
-    """Holds the mean position of a vertex or a patch at a point of the world.
+    """Prescribes the mean position of a vertex or a patch, in the world frame.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class PositionConstraint(Constraint):
 
 
 class OrientationConstraint(Constraint):
-    """Holds the mean rotation of a vertex or a patch at a rotation from its rest orientation.
+    """Prescribes the mean rotation of a vertex or a patch from its rest orientation.
 
     Parameters
     ----------

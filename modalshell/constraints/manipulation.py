@@ -20,7 +20,7 @@ _PASSES = 12
 _STAGE, _STAGE_SOFTNESS = 0.15, 1e-5
 """Largest residual met in one stage, and the softness of the constraints until the last stage."""
 _MOST_STAGES = 200
-"""Enough for 30 sizes of the shell; no mode reaches a target beyond them anyhow."""
+"""Enough for 30 times the shell's size; modes do not reach farther targets."""
 _STALLED = 0.7
 """Share of the residual that a harder constraint must beat, or the target counts as out of reach."""
 
@@ -41,7 +41,7 @@ def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tu
     compliance : ndarray, shape (m,)
         Diagonal of G: response of the coordinates to modal forces, by the time step or in statics.
     start : ndarray, shape (m,)
-        Where to begin, on the branch that shall be kept.
+        Starting point, on the branch to be kept.
 
     Returns
     -------

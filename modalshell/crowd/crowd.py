@@ -19,17 +19,17 @@ from modalshell.typing import Array
 
 @final
 class Crowd(ShellCrowd):
-    """B instances of one shell by modal warping, each in a frame of its own that moves [choi2007].
+    """B instances of one shell by modal warping, each in its own moving frame [choi2007].
 
     All instances share the modal data and differ in their coordinates, loads and places. An instance is the same, to
     rounding, in any batch. Its level of detail sets both its positions and its modal force:
 
     - MWTS: ``rest + Rt(w) Phi q``, driven by ``Phi^T R(w)^T f``: as :class:`modalshell.ModalWarping`.
     - LMA: ``rest + Phi q``, driven by ``Phi^T f``: as :class:`modalshell.LinearModal`.
-    - rigid: the rest shape; its coordinates go on as those of LMA, so that it is up to date when it comes near.
+    - rigid: the rest shape; its coordinates are still stepped, as those of LMA.
 
     Coordinates are continuous across a switch, positions jump, by no more than :meth:`choose_levels` allows.
-    Instances near the viewer may be drawn by RSW besides, blended in without a jump: :meth:`blend_strains`.
+    Instances near the viewer may be drawn by RSW, blended in without a jump: :meth:`blend_strains`.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Crowd(ShellCrowd):
     damping : (float, float)
         Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness.
     dtype : {float64, float32}
-        Precision of the positions and of the arithmetic that makes them. Coordinates are stepped in float64.
+        Precision of the positions and of their arithmetic. Coordinates are stepped in float64.
     threads : int
         Parts that the instances are cut into, each on a thread of numba's if there are as many; the results are the
         same, bit by bit.
@@ -55,7 +55,7 @@ class Crowd(ShellCrowd):
     Raises
     ------
     OptionError
-        If ``count``, ``damping``, ``dtype`` or ``threads`` is none of these.
+        If ``count``, ``damping``, ``dtype`` or ``threads`` is invalid.
     """
 
     def __init__(

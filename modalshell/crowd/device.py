@@ -29,7 +29,7 @@ class DeviceSearch(NeighbourSearch):
         Precision of the device's arithmetic. In float32 positions are rounded before they are compared: boids in one
         place to rounding are no neighbours.
     device : str, optional
-        "cpu" or "cuda:0" and so on; without it the first GPU, and where there is none "cpu".
+        "cpu", "cuda:0" and so on; by default the first GPU, or "cpu" if there is none.
 
     Raises
     ------
@@ -71,9 +71,9 @@ class DeviceCrowd(ShellCrowd):
     basis, count, damping
         As a crowd's.
     dtype : {float64, float32}
-        Precision of the positions and of the arithmetic that makes them.
+        Precision of the positions and of their arithmetic.
     device : str, optional
-        "cpu" or "cuda:0" and so on; without it the first GPU, and where there is none "cpu".
+        "cpu", "cuda:0" and so on; by default the first GPU, or "cpu" if there is none.
 
     Raises
     ------

@@ -27,7 +27,7 @@ class Flap:
         Modes of a held shell.
     amplitude : float
         Largest displacement of a vertex [m] under the force at n = 1, were it applied slowly to the linear modes.
-        Beats near the lowest frequency reach farther.
+        Beats near the lowest frequency have larger amplitudes.
     frequency : float
         Beats per second [Hz].
     largest_load_factor : float

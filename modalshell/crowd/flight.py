@@ -32,7 +32,7 @@ class Flight:
     flock : Flock
         The boids.
     crowd : Crowd or DeviceCrowd
-        As many instances; each moves in the frame of its boid.
+        One instance per boid; each moves in the frame of its boid.
     flap : Flap
         Their wing beats.
     gravity : array_like, shape (3,)
@@ -93,7 +93,7 @@ class Flight:
         duration: float = 10.0,
         title: str = "flock",
     ) -> Page:
-        """A self-contained web page that goes on with the flight from here, on the browser's GPU.
+        """A self-contained web page that continues the flight from here, on the browser's GPU.
 
         Parameters
         ----------
@@ -102,7 +102,7 @@ class Flight:
         dt : float
             Time step [s].
         duration : float
-            Time [s] after which a moving target starts anew.
+            Time [s] after which a moving target starts again.
         title : str
             Headline of the page.
 
@@ -158,7 +158,7 @@ class Flight:
         )
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
-        """All that :meth:`restore` needs to go on from here to the last bit."""
+        """Checkpoint from which :meth:`restore` resumes bit for bit."""
         found = {name: getattr(self.flock, name).copy() for name in _FLOCK}
         found |= {name: getattr(self.crowd, name).copy() for name in _CROWD}
         return found | {"time": np.array(self.flock.time)}

@@ -22,7 +22,7 @@ _PARALLEL = 1e-9
 
 
 class Rules(NamedTuple):
-    """What each rule asks of every boid times its weight, (N, 3) each; their sum is the direction that it turns to.
+    """Weighted steering vectors of each rule, (N, 3) each; a boid turns towards their sum.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Flock:
     rotation_speed : float
         Rate of turning [1/s].
     neighbour_distance : float
-        Boids nearer than this are neighbours [m].
+        Distance [m] below which boids are neighbours.
     field_of_view : float
         Full angle about its direction in which a boid sees others [degrees], in (0, 360].
     weights : (float, float, float)
@@ -84,7 +84,7 @@ class Flock:
     flock_position : array_like, shape (3,)
         Where the flock belongs [m]: a boid without neighbours flies there.
     target : array_like, shape (3,), optional
-        Where all boids are drawn besides [m].
+        Point that attracts all boids [m].
     target_weight : float
         Weight of the target against the other rules; may be changed between steps, as may ``target``.
     bounds : array_like, shape (2, 3), optional
@@ -197,7 +197,7 @@ class Flock:
         return gather(*boids, search=self.search, threads=self.threads)
 
     def rules(self) -> Rules:
-        """What each rule asks of every boid now."""
+        """The present weighted steering vectors of every boid."""
         near = self.neighbourhood()
         alignment = near.directions / np.maximum(near.counts, 1.0)[:, None]
         middle = (near.positions + self.flock_position) / (near.counts + 1.0)[:, None]

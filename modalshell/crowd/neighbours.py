@@ -52,7 +52,7 @@ def gather(
     positions, directions : ndarray, shape (N, 3)
         Where the boids are [m], and where they head (unit vectors).
     distance : float
-        Neighbours are nearer than this [m].
+        Distance [m] below which boids are neighbours.
     field_of_view : float
         Full angle of the cone about its direction in which a boid sees [rad]; 2 pi is all round.
     search : {"grid", "all_pairs"}
@@ -81,7 +81,7 @@ def gather(
 
 
 class NeighbourSearch(ABC):
-    """Another way to sum over neighbours, which a flock may be given as its ``search``."""
+    """Interface of neighbour searches, for the ``search`` of a flock."""
 
     @abstractmethod
     def gather(self, positions: Array, directions: Array, distance: float, field_of_view: float) -> Neighbourhood:
@@ -108,7 +108,7 @@ def sorted_cells(positions: Array, distance: float) -> Cells:
 
 
 def view_cosine(field_of_view: float) -> float:
-    """Least cosine to the direction of flight of what a boid sees with that full angle [rad]."""
+    """Least cosine between the direction of flight and a visible neighbour, for a full viewing angle [rad]."""
     # cos(pi) is exactly -1, but rounding may push the cosine of the boid right behind below it.
     return math.cos(0.5 * field_of_view) if field_of_view < 2.0 * math.pi else -2.0
 

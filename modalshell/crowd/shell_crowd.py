@@ -27,10 +27,10 @@ from modalshell.modes import Basis
 from modalshell.typing import Array
 
 LEVELS = tuple(model.name for model in (RigidShell, LinearModal, ModalWarping))
-"""Levels of detail, by the number that stands for each in ``levels`` of a crowd."""
+"""Levels of detail, by their numbers in ``levels`` of a crowd."""
 
 _BATCH = 256
-"""Instances whose shapes are held at once while their errors are found."""
+"""Number of instances per batch in the computation of errors."""
 _RULE = ImplicitEuler()
 
 
@@ -91,9 +91,9 @@ class ShellCrowd(ABC):
         Parameters
         ----------
         rotations : array_like, shape (3, 3) or (B, 3, 3), optional
-            From the instance's frame to the world's; none without it.
+            From the instance's frame to the world's; identity by default.
         translations : array_like, shape (3,) or (B, 3), optional
-            Of the frame's origin [m]; none without it.
+            Translation of the frame's origin [m]; zero by default.
         out : ndarray, shape (B, n, 3), optional
             C-ordered array of the crowd's precision to write into.
         """
@@ -130,7 +130,7 @@ class ShellCrowd(ABC):
             Largest distance [m] of a vertex by RSW from where it was; zero without a share.
         """
         if model.basis is not self.basis:
-            raise OptionError("the model must stand on the crowd's own basis")
+            raise OptionError("the model must have the crowd's own basis")
         share = checked_vectors("shares", shares, (self.count,), OptionError)
         turns, moves = self._poses(rotations, translations)
         gaps = np.zeros(self.count)
@@ -144,7 +144,7 @@ class ShellCrowd(ABC):
     def choose_levels(self, distances: ArrayLike, angle: float) -> None:
         """Give every instance the cheapest level that is not seen to be one.
 
-        No vertex is farther from its place by MWTS than ``angle`` in view, so that none jumps by more at a switch. With
+        No vertex is farther from its position by MWTS than ``angle`` in view, so none jumps by more at a switch. With
         ``|u|`` and ``|w|`` at most ``sum_k |q_k|`` times the largest motion and turn of mode k, rigid is off by at most
         ``|u|`` and LMA by at most ``|w| |u| / 2``.
 
@@ -163,9 +163,9 @@ class ShellCrowd(ABC):
         self.levels = np.where(length <= seen, kernels.RIGID, levels).astype(np.int8)
 
     def level_errors(self) -> Array:
-        """How far a vertex is from its place by MWTS at the present coordinates and levels, largest of each, (B,) [m].
+        """Largest distance (B,) [m] of a vertex from its position by MWTS, at present coordinates and levels.
 
-        It is what a switch between that level and MWTS would show.
+        This is the jump of a switch between that level and MWTS.
         """
         errors = np.zeros(self.count)
         less = np.flatnonzero(self.levels != kernels.WARPED)

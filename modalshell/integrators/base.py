@@ -35,7 +35,7 @@ class Integrator(ABC):
 
     @classmethod
     def chosen(cls, choice: str | Self) -> Self:
-        """The rule of a key, or ``choice`` itself if it is a rule of this kind; else OptionError."""
+        """The integrator of a key, or ``choice`` itself if it is one of this kind; else OptionError."""
         if isinstance(choice, cls):
             return choice
         rule: Self = cls.known[checked_choice("integrator", choice, tuple(cls.known))]()

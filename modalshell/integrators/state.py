@@ -24,7 +24,7 @@ class Damping:
     stiffness_factor : float
         zeta [s].
     ratios : tuple of float
-        Shares of critical damping of the modes of a modal model, besides: one for all, or one a mode; none without it.
+        Additional fractions of critical damping of the modes of a modal model: one for all, or one per mode.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class Damping:
         if not self.ratios:
             return rayleigh
         if len(self.ratios) not in (1, stiffness.size):
-            raise OptionError(f"ratios must be one number or {stiffness.size}, one a mode (got {len(self.ratios)})")
+            raise OptionError(f"ratios must be one number or {stiffness.size}, one per mode (got {len(self.ratios)})")
         return np.asarray(rayleigh + 2.0 * np.array(self.ratios) * np.sqrt(np.maximum(stiffness, 0.0)))
 
 
@@ -118,5 +118,5 @@ class MotionState:
         return {"coordinates": self.coordinates, "rates": self.rates, **self.memory}
 
     def with_arrays(self, arrays: dict[str, Array]) -> MotionState:
-        """A state of the same kind, made of what :meth:`arrays` gave."""
+        """A state of the same kind from the arrays of :meth:`arrays`."""
         return MotionState(arrays["coordinates"], arrays["rates"], {name: arrays[name] for name in self.memory})

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import functools
+import multiprocessing
 import os
 import sys
 import tempfile
+import time
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 from modalshell.errors import ModalShellWarning
 
@@ -31,6 +33,43 @@ def _usable_thread_count() -> None:
 
 _usable_thread_count()  # before numba reads it
 import numba  # noqa: E402
+from numba.core import event  # noqa: E402
+
+_REFERENCE = 14.0, 4.0e-4
+"""Seconds that the kernels of a long command take to compile, and this file, by Python, on one machine."""
+
+
+@final
+class _Notice(event.Listener):
+    """Says once a process, on the error stream, that kernels are being compiled; to load them is not worth a word."""
+
+    def __init__(self) -> None:
+        self.due = multiprocessing.parent_process() is None
+
+    def on_start(self, event: Any) -> None:
+        """Say it before a kernel of this package is compiled."""
+        if self.due and event.data["dispatcher"].py_func.__module__.startswith(f"{__package__}."):
+            self.due = False
+            kept = "once" if cache_folder() else "at each start, as no folder can be written to"
+            if sys.stderr is not None:
+                print(f"modalshell: compiling kernels, {kept}, up to about {_most_seconds():.0f} s", file=sys.stderr)
+
+    def on_end(self, event: Any) -> None:
+        """Pass over the end of a compilation."""
+
+
+def _most_seconds() -> float:
+    """Time [s] that kernels take to compile at most: a machine is as much faster as Python's own compiler is there."""
+    text, times = Path(__file__).read_text(encoding="utf-8"), []
+    for _ in range(5):
+        start = time.perf_counter()
+        compile(text, __file__, "exec")
+        times.append(time.perf_counter() - start)
+    return max(1.0, _REFERENCE[0] * min(times) / _REFERENCE[1])
+
+
+notice = _Notice()
+event.register("numba:compile", notice)  # type: ignore[no-untyped-call]
 
 
 def _user_folder() -> Path:
@@ -54,7 +93,7 @@ def _own(folder: Path) -> Path:
 
 
 def _writable(folder: Path) -> Path:
-    """``folder``, made if need be; OSError where nothing can be written to it."""
+    """``folder``, created if missing; OSError if it is not writable."""
     if not folder.is_absolute():
         raise FileNotFoundError(f"{folder} is no absolute path")
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -64,7 +103,7 @@ def _writable(folder: Path) -> Path:
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """Where compiled kernels are kept; None where nothing can be written, and every process compiles anew.
+    """Where compiled kernels are kept; None where nothing can be written, and every process compiles again.
 
     Numba's own variable ``NUMBA_CACHE_DIR`` goes first, then the user's cache folder, then a temporary one.
     """

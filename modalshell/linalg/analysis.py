@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from modalshell.kernels.compiler import njit
 from modalshell.typing import Index
 
 _ALWAYS, _OFTEN, _SOMETIMES = 12, 24, 72
@@ -15,7 +15,7 @@ _ZEROS_OFTEN, _ZEROS_SOMETIMES, _ZEROS_RARELY = 0.3, 0.1, 0.01
 """Shares of explicit zeros in a merged supernode of these widths, and of wider ones."""
 
 
-@numba.njit(cache=True)
+@njit
 def elimination_tree(starts: Index, neighbours: Index) -> Index:
     """Parent of each column (n,) in the elimination tree, -1 at roots [liu1990]; rows in compressed form."""
     n = len(starts) - 1
@@ -33,7 +33,7 @@ def elimination_tree(starts: Index, neighbours: Index) -> Index:
     return parent
 
 
-@numba.njit(cache=True)
+@njit
 def postorder(parent: Index) -> Index:
     """Columns (n,) in an order in which every column follows its descendants, and these are contiguous."""
     n = len(parent)
@@ -64,7 +64,7 @@ def postorder(parent: Index) -> Index:
     return order
 
 
-@numba.njit(cache=True)
+@njit
 def column_counts(starts: Index, neighbours: Index, parent: Index) -> Index:
     """Entries (n,) in each column of the factor, the diagonal included: every row's subtree is walked."""
     n = len(parent)
@@ -81,7 +81,7 @@ def column_counts(starts: Index, neighbours: Index, parent: Index) -> Index:
     return counts
 
 
-@numba.njit(cache=True)
+@njit
 def supernodes(parent: Index, counts: Index, block: int) -> Index:
     """First columns (s + 1,) of relaxed supernodes of a postordered tree, a column being one of ``block`` unknowns.
 
@@ -139,7 +139,7 @@ def supernodes(parent: Index, counts: Index, block: int) -> Index:
     return merged[: top + 1].copy()
 
 
-@numba.njit(cache=True)
+@njit
 def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index) -> tuple[Index, Index, Index]:
     """Rows of every supernode, sorted, its own columns first; and the tree of supernodes.
 
@@ -192,7 +192,7 @@ def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index
     return row_starts, rows, above
 
 
-@numba.njit(cache=True)
+@njit
 def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) -> Index:
     """Where each row below a supernode's own columns stands among the rows of the one above; aligned with ``rows``."""
     relative = np.full(len(rows), -1, np.int64)
@@ -207,7 +207,7 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
     return relative
 
 
-@numba.njit(cache=True)
+@njit
 def entry_places(
     starts: Index,
     indices: Index,

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numba.core.types as nt
 import numpy as np
 from llvmlite import ir
 from numba.extending import get_cython_function_address, intrinsic
+
+from modalshell.kernels.compiler import njit
 
 POTRF, TRSM, SYRK, GEMM, TRSV, GEMV = range(6)
 
@@ -25,7 +26,7 @@ The letters are options: left or lower, no transpose or no unit diagonal, transp
 """
 
 
-@numba.njit(cache=True, inline="always")
+@njit(inline="always")
 def address(array: Any) -> Any:
     """Address of an array's first number; signed, since numba adds signed to unsigned integers as floats.
 

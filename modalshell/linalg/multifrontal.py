@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from modalshell.kernels.compiler import njit
 from modalshell.linalg.blas import GEMM, GEMV, POTRF, SYRK, TRSM, TRSV, address, call
 from modalshell.typing import Array, Index
 
 
-@numba.njit(cache=True)
+@njit
 def factorise(
     data: Array,
     sources: Any,
@@ -104,7 +104,7 @@ def factorise(
     return -1
 
 
-@numba.njit(cache=True)
+@njit
 def solve(
     values: Array,
     block: int,
@@ -183,7 +183,7 @@ def solve(
             call(addresses[TRSM], (left, lower, transposed, no, p_width, p_count, p_one, at, p_height, own, p_size))
 
 
-@numba.njit(cache=True)
+@njit
 def storage(first: Index, row_starts: Index, parent: Index, panels: Index, block: int) -> int:
     """How many numbers :func:`factorise` needs for the panels so far and the updates that wait, at most."""
     most, top, depth = 0, 0, 0

@@ -5,12 +5,11 @@ A surface's Laplacian has narrow supernodes, for which calls of the BLAS cost mo
 
 from __future__ import annotations
 
-import numba
-
+from modalshell.kernels.compiler import njit
 from modalshell.typing import Array, Index
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
+@njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
 def solve_three(
     values: Array, block: int, first: Index, row_starts: Index, rows: Index, panels: Index, x: Array, work: Array
 ) -> None:

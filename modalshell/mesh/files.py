@@ -46,6 +46,11 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     path : path
         The file; its suffix names the format. Coordinates are taken as metres.
 
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
+
     Raises
     ------
     MeshError
@@ -67,7 +72,7 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
 def repair_mesh(
     path: str | os.PathLike[str], *, tolerance: float | None = None, component: Component | None = None
 ) -> tuple[TriangleMesh, RepairReport]:
-    """:func:`~modalshell.repair` of what a file holds; parameters as there, formats as :func:`load_mesh` reads."""
+    """Apply :func:`~modalshell.repair` to a file of a format that :func:`load_mesh` reads; same parameters."""
     file = Path(path)
     found = read_polygons(file)
     try:
@@ -77,7 +82,7 @@ def repair_mesh(
 
 
 def read_polygons(file: Path) -> Polygons:
-    """Vertices and polygons of a mesh file in its own order; MeshError where it cannot be read as its suffix says."""
+    """Vertices and polygons of a mesh file in its own order; MeshError if it is not of the format of its suffix."""
     suffix = _check_suffix(file, READABLE, "read")
     try:
         data = read_regular(file)
@@ -120,6 +125,18 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
 
     OBJ, OFF and PLY keep every bit of the coordinates; STL and GLB hold float32 by their definition, and STL forgets
     the numbering of the vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The mesh.
+    path : path
+        The file; its suffix selects the format.
+
+    Raises
+    ------
+    MeshError
+        For another suffix, or if the file cannot be written.
     """
     checked_kind("mesh", mesh, TriangleMesh)
     file = Path(path)
@@ -155,7 +172,7 @@ def _check_suffix(file: Path, known: tuple[str, ...], verb: str) -> str:
 
 
 def _beside(file: Path) -> Any:
-    """Gives trimesh the files that lie beside ``file``: regular ones only."""
+    """Give trimesh access to regular files in the folder of ``file``."""
     from trimesh.resolvers import FilePathResolver
 
     class Beside(FilePathResolver):

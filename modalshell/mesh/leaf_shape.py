@@ -45,6 +45,11 @@ def leaf(
         Cells along the midrib (at least 4) and across the widest part (even); fewer across where the leaf is narrower.
     family : str
         Mesh family, as in `flat_beam`; a narrowing leaf keeps its lattice only where neighbouring columns are equal.
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
     """
     check_size(length, "length")
     half_fold = 0.5 * np.radians(check_angle(fold, "fold", 180.0))
@@ -147,7 +152,7 @@ def _relaxed(points: FloatArray, faces: IntArray, margin: FloatArray, *, anywher
     faces = _delaunay_inside(moved, margin, area)
     if not np.isclose(signed_areas(moved, faces).sum(), area.sum(), rtol=1e-9):
         raise OptionError(
-            "no Lloyd mesh fills this leaf's outline; choose cells nearer to square, or family='equilateral'"
+            "no Lloyd mesh fills this leaf's outline; choose cells that are closer to square, or family='equilateral'"
         )
     return moved, faces
 

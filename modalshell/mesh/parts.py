@@ -19,18 +19,18 @@ Component = Literal["largest", "all"] | int
 _NEAR = 1e-3
 """Gap between parts, as a share of the mesh's size, up to which joining them is proposed."""
 _MOST_NEIGHBOURS = 64
-"""Vertices of its own part that may lie nearer to a vertex than another part, for the gap to be found."""
+"""Number of nearest vertices searched for one of another part."""
 
 
 def chosen_part(mesh: TriangleMesh, component: Component | None = None, join: float | None = None) -> TriangleMesh:
-    """The mesh with vertices at most ``join`` [m] apart merged, and of its parts the one that is asked for.
+    """The mesh with vertices at most ``join`` [m] apart merged, reduced to the requested part.
 
     Raises
     ------
     MeshError
         If there is no such part, or joining leaves no valid mesh.
     OptionError
-        If ``join`` is no positive number, or ``component`` is none.
+        If ``join`` is not a positive number, or ``component`` is invalid.
     """
     if join is not None:
         mesh = mesh.weld(checked_number("join", join, above=0.0, unit="m"))
@@ -53,7 +53,7 @@ def refuse_loose_parts(mesh: TriangleMesh, held: NDArray[np.bool_]) -> None:
 
 
 def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_]) -> str:
-    """How many parts of a mesh in several are not held, and what can be done, in words; "" if there are none."""
+    """Message on how many parts of a mesh have no support, and on remedies; "" if there are none."""
     labels = mesh.components
     count = int(labels.max()) + 1
     loose = np.setdiff1d(labels, labels[held])
@@ -74,7 +74,7 @@ def _by_area(mesh: TriangleMesh) -> IntArray:
 
 
 def _joining(mesh: TriangleMesh) -> str:
-    """The distance to join parts by, in words, if one is small, is enough, and leaves a valid mesh; else nothing."""
+    """Advice on a distance to join parts by, if a small one suffices and leaves a valid mesh; else ""."""
     size = float(np.ptp(mesh.vertices, axis=0).max())
     distance = 1.01 * float(_gaps(mesh, _NEAR * size).max()) + 1e-12 * size
     if not distance <= _NEAR * size:

@@ -1,7 +1,7 @@
 """Readers of OBJ, OFF and PLY that keep the file's order and locate faults by line or number.
 
 trimesh reads these formats, too, but resolves relative indices of an OBJ wrongly, takes no binary PLY of unequal
-polygons, and passes over what is missing or does not say where a fault is.
+polygons, and ignores faults or does not locate them.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def read_obj(data: bytes) -> Polygons:
             if not 1 <= corner <= len(vertices):
                 raise MeshError(
                     f"line {number}: face {at} (counted from 0) names vertex {corner} (counted from 1), out of "
-                    f"range: the file has {len(vertices)} vertices; mend the face or remove it"
+                    f"range: the file has {len(vertices)} vertices; correct the face or remove it"
                 )
     if not vertices:
         raise MeshError("the file has no vertices (no lines that start with 'v'); is it an OBJ file?")
@@ -141,7 +141,7 @@ def read_ply(data: bytes) -> Polygons:
         first = int(np.argmax(outside))
         raise MeshError(
             f"face {np.searchsorted(np.cumsum(sizes), first, side='right')} names vertex {corners[first]}, out of "
-            f"range (both counted from 0): the file has {len(vertices)} vertices; mend the face or remove it"
+            f"range (both counted from 0): the file has {len(vertices)} vertices; correct the face or remove it"
         )
     return Polygons(vertices, corners, sizes)
 
@@ -223,7 +223,7 @@ def _three_numbers(words: list[str], where: str) -> list[float]:
     if len(values) < 3:
         raise MeshError(f"{where} has {len(values)} coordinates; expected three numbers")
     if not all(map(math.isfinite, values)):
-        raise MeshError(f"{where} is not finite: {shown(' '.join(words[:3]))} (NaN or infinity); mend or remove it")
+        raise MeshError(f"{where} is not finite: {shown(' '.join(words[:3]))} (NaN or infinity); correct or remove it")
     return values
 
 
@@ -256,6 +256,6 @@ def _off_face(words: list[str], where: str, vertex_count: int) -> list[int]:
         if not 0 <= corner < vertex_count:
             raise MeshError(
                 f"{where} names vertex {corner}, out of range (both counted from 0): the file has {vertex_count} "
-                "vertices; mend the face or remove it"
+                "vertices; correct the face or remove it"
             )
     return corners

@@ -64,7 +64,7 @@ class Polygons:
 
 
 def _clip_ears(points: FloatArray, normal: FloatArray) -> IntArray:
-    """Triangles (k - 2, 3) of a plane polygon (k, 3) seen along ``normal``; a fan of what is left without ears."""
+    """Triangles (k - 2, 3) of a plane polygon (k, 3) seen along ``normal``; a fan of the rest if it has no ears."""
     drop = int(np.abs(normal).argmax())
     plane = np.delete(points, drop, axis=1) * ([1.0, 1.0] if (normal[drop] > 0) == (drop != 1) else [-1.0, 1.0])
     left = list(range(len(points)))

@@ -14,22 +14,22 @@ from modalshell.mesh.repair import repair
 from modalshell.mesh.triangle_mesh import TriangleMesh
 
 _PASSES, _NEAR = 4, 0.03
-"""Lengths that are tried, and the share of triangles by which the last may be off."""
+"""Number of edge lengths tried, and the accepted relative error of the triangle count."""
 _FAR = 0.25
-"""Share of triangles from which the count is told to be off."""
+"""Relative error of the triangle count above which a warning is given."""
 _BYTES = 1000.0
-"""Memory that MeshLab takes for a triangle."""
+"""Memory of MeshLab per triangle [bytes]."""
 _ITERATIONS = 10
 """Rounds of splitting, collapsing, flipping and smoothing."""
 
 
 def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0) -> TriangleMesh:
-    """Mesh a surface anew with about as many nearly equilateral triangles as asked, fewer or more.
+    """Remesh a surface with about as many nearly equilateral triangles as requested.
 
     Edges are split, collapsed and flipped towards one length, and vertices are smoothed on the surface
     [botsch2004]; boundaries and creases stay where they are, but their vertices slide along them. The surface moves by
     1 % of the bounding box's diagonal at most, so that a coarse mesh may keep more triangles where it is strongly
-    curved. Numbers of vertices change: select supports anew.
+    curved. Vertex numbers change: select supports again.
 
     Parameters
     ----------
@@ -90,6 +90,6 @@ def _of_length(mesh: TriangleMesh, length: float, crease: float) -> TriangleMesh
             targetlen=pymeshlab.PureValue(length / size), iterations=_ITERATIONS, featuredeg=crease
         )
     except pymeshlab.PyMeshLabException as error:
-        raise MeshError(f"MeshLab could not mesh the surface anew ({error}); repair the mesh first") from error
+        raise MeshError(f"MeshLab could not remesh the surface ({error}); repair the mesh first") from error
     made = held.current_mesh()
     return repair(size * made.vertex_matrix(), made.face_matrix())[0]

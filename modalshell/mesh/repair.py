@@ -47,12 +47,12 @@ _PASSES = 4
 @final
 @dataclass(frozen=True, kw_only=True)
 class RepairReport:
-    """What :func:`repair` did, as counts; ``str()`` tells it in lines.
+    """Counts of what :func:`repair` did; ``str()`` lists them line by line.
 
     Attributes
     ----------
     recentred : int
-        Distance from the origin in lengths of the mesh, where that was so large that the mesh was moved there; else 0.
+        Distance from the origin over the mesh's length, if the mesh was so far away that it was moved there; else 0.
     triangulated : int
         Polygons of more than three corners.
     invalid_faces : int
@@ -74,7 +74,7 @@ class RepairReport:
     cut_edges : int
         Edges along which one-sided surfaces were cut open.
     flipped_faces : int
-        Faces turned over for a consistent winding.
+        Faces flipped for a consistent winding.
     unused_vertices : int
         Dropped vertices in no face.
     dropped_parts : int
@@ -82,7 +82,7 @@ class RepairReport:
     parts : int
         Connected parts that the mesh has now.
     open_edges : int
-        Edges with one face that the mesh has now: nothing was filled.
+        Boundary edges of the repaired mesh: holes are not filled.
     """
 
     recentred: int = 0
@@ -129,7 +129,7 @@ def repair(
     tolerance: float | None = None,
     component: Component | None = None,
 ) -> tuple[TriangleMesh, RepairReport]:
-    """Make a shell's mesh of vertices and polygons as they come.
+    """Repair vertices and polygons into a mesh that can be a shell.
 
     In this order: faces with vertices that are missing or not finite are dropped; polygons are split into triangles;
     coincident vertices are merged; faces without area, and those less than 1e-4 times as high as long, are taken away,
@@ -146,9 +146,9 @@ def repair(
     faces : (T, k) int, or a list of lists
         Corners of each polygon, three or more.
     tolerance : float, optional
-        Distance [m] up to which vertices are merged; 1e-8 of the bounding box's diagonal without it.
+        Distance [m] up to which vertices are merged; by default 1e-8 of the bounding box's diagonal.
     component : "largest", "all" or int, optional
-        Which connected part is kept: that of the largest area, or the N-th by falling area; all without it.
+        Which connected part is kept: that of the largest area, or the N-th in order of decreasing area; by default all.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def repair(
     Raises
     ------
     MeshError
-        Where nothing is left that could be a shell: no face with area, coordinates out of range.
+        If nothing remains that could be a shell: no face with area, coordinates out of range.
     """
     count: dict[str, int] = {}
     points = as_array("vertices", vertices, "an array (n, 3) of real numbers [m]", MeshError).astype(np.float64)

@@ -31,7 +31,7 @@ class Sheets(NamedTuple):
     cut_edges : int
         Edges along which a one-sided surface was cut open.
     flipped : int
-        Triangles that were turned over.
+        Triangles that were flipped.
     """
 
     vertices: FloatArray
@@ -100,7 +100,7 @@ def _flattest_pairs(vertices: FloatArray, faces: IntArray, links: HalfEdges, gro
 
 
 def _fans_apart(vertices: FloatArray, faces: IntArray, pairs: IntArray) -> tuple[FloatArray, IntArray]:
-    """Give each fan of faces round a vertex, joined by ``pairs``, a vertex of its own; the first keeps the number."""
+    """Give each fan of faces around a vertex, joined by ``pairs``, its own vertex; the first keeps the number."""
     corners = faces.ravel()
     following = np.arange(len(corners)) + np.tile([1, 1, -2], len(faces))
     a, b = pairs.T
@@ -123,7 +123,7 @@ def _fans_apart(vertices: FloatArray, faces: IntArray, pairs: IntArray) -> tuple
 def _bisect_repeated_edges(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, bool]:
     """Give all but the first pair of faces at an edge with more than two a vertex of their own in its middle.
 
-    A face is cut once a call: call again until nothing is left.
+    Each call cuts a face at most once: repeat until no cut is left.
     """
     links = half_edges(faces, len(vertices))
     half = links.face_edges.ravel()

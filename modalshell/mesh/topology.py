@@ -23,7 +23,7 @@ class HalfEdges:
     face_edges : (T, 3) int
         Index into `edges` of each face's three half-edges.
     counts : (E,) int
-        How many faces hold each edge.
+        Number of faces at each edge.
     forward : (T, 3) bool
         Whether the face runs along the edge from its smaller to its larger vertex.
     """

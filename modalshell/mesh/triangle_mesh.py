@@ -52,7 +52,7 @@ class TriangleMesh(ReadOnlyArrays):
 
     @classmethod
     def from_soup(cls, vertices: ArrayLike, faces: ArrayLike, tolerance: float | None = None) -> TriangleMesh:
-        """Build a mesh from a triangle soup: merge coincident vertices, drop or mend faces without area."""
+        """Build a mesh from a triangle soup: merge coincident vertices, drop or repair faces without area."""
         points = validation.as_vertices(vertices)
         merged, kept, _ = weld_arrays(points, validation.as_faces(faces, len(points)), tolerance)
         return cls(*drop_unused(merged, without_flat_faces(merged, kept)))

@@ -34,7 +34,7 @@ def as_vertices(vertices: ArrayLike) -> FloatArray:
     if len(bad):
         raise MeshError(
             f"vertex {bad[0]} (counted from 0) is not finite: {result[bad[0]].tolist()}{_more(len(bad), 'vertices')}; "
-            f"every coordinate must be a finite number: mend or remove these vertices, or drop their faces by {REPAIR}"
+            f"every coordinate must be finite: correct or remove these vertices, or drop their faces by {REPAIR}"
         )
     far = np.flatnonzero((np.abs(result) > LARGEST).any(axis=1))
     if len(far):
@@ -79,21 +79,21 @@ def as_faces(faces: ArrayLike, vertex_count: int) -> IntArray:
         index = next(int(i) for i in array[bad[0]] if not 0 <= i < vertex_count)
         raise MeshError(
             f"face {bad[0]} names vertex {index}, out of range (both counted from 0): the mesh has {vertex_count} "
-            f"vertices, 0 to {vertex_count - 1}{_more(len(bad), 'faces')}; mend the face or remove it, or drop "
+            f"vertices, 0 to {vertex_count - 1}{_more(len(bad), 'faces')}; correct the face or remove it, or drop "
             f"such faces by {REPAIR}"
         )
     return np.array(array, dtype=np.int64, order="C")
 
 
 def check_faces(vertices: FloatArray, faces: IntArray) -> None:
-    """Reject faces that repeat a vertex, have no area or occur twice."""
+    """Reject faces that repeat a vertex, have no area or are duplicates."""
     repeats = (faces == faces[:, [1, 2, 0]]).any(axis=1)
     bad = np.flatnonzero(repeats | degenerate(vertices, faces))
     if len(bad):
         fault = "repeats a vertex" if repeats[bad[0]] else "has zero area: its corners lie on one line"
         raise MeshError(
             f"face {bad[0]}, vertices {_row(faces[bad[0]])} (counted from 0), is degenerate: it {fault}"
-            f"{_more(len(bad), 'faces')}; mend such faces by {REPAIR}, or "
+            f"{_more(len(bad), 'faces')}; repair such faces by {REPAIR}, or "
             "remove them"
         )
     corners = np.sort(faces, axis=1)
@@ -109,7 +109,7 @@ def check_faces(vertices: FloatArray, faces: IntArray) -> None:
 
 
 def paired_edges(faces: IntArray, vertex_count: int) -> tuple[IntArray, HalfEdges]:
-    """Reject edges with three or more faces and mend the winding; returns the faces and their half-edges."""
+    """Reject edges with three or more faces; return consistently wound faces and their half-edges."""
     links = half_edges(faces, vertex_count)
     bad = np.flatnonzero(links.counts > 2)
     if len(bad):

@@ -16,7 +16,7 @@ from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.validation import COINCIDENT, DEGENERATE, degenerate, unused_vertices
 
 _ROUNDS = 50
-"""Passes in which flat faces are mended: each mends all but those that touch one that it has mended."""
+"""Number of passes that repair flat faces: each repairs all except neighbours of repaired ones."""
 
 
 def weld_arrays(
@@ -36,7 +36,7 @@ def weld_arrays(
     Returns
     -------
     vertices, faces, dropped
-        The merged mesh in the old order, and how many faces were dropped because two of their corners merged.
+        The merged mesh in the old order, and the number of faces dropped because two corners merged.
     """
     if tolerance is None:
         tolerance = COINCIDENT * float(np.linalg.norm(np.ptp(vertices, axis=0)))
@@ -64,7 +64,7 @@ def without_flat_faces(vertices: FloatArray, faces: IntArray, limit: float = DEG
     """Faces (T, 3) without those that have no area, or no height above ``limit``, although their corners differ.
 
     A corner of such a face lies on its longest edge. The neighbour over that edge is split there, so that no crack
-    opens; without a neighbour the face is dropped. What cannot be mended so, as where three faces meet, stays.
+    opens; without a neighbour the face is dropped. Others, such as those where three faces meet, stay.
     """
     for _ in range(_ROUNDS):
         gone = np.zeros(len(faces), dtype=np.bool_)

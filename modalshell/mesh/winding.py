@@ -1,6 +1,6 @@
 """Consistent winding of the triangles of each component.
 
-trimesh.repair.fix_winding needs networkx, walks face by face, and says nothing of one-sided surfaces.
+trimesh.repair.fix_winding needs networkx, walks face by face, and does not report one-sided surfaces.
 """
 
 from __future__ import annotations

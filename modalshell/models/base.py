@@ -58,13 +58,13 @@ class Model(ABC):
     name: str
     shell: Shell
     in_shell_frame = False
-    """Whether the model lives in the frame of its supports, and feels their motion as inertial loads."""
+    """Whether the model is formulated in the frame of its supports, with their motion as inertial loads."""
     takes_live_loads = False
-    """Whether :meth:`step_live` takes loads that change within a step; else they join the dead one before."""
+    """Whether :meth:`step_live` takes loads that change within a step; otherwise they join the dead load before it."""
     moves_patches = False
-    """Whether patches under constraints are moved as boundaries, exactly, instead of being led by forces."""
+    """Whether constrained patches are moved as boundaries, exactly, instead of by forces."""
     takes_constraints = False
-    """Whether position and orientation constraints can be asked of it."""
+    """Whether it takes position and orientation constraints."""
 
     def equilibrium(
         self,
@@ -75,7 +75,7 @@ class Model(ABC):
         start: ArrayLike | None = None,
         constraints: Sequence[Constraint] | None = None,
     ) -> Equilibrium:
-        """Static answer to a load; the class says how it is found and what ``residual`` measures.
+        """Equilibrium under a load; the class documents the method and the measure ``residual``.
 
         Parameters
         ----------
@@ -89,12 +89,12 @@ class Model(ABC):
         start : array_like, shape (n, 3), optional
             Positions [m] from which to look for the answer.
         constraints : sequence of Constraint, optional
-            Where patches of vertices shall be and how they shall be turned, for models that take constraints.
+            Prescribed positions and orientations of patches, for models that take constraints.
 
         Returns
         -------
         Equilibrium
-            Never raises for want of convergence: ``converged``, ``outcome`` and ``message`` say so.
+            Does not raise if it fails to converge: see ``converged``, ``outcome`` and ``message``.
 
         Raises
         ------
@@ -129,7 +129,7 @@ class Model(ABC):
         """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
 
     def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
-        """Static answer under loads that change; by answers to dead ones, unless a model knows better."""
+        """Equilibrium under configuration-dependent loads; by a sequence of dead loads unless overridden."""
         return settled(lambda load, begin: self._solve(load, begin, constraints), loading, start)
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
@@ -175,19 +175,19 @@ class Model(ABC):
         )
 
     def rigid_load(self, load: Array) -> float:
-        """Share of a load (n, 3) that pushes along rigid motions which nothing opposes in statics."""
+        """Fraction of a load (n, 3) along rigid motions without resistance in statics."""
         return 0.0
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
         """Lowest squared angular frequency [1/s^2] of small motion about ``answer`` under ``load`` (n, 3) [N].
 
-        Negative, or of negative real part, at an unstable state; None for models that cannot tell.
+        Negative, or of negative real part, at an unstable state; None for models without a tangent.
         """
         return None
 
     @abstractmethod
     def start_motion(self, positions: Array | None = None) -> MotionState:
-        """State at rest at ``positions`` (n, 3); at the rest shape without them."""
+        """State at rest at ``positions`` (n, 3); by default at the rest shape."""
 
     def placed(self, state: MotionState, pose: Placement) -> MotionState:
         """``state`` where the supports are put; the same in a model that lives in their frame."""
@@ -256,11 +256,15 @@ class Model(ABC):
         return 0.0
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
-        """What is wrong with a state, at ``positions`` (n, 3), beyond what the model can describe; None if nothing."""
+        """Outcome of a state at ``positions`` (n, 3) that is outside the model's range; None if it is inside."""
         return None
 
+    def remark(self, state: MotionState) -> str:
+        """Message about the validity of a state, or about the method that found it; "" if there is none."""
+        return ""
+
     def is_saddle(self, state: MotionState) -> bool:
-        """Whether the smallest push leads away from a state that is at rest under a dead load."""
+        """Whether a state at rest under a dead load is unstable."""
         return False
 
     def check_step(self, dt: float, damping: Damping) -> None:

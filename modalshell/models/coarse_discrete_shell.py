@@ -31,15 +31,15 @@ _APART = 0.2
 class CoarseDiscreteShell(Model):
     """DS on fewer vertices: it bends, stiffens and snaps as a shell does, a little too stiff and a little too coarse.
 
-    Positions are carried to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
-    sharp folds; loads are handed down with the same weights. A step of implicit Euler runs in one compiled function,
+    Positions are prolonged to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
+    sharp folds; loads are restricted with the same weights. A step of implicit Euler runs in one compiled function,
     with a profile factorisation, where the coarse shell has a :class:`Material` and no further energies; else as that
     of :class:`DiscreteShell`, some ten times slower.
 
     Parameters
     ----------
     shell : Shell
-        The fine shell, whose positions are wanted.
+        The fine shell, whose positions are computed.
     coarse : Shell
         The same surface with fewer vertices: its own material for its mesh, and the same supports; see
         :func:`coarse_shell`.
@@ -54,7 +54,7 @@ class CoarseDiscreteShell(Model):
     Raises
     ------
     MeshError
-        If the meshes lie apart: they are not the same surface.
+        If the meshes are apart: they are not the same surface.
     OptionError
         If ``step_tolerance`` is not between 0 and 0.01.
     """

@@ -26,7 +26,7 @@ _MEMBRANE_SHARE = 0.1
 _COMPARED = 6
 """Lowest modes among which one is looked for that the other stiffness decides."""
 _APART = 0.3
-"""Difference of two modes' shares of membrane energy from which they tell both stiffnesses."""
+"""Least difference of two modes' fractions of membrane energy for them to determine both stiffnesses."""
 _ALIKE = 0.7
 """Square of the cosine between a fine mode and the coarse one that is it."""
 _ROUNDS, _MET = 12, 1e-4
@@ -75,6 +75,11 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
     material : Material or Isotropic, optional
         Stiffnesses for ``mesh``; without it those of ``shell``, which must then be single numbers, or functions of an
         :class:`Isotropic`. The shear stiffness of a :class:`Material`, a force, is scaled by edge length.
+
+    Returns
+    -------
+    Shell
+        The coarse shell.
 
     Raises
     ------
@@ -134,9 +139,9 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
 def _both_stiffnesses(
     shell: Shell, stiffened: Callable[[float, float], Shell], nearest: Index, shares: Array
 ) -> Shell | None:
-    """Coarse shell with both stiffnesses scaled to two modes of ``shell``; None where no two tell them apart.
+    """Coarse shell with both stiffnesses scaled to two modes of ``shell``; None if no two modes determine them.
 
-    ``nearest`` (k,) and ``shares`` (k, 3) say where the coarse vertices lie on the fine mesh.
+    Coarse vertices lie on the fine mesh in triangles ``nearest`` (k,), at barycentric ``shares`` (k, 3).
     """
     eigenvalues, modes, parts = _elastic_modes(shell)
     apart = parts[0, 0] - parts[:, 0]

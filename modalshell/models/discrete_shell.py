@@ -10,7 +10,7 @@ from modalshell.typing import Index
 
 @final
 class DiscreteShell(FullModel):
-    """DS: the discrete-shell energies as they stand, every vertex an unknown.
+    """DS: the discrete-shell energies, with all vertices free.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class DiscreteShell(FullModel):
         paper's choice for DS) and ``"verlet"`` (second order), both stable below :meth:`stable_step` only. Or
         the key of any other :class:`modalshell.integrators.full.FullIntegrator`, or a rule itself.
     allow_unstable_step : bool
-        Whether explicit rules may go on above their stability estimate.
+        Whether explicit integrators may exceed their stability estimate.
     step_tolerance : float
         Out-of-balance force at which an implicit step's Newton stops, as a share of its load and inertia.
     backend : str, optional

@@ -15,13 +15,13 @@ from modalshell.sharing import PerThread
 from modalshell.typing import Array
 
 _AREA = 2.0
-"""Factor on the area of the surface or of a triangle, either way, from which a thin shell is no longer one."""
+"""Factor of increase or decrease of the area of the surface or a triangle beyond which it counts as distorted."""
 _CRUMPLED = 0.1
-"""Share of the surface whose triangles may have changed by that."""
+"""Fraction of the surface whose triangles may exceed that factor."""
 _OVER = -0.5
 """Cosine between the normals of neighbours below which a surface that was not folded has folded over."""
 _SHARE = 0.05
-"""Share of the edges at which it may."""
+"""Fraction of the edges at which it may be folded over."""
 
 
 @final
@@ -46,7 +46,7 @@ class Distortion:
         return (mesh.faces, mesh.face_areas, unfolded), mesh.area, len(pairs)
 
     def of(self, positions: Array) -> str:
-        """What has become of the surface at ``positions`` (n, 3), if modes cannot describe it; else an empty text."""
+        """Description of a distorted surface at ``positions`` (n, 3); "" if it is within the range of modal models."""
         rest, rest_area, hinges = self._rest
         area, changed, folded = surface_changes(positions, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())
         ratio = area / rest_area
@@ -59,7 +59,7 @@ class Distortion:
         return ""
 
     def judged(self, outcome: Outcome, message: str, positions: Array) -> tuple[Outcome, str]:
-        """Outcome and message of a static answer, with what is to be said of its ``positions`` (n, 3)."""
+        """Outcome and message of a static solution, after the check of its ``positions`` (n, 3)."""
         said = self.of(positions)
         if not said:
             return outcome, message

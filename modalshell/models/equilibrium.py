@@ -24,7 +24,7 @@ from modalshell.typing import Array
 @brief
 @dataclass(frozen=True)
 class Equilibrium:
-    """A static answer, with what the solver has to say about it.
+    """A static solution with its outcome and solver statistics.
 
     Attributes
     ----------
@@ -35,13 +35,13 @@ class Equilibrium:
         model can hold and that is not known to be unstable, ``Outcome.DISTORTED`` where it did at a state that no
         modal model describes.
     message : str
-        What else is to be said of the answer, a sentence; empty if nothing is.
+        Message about the solution; empty if there is none.
     iterations : int
         Solver iterations over the whole load path.
     residual : float
         Out-of-balance force relative to the load (model-specific norm, see each model).
     stable : bool or None
-        Whether a small disturbance dies away; None where that was not found out.
+        Whether it is stable; None if unknown.
     seconds : float
         Wall time.
     coordinates : ndarray or None
@@ -56,9 +56,9 @@ class Equilibrium:
     conservative : bool
         Whether the load has a potential; ``message`` says so where it has none.
     loading, gravity
-        The load of the answer, for derivatives of it; None where it was made without.
+        The load, for derivatives of the solution; None if unknown.
     mesh : TriangleMesh or None
-        The mesh at rest, for pictures; None where it was made without.
+        The mesh at rest, for pictures; None if unknown.
     """
 
     positions: Array
@@ -105,7 +105,7 @@ class Equilibrium:
         Raises
         ------
         OptionError
-            If the answer came without its mesh.
+            If the mesh is unknown.
         """
         if self.mesh is None:
             raise OptionError("this equilibrium came without its mesh: draw that of a model's equilibrium()")

@@ -31,11 +31,11 @@ class ModelFactory:
     shell : Shell
         The shell.
     load : callable, optional
-        Gives the whole load (n, 3) [N], shares of which models are trained on.
+        Returns the whole load (n, 3) [N], fractions of which models are trained on.
     coarse : callable, optional
-        Gives a coarser mesh of the shell's surface with as many cells along and across, or some number for None.
+        Returns a coarse mesh of the shell's surface with these cells along and across, or a default for None.
     solve : callable
-        Gives the basis of a shell with so many modes.
+        Returns the basis of a shell with a number of modes.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class ModelFactory:
     def timed(
         self, spec: ModelSpec, options: Mapping[str, Any], coarse: CoarseMesh | None = None
     ) -> tuple[Model, float]:
-        """The model of :meth:`build`, and what it would take to build it alone [s]."""
+        """The model of :meth:`build`, and the time to build it alone [s]."""
         self._charged = 0.0
         watch = Stopwatch()
         model = self.build(spec, options, coarse)

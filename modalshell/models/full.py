@@ -225,7 +225,7 @@ class FullModel(Model):
         return rule.stable_step(squared, damping.mass_factor, viscosity)
 
     def is_saddle(self, state: MotionState) -> bool:
-        """Whether the potential curves down in some direction; never said of a shell that nothing holds."""
+        """Whether the potential has negative curvature; False for a shell without supports."""
         if not self.shell.unknowns.supported.any():
             return False
         problem = self._statics(np.zeros_like(state.coordinates))
@@ -257,7 +257,7 @@ class FullModel(Model):
         return state.coordinates
 
     def placed(self, state: MotionState, pose: Placement) -> MotionState:
-        """``state`` where the supports are put: positions, rates and what the integrator keeps."""
+        """``state`` moved with the supports: positions, rates and the integrator's memory."""
         if self.in_shell_frame:
             return state
         memory = {name: vectors @ pose.rotation.T for name, vectors in state.memory.items()}

@@ -37,10 +37,10 @@ from modalshell.typing import Array, Progress
 from modalshell.work import count_products
 
 _MISSED = 0.02
-"""Share of a load's linear compliance that the basis may miss."""
+"""Largest fraction of a load's linear compliance outside the basis."""
 _LOAD_STEPS = 12
 _STEP_GOAL = 1e-3
-"""Residual of a step, as a share of its load and inertia."""
+"""Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
 _FORMAT = 2
@@ -82,7 +82,7 @@ class HybridStress(Model):
     OptionError
         If the coarse shell has other energies than those of a :class:`Material`.
     SupportError
-        If nothing holds the shell.
+        If the shell has no supports.
     """
 
     name = "hybrid"
@@ -128,10 +128,10 @@ class HybridStress(Model):
         ----------
         shell : Shell
             The shell.
-        gravity, force, loads
+        gravity, force, loads : optional
             The load about which to train, as in :meth:`equilibrium`.
         coarse : Shell, optional
-            A coarse shell of the same surface, which is what is reduced; ``shell`` itself without one.
+            A coarse shell of the same surface, which is reduced; by default ``shell`` itself.
         modes : int
             Vectors m of the basis.
         motions : int
@@ -151,7 +151,7 @@ class HybridStress(Model):
         return trained_on_load(shell, coarse or shell, load, modes=modes, motions=motions, seed=seed, on_step=on_step)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write what training found to an ``.npz`` file (no pickle)."""
+        """Write the trained data to an ``.npz`` file (no pickle)."""
         t = self._trained
         write_npz(
             path, modalshell_hybrid=np.array(_FORMAT), basis=t.basis, stresses=t.stresses, viscous=t.viscous,
@@ -251,6 +251,14 @@ class HybridStress(Model):
         answer = self.coarse.equilibrium(force=load, start=start)
         message = "; ".join(part for part in (f"answered by {self.coarse.name}: {reason}", answer.message) if part)
         return replace(answer, message=message, coordinates=None)
+
+    def remark(self, state: MotionState) -> str:
+        """The range of training, or that the coarse shell has taken the step."""
+        if state.coordinates.ndim == 1:
+            return self._range()
+        seen = self._last_load().seen
+        reason = "the trained states do not hold the motion" if seen else "the basis misses the load"
+        return f"answered by {self.coarse.name}: {reason}"
 
     def _range(self) -> str:
         return (

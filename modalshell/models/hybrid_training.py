@@ -23,9 +23,9 @@ _SIZES = (0.5, 1.2)
 _AROUND = np.radians(30.0)
 """Sizes of the loads over the given one, and largest angle between half of them and it."""
 _POINT = 0.1
-"""Size of the point force, over the load's, that a third of them have besides."""
+"""Size of the additional point force of a third of the loads, relative to the load."""
 _DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
-"""Damping by the mass [1/s], and that by the stiffness [s] that half of the motions have besides."""
+"""Mass damping [1/s], and stiffness damping [s] of half of the motions."""
 _HELD_OUT = 10
 """Motions on loads that are not in training."""
 _LINEAR, _STRESSED = 4, 6
@@ -41,7 +41,7 @@ _SMALL = 0.02
 @final
 @dataclass(frozen=True)
 class Trained:
-    """What training found.
+    """Result of the training.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ def _evened(snapshots: Array, weight: Array) -> Array:
 
 
 def _random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
-    """The load turned, half of the time by at most 30 degrees, scaled, and a third of the time with a point force."""
+    """Random loads: rotated (half of them by at most 30 degrees), scaled, and a third of them with a point force."""
     given = load.sum(axis=0)
     size = float(np.linalg.norm(given))
     random = rng.standard_normal(3)

@@ -43,7 +43,7 @@ _FIXED_POINT = 1e-7
 _FIXED_POINT_LIMIT = 200
 """Fixed-point iterations at most."""
 _OUT_OF_REACH_LIMIT = 20
-"""Iterations after which targets that were not reached in any of them are given up."""
+"""Number of iterations after which unreached targets are abandoned."""
 
 
 class ModalModel(Model):
@@ -86,7 +86,7 @@ class ModalModel(Model):
         """Modal force p (m,) of the load (n, 3) at q."""
 
     def modal_force_jacobian(self, q: Array, load: Array) -> Array:
-        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless a model knows better."""
+        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless overridden."""
         jacobian = np.empty((q.size, q.size))
         turns = np.maximum(np.abs(self.basis.rotations).max(axis=0), 1e-300)
         for k in range(q.size):
@@ -157,7 +157,7 @@ class ModalModel(Model):
             )
 
     def _answer(self, found: Statics) -> Equilibrium:
-        """The equilibrium at coordinates that statics has found."""
+        """The equilibrium at given coordinates."""
         positions = self.shell.rest_positions + self.raw_displacement(found.q)
         return Equilibrium(
             positions,
@@ -178,7 +178,7 @@ class ModalModel(Model):
         return np.array([self.largest_turn(unit) for unit in self._identity])
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
-        """Wound up where a part turned by more than 2 pi, distorted where the surface stretched or folded over."""
+        """Wound up if a part rotated by more than 2 pi, distorted if the surface is stretched or folded over."""
         # Rotations are linear in q: what the modes' own largest ones add up to bounds them.
         q = state.coordinates
         if not np.abs(q) @ self._turns <= WOUND_UP and self.largest_turn(q) > WOUND_UP:
@@ -239,7 +239,7 @@ class ModalModel(Model):
         )
 
     def rigid_load(self, load: Array) -> float:
-        """Share of the load, in the modes' norm, that pushes on rigid modes: nothing holds it in statics."""
+        """Fraction of the load, in the modes' norm, on rigid modes, which have no resistance in statics."""
         if self.basis.rigid_modes == 0 or not load.any():
             return 0.0
         return rigid_share(self.shell, load)  # on all of them: the basis may have been asked for fewer
@@ -288,7 +288,7 @@ class ModalModel(Model):
     def _slowed(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, matrix: Array
     ) -> MotionState:
-        """``state`` with modal forces ``-matrix (v - v_n)`` besides, taken at the step's end."""
+        """``state`` corrected by implicit modal forces ``-matrix (v - v_n)``."""
         if self._unit_step is None or self._unit_step[0] != (dt, damping):
             eigenvalues = self.basis.eigenvalues
             rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)
@@ -301,7 +301,7 @@ class ModalModel(Model):
         return MotionState(state.coordinates + moved * force, state.rates + sped * force)
 
     def turned_rows(self, q: Array, vertices: Index) -> Array:
-        """Rows (k, 3, m) of the modes at some vertices, turned with these."""
+        """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
         rows = self._patch_rows(self.basis.modes, vertices)
         turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
         return np.asarray(turns @ rows)

@@ -65,11 +65,11 @@ class ModalDerivatives(Model):
     Attributes
     ----------
     basis : DerivativeBasis
-        U and what it is made of.
+        U and its parts.
     energy : ReducedEnergy
         The energy in use.
     cubature : Cubature or None
-        What training found, its error on held-out loads with it.
+        Result of the training, with its error on held-out loads.
 
     Raises
     ------

@@ -28,7 +28,7 @@ from modalshell.timings import Stopwatch
 from modalshell.typing import Array, Progress, Vector
 
 _BEYOND = 2.0
-"""Ranges of the load factor outside of the asked one over which a path is still followed."""
+"""Multiples of the requested range of load factors within which a path is followed."""
 
 
 @final
@@ -54,11 +54,11 @@ class EquilibriumPath:
     residuals : ndarray, shape (k,)
         Out-of-balance forces over the largest load so far.
     outcome : Outcome
-        ``Outcome.CONVERGED`` where the path came to the wanted load factor.
+        ``Outcome.CONVERGED`` if the path reached the requested load factor.
     message : str
         Why it did not, a sentence.
     branches : list of EquilibriumPath
-        Paths from bifurcations of this one, two for each that was asked for and that crosses.
+        Paths from bifurcations of this one, two for each requested one that crosses.
     parent : int or None
         Of a branch: the point of the first path that it leaves.
     iterations : int
@@ -86,7 +86,7 @@ class EquilibriumPath:
 
     @property
     def converged(self) -> bool:
-        """Whether the path came to the wanted load factor."""
+        """Whether the path reached the requested load factor."""
         return self.outcome is Outcome.CONVERGED
 
     def crossings(self, factor: float) -> Array:
@@ -125,19 +125,19 @@ def equilibrium_path(
     ----------
     model : Model, Shell or EnergyFunction
         DS, of either energy, RSW, MD-ROM or another model with a potential; a shell stands for its DS.
-    gravity, force, loads
+    gravity, force, loads : optional
         The load at a factor of 1, as in :meth:`Model.equilibrium`; ``force`` (N,) of an EnergyFunction.
     until : float
         Load factor at which the path ends.
     begin : float
         Load factor at which it begins.
     start : array_like, shape (n, 3), optional
-        Positions [m] near those at the beginning; without it those that a load growing from nothing leads to.
+        Positions [m] near those at the beginning; by default those under a load that grows from zero.
     control : {"arc", "load", "displacement"}
         What the steps are measured by. Load control ends at the first limit point, displacement control where the
         watched displacement turns back.
     watch : (selection, direction), optional
-        The displacement that is told: the mean of these vertices' along a direction. Without it the mean along the
+        The displacement to report: the mean of these vertices' along a direction. Without it the mean along the
         load, weighted by its forces. Weights (N,) of the unknowns of an EnergyFunction.
     steps : int
         Steps at least from ``begin`` to ``until``.
@@ -151,7 +151,7 @@ def equilibrium_path(
     Returns
     -------
     EquilibriumPath
-        Never raises for a path that ends early: ``outcome`` and ``message`` say so.
+        Does not raise for a path that ends early: see ``outcome`` and ``message``.
 
     Raises
     ------

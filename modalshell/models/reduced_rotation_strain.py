@@ -24,7 +24,7 @@ from modalshell.typing import Array, Index
 from modalshell.work import count_read
 
 _CANDIDATES = 2000
-"""Triangles to choose from; of more, so many are drawn by area."""
+"""Largest number of candidate triangles; a sample by area of more."""
 _FEATURES = 96
 """Principal components of the candidates' F - I that the sampled triangles must determine."""
 _RESOLVED = 1e-7
@@ -127,14 +127,14 @@ class ReducedRotationStrain(TurnedTriangles):
         samples: int = TILE,
         seed: int = 0,
     ) -> ReducedRotationStrain:
-        """Train on static answers to loads, and on what motion makes of them.
+        """Train on static solutions under loads, and on perturbed copies of them.
 
         Parameters
         ----------
         model : RotationStrain
             The full model.
         gravities : array_like, shape (k, 3), optional
-            Accelerations [m/s^2] whose static answers are trained on: the range of loads to come.
+            Accelerations [m/s^2] whose static solutions are trained on: the expected range of loads.
         loads : array_like, shape (k, n, 3), optional
             The same as forces on the vertices [N]; one of both must be there.
         mixtures : int

@@ -43,8 +43,8 @@ class ModelSpec:
         Makes the model from what it ``needs``, in this order: the shell; a basis; a basis and loads (k, n, 3) [N] to
         train on; the shell and the same surface as a coarse shell; the same with a load (n, 3) [N] to train on.
         Its further parameters are the keys of a scene's ``[model]`` table, with their types and defaults, as
-        far as TOML can state them. A parameter ``count`` of modes is the key ``modes``, which models on a basis
-        have besides.
+        far as TOML can state them. A parameter ``count`` of modes is the key ``modes``; models on a basis have
+        that key too.
     needs : {"shell", "basis", "training", "coarse mesh", "coarse training"}
         What the builder takes.
     cost : float
@@ -81,7 +81,7 @@ class ModelSpec:
 
     @property
     def given(self) -> int:
-        """How many of the builder's first parameters are what the model needs."""
+        """Number of leading parameters of the builder that the model needs."""
         return _GIVEN[self.needs]
 
     @property
@@ -98,7 +98,7 @@ class ModelSpec:
 MODELS: dict[str, ModelSpec] = {}
 """Every model that is registered, by its key; :func:`models` also looks for those of other packages."""
 TRUTH = "ds"
-"""Key of the model that the others are held against."""
+"""Key of the reference model."""
 
 
 def register(spec: ModelSpec) -> ModelSpec:
@@ -107,7 +107,7 @@ def register(spec: ModelSpec) -> ModelSpec:
     Raises
     ------
     OptionError
-        For a key or name that is taken, or that is not as :class:`ModelSpec` says.
+        For a key or name that is taken or invalid; see :class:`ModelSpec`.
     """
     if not re.fullmatch(_KEY, spec.key):
         raise OptionError(f"key must be lower-case letters, digits and hyphens, a letter first (got {spec.key!r:.60})")

@@ -21,9 +21,9 @@ from modalshell.shell import Shell
 from modalshell.typing import Array, Index
 
 _TOLERANCE = 1e-13
-"""Error of the angular momentum after a step, as a share of its size."""
+"""Relative tolerance of the angular momentum after a step."""
 _NEWTON_LIMIT = 30
-"""Newton iterations of a step at most."""
+"""Largest number of Newton iterations per step."""
 
 
 @final
@@ -160,7 +160,7 @@ class RigidShell(Model):
         return np.trace(self._moments) * np.eye(3) - self._moments
 
     def _increment(self, impulse: Array, guess: Array) -> tuple[Array, bool]:
-        """Turn c (3,) [rad] of a step, in the body's frame, whose discrete momentum is ``impulse``; by Newton."""
+        """Rotation c (3,) [rad] of a step, in the body frame, whose discrete momentum is ``impulse``; by Newton."""
         inertia, moments = self._inertia(), self._moments
         c = guess
         size = float(np.linalg.norm(impulse))

@@ -26,17 +26,17 @@ _Scalar = TypeVar("_Scalar", np.float64, np.int64)
 
 @final
 class RotationStrain(TurnedTriangles):
-    """RSW: every triangle turns and strains as its modes say, and a least-squares fit puts the surface together.
+    """RSW: modes prescribe rotation and strain of every triangle, and a least-squares fit joins the triangles.
 
-    With the rotation vector ``w_tk`` and the surface strain ``S_tk`` of triangle t in mode k, coordinates q ask for the
-    deformation gradient ``F_t = exp([sum_k q_k w_tk]) (I + sum_k q_k S_tk)`` on the triangle's tangents. Positions
+    With the rotation vector ``w_tk`` and the surface strain ``S_tk`` of triangle t in mode k, coordinates q prescribe
+    the deformation gradient ``F_t = exp([sum_k q_k w_tk]) (I + sum_k q_k S_tk)`` on the triangle's tangents. Positions
     minimise ``sum_t A_t |grad x - F_t|^2`` with the held vertices at rest: three right sides of one factorised
-    Laplacian a frame. For small q that is ``u = Phi q``, and equal turns everywhere make an exact rigid turn.
+    Laplacian per frame. For small q that is ``u = Phi q``, and equal rotations everywhere are an exact rigid rotation.
 
     The modal force is the exact gradient of the load's potential ``f . u(q)``, so statics minimises
     ``q . Lambda q / 2 - f . u(q)``, which always has a solution.
 
-    A part of the shell that nothing holds keeps its centre of mass where the linear modes put it.
+    A part without supports has the centre of mass of the linear modes.
 
     Parameters
     ----------

@@ -25,13 +25,13 @@ from modalshell.work import count_products, count_read
 _TOLERANCE = 1e-9
 """Relative residual at which an equilibrium has converged."""
 _SMALLEST_LOAD_STEP = 1.0 / 1024.0
-"""Share of the load below which a load step is given up."""
+"""Smallest load step, relative to the load."""
 _NEWTON_LIMIT = 12
 """Newton iterations at one load at most."""
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
 _LOAD_TURN = 0.5
-"""Turn of a vertex [rad] that one load step may predict."""
+"""Largest predicted rotation of a vertex [rad] per load step."""
 
 
 @final
@@ -43,7 +43,7 @@ class ModalWarping(ModalModel):
 
     The paper's modal force ``Phi^T R^T f`` is the gradient of no potential: static equilibria need not exist. Statics
     solves ``Lambda q = Phi^T R(q)^T f`` by Newton along a growing load, from rest or from a start; ``residual`` is
-    ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Three ways to fail are told apart: no fixed point (the
+    ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. Three ways to fail are distinguished: no fixed point (the
     branch ends), wound up (a vertex turned by more than 2 pi) and unstable (a fixed point that even heavily damped
     motion leaves; lightly damped motion may cycle about others). With constraints, the least modal work that meets
     them.
@@ -232,7 +232,7 @@ class ModalWarping(ModalModel):
         return y, residual, iteration, False
 
     def _turn(self, y: Array, root: Array) -> float:
-        """Largest turn of a vertex [rad] at y."""
+        """Largest rotation of a vertex [rad] at y."""
         return float(rotations.largest_angle((self._rotations @ (y / root)).reshape(-1, 3)))
 
     def _follow(self, load: Array, root: Array, scale: float) -> tuple[Array, float, int, bool]:
@@ -265,5 +265,5 @@ class ModalWarping(ModalModel):
 
 
 def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:
-    """MWTS under the consistent modal force ``J^T f``: a record of its own on the ladder."""
+    """MWTS under the consistent modal force ``J^T f``, a separate entry of the registry."""
     return ModalWarping(basis, integrator=integrator, consistent_force=True)

@@ -35,9 +35,9 @@ def attached_forces(shell: Shell, attachments: Sequence[Load | ArrayLike] | None
 def with_attachments(
     shell: Shell, eigenvalues: Array, modes: Array, forces: Array, backend: str | None
 ) -> tuple[Array, Array]:
-    """Eigenvalues (m,) and modes (N, m) of the free unknowns, followed by what is new in the answers to forces (3n, k).
+    """Eigenvalues (m,) and modes (N, m) of the free unknowns, extended by the static solutions under forces (3n, k).
 
-    New vectors are turned so that the stiffness is diagonal on them: their eigenvalues are Ritz values, above those of
+    New vectors are rotated so that the stiffness is diagonal on them: their eigenvalues are Ritz values, above those of
     the modes.
     """
     data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
@@ -51,6 +51,6 @@ def with_attachments(
     if not (values > 0.0).all():  # NaN too
         raise SolverError(
             f"the attachments have no positive stiffness (lowest {values.min():.3g} 1/s^2): the stiffness is too "
-            "ill-conditioned; remesh needles, or bring the stiffnesses nearer together"
+            "ill-conditioned; remesh needles, or make the stiffnesses more alike"
         )
     return np.concatenate([eigenvalues, values]), np.hstack([modes, found[:, modes.shape[1] :] @ turned])

@@ -19,18 +19,18 @@ from modalshell.typing import Array
 _DENSE_BELOW = 150
 """Unknowns up to which a dense solver finds all eigenpairs."""
 _REPEATED = 1e-9
-"""Relative gap below which eigenvalues count as one; further apart they are resolved and keep their own modes."""
+"""Relative gap below which eigenvalues count as repeated; others keep their own modes."""
 
 _RESIDUAL_LIMIT = 1e-8
 """Residual over |K| |phi| above which a mode is refused."""
 _ILL_CONDITIONED = (
     "the stiffness is too ill-conditioned: take needles (aspects of 1e4 and more) away, as "
-    f"{REPAIR} does, or bring the stiffnesses nearer together"
+    f"{REPAIR} does, or make the stiffnesses more alike"
 )
 _AGREEMENT = 0.05
 """Relative difference between an eigenvalue and its mode's strain energy from which the mode is rounding."""
 _FALSE_STIFFNESS = 0.5
-"""Share of the lowest eigenvalue that rounding may give to rigid motions: about what it takes to lose a mode."""
+"""Largest fraction of the lowest eigenvalue that rounding may give to rigid motions; more can lose a mode."""
 _LOOSE = 1e-6
 """Share of the largest strain energy below which a mode is loose, and its eigenvalue is rounding with good reason."""
 
@@ -41,7 +41,7 @@ _GLANCE = 1e-3
 """Tolerance of a first look for missed modes; what lies no further above the last mode is looked at closely."""
 
 _CLOSELY = 1e-9
-"""Tolerance beside known modes: inside a repeated eigenvalue the last digits need not settle."""
+"""Tolerance next to known modes: inside a repeated eigenvalue the last digits need not converge."""
 
 _RESTARTS = 100
 """Restarts after which a mode that has not converged is sought again without the others."""
@@ -57,7 +57,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     modes : ndarray, shape (N, count)
         Mass-orthonormal modes of the free unknowns.
     rigid_modes : int
-        How many of the modes are rigid motions.
+        Number of modes that are rigid motions.
     residual : float
         Largest ``|K phi - lambda M phi| / (|K| |phi|)``, in the mass-scaled problem.
     backend : str
@@ -168,7 +168,7 @@ def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
 def lowest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
     """Lowest eigenvalue [1/s^2] of a stiffness over the mass, and its direction (N,) in the free unknowns.
 
-    Lanczos finds what is nearest to a shift. Where the matrix is not definite, that at zero need not be the lowest one:
+    Lanczos finds the eigenvalues nearest to a shift. For an indefinite matrix those near 0 need not be the lowest:
     the shift is lowered until it has the whole spectrum above it.
 
     Parameters
@@ -291,7 +291,7 @@ def _lowest(
     tolerance: float = 0.0,
     start: Array | None = None,
 ) -> tuple[Array, Array]:
-    """The ``wanted`` lowest pairs, as many of them as converge, orthogonal to the orthonormal columns ``known``."""
+    """The lowest ``wanted`` pairs, or those of them that converge, orthogonal to the orthonormal columns ``known``."""
     size = root.size
 
     def project(vectors: Array) -> Array:
@@ -328,7 +328,7 @@ def _lowest(
 
 
 def _check_rounding(shell: Shell, data: Array, values: Array, strain: Array) -> None:
-    """Raise SolverError where modes have drowned in rounding: those that were found, or others that are missing."""
+    """Raise SolverError if modes are lost to rounding: computed ones, or missing ones."""
     apart = np.abs(values - strain) > _AGREEMENT * strain
     bad = np.flatnonzero(apart & (strain > _LOOSE * strain.max(initial=0.0)))
     if bad.size:
@@ -340,7 +340,7 @@ def _check_rounding(shell: Shell, data: Array, values: Array, strain: Array) -> 
     false = _stiffness_of_rounding(shell, data)
     if elastic.size and false > _FALSE_STIFFNESS * elastic.min():
         raise SolverError(
-            f"rounding gives rigid motions a stiffness of {false:.3g} 1/s^2, beside a lowest eigenvalue of "
+            f"rounding gives rigid motions a stiffness of {false:.3g} 1/s^2, with a lowest eigenvalue of "
             f"{elastic.min():.3g} 1/s^2, so that modes may be wrong or missing; {_ILL_CONDITIONED}"
         )
 

@@ -35,9 +35,12 @@ class Factor(ABC):
     ----------
     backend : str
         Name of the library that holds the factor.
+    solves_a_factorisation : float
+        Solves that take the time of another factorisation, about; 0 where the factor is not worth keeping.
     """
 
     backend: str
+    solves_a_factorisation: float = 0.0
 
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, k) right sides."""
@@ -67,28 +70,33 @@ class CondensedFactor(Factor):
         Of the whole matrix.
     internal : int
         Number of the last unknowns.
+
+    Attributes
+    ----------
+    whole : Factor
+        Of the whole matrix.
     """
 
     def __init__(self, factor: Factor, internal: int) -> None:
-        self._factor = factor
+        self.whole = factor
         self._internal = internal
-        self.backend = factor.backend
+        self.backend, self.solves_a_factorisation = factor.backend, factor.solves_a_factorisation
 
     def _solve(self, right_side: Array) -> Array:
         none = np.zeros((self._internal, *right_side.shape[1:]))
-        return self._factor._solve(np.concatenate([right_side, none]))[: len(right_side)]
+        return self.whole._solve(np.concatenate([right_side, none]))[: len(right_side)]
 
     def is_definite(self) -> bool:
         """Whether the whole matrix is positive definite."""
-        return self._factor.is_definite()
+        return self.whole.is_definite()
 
     def negative_eigenvalues(self) -> int:
         """Number of negative eigenvalues of the whole matrix, and of the Schur complement: the last block has none."""
-        return self._factor.negative_eigenvalues()
+        return self.whole.negative_eigenvalues()
 
 
 def condensed_factor(factor: Factor, internal: int) -> Factor:
-    """``factor`` as one of the unknowns before the last ``internal`` ones; itself where there are none of these."""
+    """``factor`` as one of the unknowns before the last ``internal`` ones; itself if there are none."""
     return CondensedFactor(factor, internal) if internal else factor
 
 
@@ -121,7 +129,7 @@ def _symmetric_lu(matrix: sps.csc_matrix, order: Literal["MMD_AT_PLUS_A", "NATUR
 
 
 class _SuperLU(Factor):
-    """SciPy's SuperLU in symmetric mode: minimum-degree order of A + A^T, found once a pattern, and diagonal pivots."""
+    """SciPy's SuperLU in symmetric mode: minimum-degree order of A + A^T, once per pattern, and diagonal pivots."""
 
     backend = "superlu"
 
@@ -170,7 +178,7 @@ class _GeneralLU(Factor):
         return self._factor.solve(np.ascontiguousarray(right_side))
 
     def is_definite(self) -> bool:
-        """False: nothing is known of it."""
+        """False: unknown."""
         return False
 
 
@@ -181,6 +189,7 @@ class _Cholesky(Factor):
 
     def __init__(self, factor: BlockCholesky) -> None:
         self._factor = factor
+        self.solves_a_factorisation = factor.analysis.solves_a_factorisation
 
     def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(right_side)
@@ -194,7 +203,7 @@ _SMALL = 3000
 
 
 class Factoriser:
-    """Factorises matrices of one pattern, keeping what the back end has learnt of it; threads may share it.
+    """Factorises matrices of one pattern, reusing its symbolic analysis; thread-safe.
 
     Parameters
     ----------
@@ -218,9 +227,9 @@ class Factoriser:
         self._ordering: _Ordering | None = None
 
     def definite(self, matrix: sps.csc_array) -> Factor:
-        """Factor of a positive definite matrix (both triangles stored); SolverError if it is found not to be.
+        """Factor of a positive definite matrix (both triangles stored); SolverError if it proves not to be.
 
-        SuperLU takes other matrices without a word: ask its factor's ``is_definite`` where that matters.
+        SuperLU accepts other matrices silently: check the factor's ``is_definite`` if that matters.
         """
         _check_finite(matrix)
         if self._takes_superlu(matrix):

@@ -8,7 +8,7 @@ import scipy.linalg
 from modalshell.typing import Array
 
 _DEPENDENT = 1e-6
-"""Share of a derivative that must be new to the basis for it to get a vector of its own."""
+"""Least relative part of a vector orthogonal to the basis for it to be added."""
 
 
 def orthonormal_extension(leading: Array, further: Array, mass: Array) -> Array:

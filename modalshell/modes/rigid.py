@@ -25,7 +25,7 @@ def six_motions(points: Array) -> Array:
 
 
 def left_free(shell: Shell) -> str:
-    """The rigid motions that the supports leave free, in words; "" if there are none."""
+    """Description of the rigid motions that the supports leave free; "" if there are none."""
     parts = [(vertices, left) for vertices, left in _free_motions(shell) if left.shape[1]]
     if not parts:
         return ""
@@ -36,7 +36,7 @@ def left_free(shell: Shell) -> str:
 
 
 def _described(positions: Array, vertices: Index, left: Array) -> str:
-    """Rigid motions of some vertices, given by their shares (6, r) of :func:`six_motions`, in words."""
+    """Description of rigid motions, given by their coefficients (6, r) of :func:`six_motions`."""
     if left.shape[1] == 6:
         return "all translations and turns"
     _, values, right = np.linalg.svd(left[3:])

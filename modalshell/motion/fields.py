@@ -25,7 +25,7 @@ def checked_fields(names: Sequence[str], shell: Shell) -> tuple[str, ...]:
 
 
 def with_fields(run: Trajectory, shell: Shell, names: Sequence[str]) -> Trajectory:
-    """The motion with fields of the shell in every frame, besides those that it has.
+    """The motion with further fields of the shell in every frame.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def with_fields(run: Trajectory, shell: Shell, names: Sequence[str]) -> Trajecto
     OptionError
         For another name, or one that needs a thickness which the material has not.
     LoadError
-        Where a triangle has collapsed in a frame.
+        If a triangle has collapsed in a frame.
     """
     missing = [name for name in checked_fields(names, shell) if name not in run.fields]
     if not missing:

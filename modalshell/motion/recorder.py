@@ -20,7 +20,7 @@ from modalshell.typing import Array, Progress
 _MOST_STEPS = 1_000_000_000
 """Longest run: one of more steps would never end."""
 _QUARTER_DECAY = 0.1
-"""Share of its energy that free motion may keep over a quarter of the run, for the run to be judged."""
+"""Runs are judged only if free motion loses all but this fraction of its energy in a quarter of the run."""
 _STILL_MOVING = 0.5
 """Share of the third quarter's kinetic energy in the last one, from which the motion may be a cycle."""
 _REBOUND = 100.0
@@ -69,9 +69,9 @@ class Recorder:
     total : int
         Steps to take in all.
     store_every : int
-        Frames are stored every so many steps, and at the last one.
+        Frames are stored every ``store_every`` steps, and at the last one.
     patience : int, optional
-        Steps that may fail to converge before the motion is given up.
+        Number of steps that may fail to converge before the motion is aborted.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Recorder:
     def resume(
         self, times: Array, energies: Array, residuals: Array, fault: Outcome | None, fault_time: float, seconds: float
     ) -> None:
-        """Go on after frames that were stored earlier: (F,), (F, 3), (F, k), their first fault, and their wall time."""
+        """Resume after stored frames: (F,), (F, 3), (F, k), their first fault, and their wall time."""
         self.times, self.energies, self.residuals = times.tolist(), list(energies), list(residuals)
         self.fault, self.fault_time = fault, fault_time
         self._watch, self._seconds_before = Stopwatch(), seconds
@@ -153,7 +153,7 @@ class Recorder:
         )
 
     def verdict(self) -> tuple[Outcome, str]:
-        """The outcome, the gravest of those that hold, and a sentence that names them all, "" if nothing is wrong."""
+        """The worst outcome that applies, and a message that names all of them and what the model remarks, or ""."""
         motion = self.motion
         if not motion.finite:
             return Outcome.DIVERGED, f"positions left the finite numbers at {motion.time:.6g} s"
@@ -174,7 +174,7 @@ class Recorder:
         if self._rests() and not motion.loading.live and motion.model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
         flagged = [] if motion.loading.conservative else [NO_POTENTIAL]
-        return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *flagged])
+        return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *flagged, *motion.remarks])
 
     @property
     def _steady(self) -> bool:

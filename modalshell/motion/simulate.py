@@ -57,15 +57,15 @@ def simulate(
         Rayleigh factors xi [1/s] of the mass and zeta [s] of the stiffness. Where supports move, xi slows velocity in
         the model's own frame: relative to the supports for modal models, absolute for full ones.
     start : array_like, shape (n, 3), optional
-        Positions at the start [m], at rest, with the supports in their rest pose; the rest shape without them.
+        Positions at the start [m], with zero velocity and the supports in their rest pose; by default the rest shape.
     supports : SupportPath, optional
         Moves the supports. Full models hold vertices along the path; modal models, and full ones whose supports hold
         single components, feel it as inertial loads in their own frame, with positions given in the world's.
     constraints : sequence of PositionConstraint or OrientationConstraint, optional
-        Where patches of vertices shall be, and how they shall be turned, in the world. Modal models are moved there by
+        Prescribed positions and orientations of patches, in the world frame. Modal models are moved there by
         the modal forces of least work, as near as their modes reach; DS moves the patches as boundaries.
     store_every : int
-        Store every so many steps (explicit steps are short).
+        Number of steps per stored frame (explicit steps are short).
     dtype : {float64, float32}
         Of the stored positions.
     fields : sequence of str

@@ -107,6 +107,7 @@ class Motion:
         if (modal := as_modal(model)) is not None and supports is None:
             self._quadrature = modal.load_quadrature(self.loading)
         self.count, self.unconverged, self.finite = 0, 0, True
+        self._remarks: dict[str, int] = {}
         self.constraint_residuals = np.zeros(len(self.constraints))
 
     @property
@@ -191,9 +192,19 @@ class Motion:
         self.unconverged += not converged
         self._before, self.state = self.state, state
         self.count += 1
+        if remark := model.remark(state):
+            self._remarks.setdefault(remark, self.count)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the model says of its states, each sentence once, with the time from which it holds."""
+        return [
+            remark if first == 1 else f"from {first * self.dt:.6g} s on {remark}"
+            for remark, first in self._remarks.items()
+        ]
 
     def _last_positions(self) -> tuple[Array, Array]:
-        """Positions (n, 3) [m] in the world now and a step earlier; at the start both are the same."""
+        """Positions (n, 3) [m] in the world frame, now and one step earlier; equal at the start."""
         now, before = self.positions(), self._own(self._before)
         if self.supports is not None and self.model.in_shell_frame:
             before = self._pose(self.supports, max(self.count - 1, 0) * self.dt).to_world(before)
@@ -206,7 +217,7 @@ class Motion:
         return vertices, blocks if pose is None else pose.rotation.T @ blocks @ pose.rotation
 
     def snapshot(self) -> dict[str, Array]:
-        """Everything that the next step depends on, as arrays; :meth:`restore` takes up from there, to the last bit."""
+        """Checkpoint: all arrays that the next step depends on; :meth:`restore` resumes from it bit for bit."""
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
         arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals}
         for name, state in self._states().items():
@@ -220,7 +231,7 @@ class Motion:
         return {"now": self.state}
 
     def restore(self, arrays: dict[str, Array]) -> None:
-        """Go on from a :meth:`snapshot` of the same motion."""
+        """Resume from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.constraint_residuals = np.array(arrays["constraint_residuals"])
         states = [

@@ -31,7 +31,7 @@ class Pose:
     translation : ndarray, shape (3,)
         Of the pivot [m].
     pivot : ndarray, shape (3,)
-        Point of the rest shape about which it turns [m].
+        Point of the rest shape about which it rotates [m].
     acceleration : ndarray, shape (3,)
         Of the pivot, in the shell's frame [m/s^2].
     turn_rate, turn_acceleration : ndarray, shape (3,)
@@ -100,7 +100,7 @@ class SupportPath:
     translations : array_like, shape (k, 3)
         Displacement of the supports [m].
     rotation_vectors : array_like, shape (k, 3), optional
-        Rotation of the supports from their rest orientation [rad], more than one turn if need be; none without it.
+        Rotation of the supports from their rest orientation [rad], may exceed one turn; none by default.
     pivot : array_like, shape (3,)
         Point of the rest shape about which they turn [m].
 
@@ -142,8 +142,8 @@ class SupportPath:
 
         Supports start and stop at rest here too. A function that moves at time 0 or at ``duration`` is started or
         stopped within the samples there, by accelerations that fall off by a factor 2 + sqrt(3) a sample, and the shell
-        feels them: give a function that rests at its ends, or let ``duration`` reach some ten samples beyond the end of
-        the simulation.
+        reacts to them: give a function that rests at its ends, or let ``duration`` reach some ten samples beyond the
+        end of the simulation.
 
         Rotation vectors of most programs jump where the angle passes pi. Such rotations are followed by a spline of
         their own, less than half a turn from sample to sample, which is not brought to rest at the ends.

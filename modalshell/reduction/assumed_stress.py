@@ -1,6 +1,6 @@
 """Reduced energy with assumed membrane stresses (Hellinger-Reissner), on a basis that would lock otherwise.
 
-A basis that misses positions by a little makes large membrane strains. The membrane energy is therefore that of
+Small errors of the basis cause large membrane strains. The membrane energy is therefore that of
 stresses in the span of a few trained ones, ``E_m = max_s (s . d - sum_e s_e^2 / (4 w_e))`` [hellinger1914;
 reissner1950]: with stress modes that are orthonormal in the complementary energy it is ``sum_k d_k^2 / 2``, each
 ``d_k = b_k . z + z . B_k z / 2`` a quadratic form of the coordinates z, so no element is evaluated. Flat hinges bend by
@@ -160,7 +160,7 @@ def _leading_left_vectors(columns: Array, count: int) -> Array:
 
 
 def position_modes(shell: Shell, leading: Array, snapshots: Array, count: int, stiffness: Any) -> Array:
-    """Basis V (3n, m), mass-orthonormal, ``V^T K V`` diagonal: of ``leading`` modes, then POD of what is left.
+    """Basis V (3n, m), mass-orthonormal, ``V^T K V`` diagonal: ``leading`` modes, then POD of the remainder.
 
     ``leading`` (3n, l) and ``snapshots`` (3n, s) are displacements, ``stiffness`` (3n, 3n) is that at rest.
     """

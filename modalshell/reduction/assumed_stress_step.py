@@ -10,7 +10,7 @@ from modalshell.kernels.compiler import njit
 from modalshell.kernels.generated.flexure import first_derivatives
 
 _MOST, _STALLED = 25, 6
-"""Iterations of a step at most, and those without halving the residual after which it is given up."""
+"""Largest number of iterations per step, and of iterations without halving the residual before it fails."""
 _DESCENT = 100
 """Steps of a descent at most."""
 _LOOSE, _NEAR = 1e-3, 0.3

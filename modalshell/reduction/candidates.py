@@ -15,7 +15,7 @@ from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.typing import Array, Index
 
 _MOST = 4000
-"""Elements to choose from; of more, so many are drawn at random."""
+"""Largest number of candidate elements; a random sample of more."""
 _SHARE_ERROR = 1e-3
 """Root of the energy that a direction of fold shares may have in the poses, as a share of theirs, to be left out."""
 
@@ -28,14 +28,14 @@ class Candidates(ABC):
     basis : DerivativeBasis
         The reduced basis.
     stencils : list of ndarray of int
-        Vertices of all elements of each kind, -1 where there is none.
+        Vertices of all elements of each kind, -1 if absent.
 
     Attributes
     ----------
     groups : list of ndarray of int
         Those that can move, or a random sample of them.
     total : int
-        How many there are altogether.
+        Total number of elements.
     """
 
     def __init__(self, basis: DerivativeBasis, stencils: Sequence[Index]) -> None:
@@ -66,7 +66,7 @@ class Candidates(ABC):
     def _separate(
         self, poses: Array, stencils: Index, parts: Sequence[tuple[ElementSet, Index, Array, Array]]
     ) -> Array:
-        """Forces (p, elements, r) of ``parts`` (set, stencils, rest, weight), each element on vertices of its own."""
+        """Forces (p, elements, r) of ``parts`` (set, stencils, rest, weight), each element with separate vertices."""
         # The gradient of a sum then holds each one's apart.
         fields = self._fields[stencils].reshape(len(stencils), -1, self.basis.size)
         forces = np.empty((len(poses), len(stencils), self.basis.size))

@@ -25,15 +25,15 @@ from modalshell.typing import Array, Index
 _GOAL = 0.005
 """Displacement error on training loads at which no more elements are taken."""
 _PROBES = 30
-"""Random small displacements about rest that are trained on besides: they keep every coordinate stiff."""
+"""Number of small random displacements added to the training: they keep every coordinate stiff."""
 _GROWTH = 0.2
-"""Share by which the set of elements may grow between two fits."""
+"""Relative growth of the set of elements between two fits."""
 _FIRST_CHECK = 0.05
 """Relative residual of the fitted forces at which the answers are first looked at."""
 _HELD_OUT = 4
-"""Every so many loads one is held out."""
+"""One load in this many is held out."""
 _GRAVITY_TURNS = (0.7, 2.5)
-"""Largest turns [rad] of the training loads by gravity, one after the other."""
+"""Largest rotations [rad] under the training loads by gravity, in turn."""
 _MODE_TURN = 0.35
 """Largest turn [rad] of the load of a mode by itself, for a normal random number of one."""
 _LOADS = 24
@@ -57,7 +57,7 @@ class Cubature:
         Chosen elements as a share of all that there are to choose from.
     training_errors, held_out_errors : ndarray
         Relative displacement error (norm of the mass matrix) of the nearest equilibrium to that of the sum over all
-        elements, for each load; infinite where one of them found none.
+        elements, for each load; infinite if there is no solution.
     seconds : float
         Wall time of the training.
     """
@@ -122,7 +122,7 @@ def train(basis: DerivativeBasis, full: ReducedEnergy, loads: Sequence[Array], m
     The columns of the least-squares problem are the reduced forces ``U^T grad E_e`` of one element at all poses
     (half-way to each equilibrium and at it, and small random ones about rest), the right side their sum over all
     elements; both in the norm of the inverse rest stiffness, over the load. Elements that point most along what is
-    missing are taken first, and the factors fitted anew (NNLS) as their number grows, until the answers on the training
+    missing are taken first, and the factors refitted (NNLS) as their number grows, until the answers on the training
     loads are within 0.5 %, ``most`` elements are reached, or no further element helps.
 
     Parameters

@@ -113,7 +113,7 @@ def modal_derivatives(modes: Basis, *, backend: str | None = None) -> Derivative
     if not (further > 0.0).all():  # NaN too
         raise SolverError(
             f"the modal derivatives have no positive stiffness (lowest {further.min():.3g} 1/s^2): the mesh is too "
-            "ill-conditioned for them; remesh needles, or bring the stiffnesses nearer together"
+            "ill-conditioned for them; remesh needles, or make the stiffnesses more alike"
         )
     vectors[:, count:] = new @ turned
     eigenvalues = np.concatenate([modes.eigenvalues, further])

@@ -1,4 +1,4 @@
-"""A few points that stand for all elements of the loads on a shell: midpoints of patches, and what each stands for."""
+"""Quadrature points of the loads on a shell: midpoints of patches of elements, and their weights."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from modalshell.typing import Array, Index
 _LEAST = 1e-12
 """Area of a collapsed triangle, as a share of the largest."""
 _GROUPS = 32
-"""Groups of the elements of a load that turns with its triangles."""
+"""Groups of elements of a load that rotates with its triangles."""
 
 
 class _Part(NamedTuple):

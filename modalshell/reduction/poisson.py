@@ -19,7 +19,7 @@ class PoissonFit:
 
     Its equations are ``L u = b``, L the cotangent Laplacian, the same for each axis and factorised once. The stiffness
     of linear elements is definite on any mesh once a vertex of every connected part is fixed: the held ones, or, in a
-    part that nothing holds, one vertex for the solve. Such a part is then moved to where its centre of mass is wanted.
+    part without supports, one vertex for the solve. Such a part is then moved to the prescribed centre of mass.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class PoissonFit:
     coupled : bool
         Whether supports couple the axes.
     floating : list of tuple of ndarray
-        Vertices of each part that nothing holds, and their shares of its mass.
+        Vertices of each part without supports, and their fractions of its mass.
     """
 
     def __init__(self, shell: Shell, backend: str | None = None) -> None:

@@ -23,7 +23,7 @@ from modalshell.typing import Array, Index
 _NEAR = 12
 """Coarse triangles, by their centres, among which the one under a point is looked for."""
 _NEIGHBOURS = 14
-"""Coarse vertices nearest a fine one that may have a weight; that of the farthest is zero."""
+"""Number of nearest coarse vertices with a weight; that of the farthest is zero."""
 _SHARP = np.cos(np.radians(20.0))
 """Cosine of the rest angle from which an edge ends a smooth patch, if the fine mesh has such an edge at all."""
 _TOGETHER = 1e-9
@@ -36,7 +36,7 @@ _AT = 1e-4
 
 @final
 class Prolongation(ReadOnlyArrays):
-    """Weights that carry positions of a coarse mesh to a fine one, and loads the other way.
+    """Weights that prolong positions of a coarse mesh to a fine one, and restrict loads.
 
     Parameters
     ----------

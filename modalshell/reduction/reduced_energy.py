@@ -22,7 +22,7 @@ class ReducedEnergy:
     vectors : ndarray, shape (3n, r)
         U, displacement fields [1/sqrt(kg)] for coordinates z [m sqrt(kg)].
     part : Part, optional
-        A weighted part of the energy; all of it without it.
+        A weighted part of the energy; by default all of it.
 
     Attributes
     ----------

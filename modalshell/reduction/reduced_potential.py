@@ -25,7 +25,7 @@ class ReducedPotential(DenseProblem):
     scaling : ndarray, shape (r,)
         Square root of the stiffness of each coordinate about ``origin``.
     edge_change : callable
-        Largest relative change of an edge vector that a step in z makes.
+        Largest relative change of an edge vector by a step in z.
     quadratic : ndarray, shape (r, r), optional
         Q.
     """

@@ -17,7 +17,7 @@ from modalshell.sharing import PerThread
 _ALIGNMENT = 64
 """Bytes to which the data are aligned: a cache line."""
 MOST_THREADS = 1024
-"""Parts that a frame may be cut into."""
+"""Largest number of parts of a frame."""
 
 
 class WarpFrame:
@@ -39,7 +39,7 @@ class WarpFrame:
     Raises
     ------
     OptionError
-        If ``dtype`` or ``threads`` is none of these.
+        If ``dtype`` or ``threads`` is invalid.
 
     Examples
     --------
@@ -77,7 +77,7 @@ class WarpFrame:
 
     @property
     def modal_data(self) -> NDArray[Any]:
-        """What a frame reads in this order (tiles, m, 6 * 128): rows of Phi and Psi, padded with zeros."""
+        """Modal data in the order of reading (tiles, m, 6 * 128): rows of Phi and Psi, padded with zeros."""
         return self._modal
 
     @property
@@ -93,7 +93,7 @@ class WarpFrame:
         q : array_like, shape (m,)
             Modal coordinates. They are not checked to be finite: positions are not where they are not.
         out : ndarray, shape (n, 3), optional
-            C-ordered array of the frame's precision to write into; nothing is allocated then.
+            C-ordered array of the frame's precision to write into; avoids an allocation.
 
         Returns
         -------
@@ -113,7 +113,7 @@ class WarpFrame:
         except (TypeError, ValueError) as fault:
             raise OptionError(f"q must be {self.count} real numbers (got {shown(q)}: {fault})") from fault
         if not fits:
-            raise OptionError(f"q must have shape {own.shape}, one number a mode (got {coordinates.shape})")
+            raise OptionError(f"q must have shape {own.shape}, one number per mode (got {coordinates.shape})")
         out = checked_output(out, (self.vertices, 3), self.dtype)
         run = warp_frame if self.threads == 1 else warp_frame_parallel
         run(self._modal, self._rest, own, work, out)

@@ -50,7 +50,7 @@ plotter.close()
 print("modalshell-probe", "ok" if shown else "unseen")
 """
 _GRAPHICS_DEVICES = ("dri/renderD*", "nvidia[0-9]*", "dxg")
-"""Files under /dev of what runs OpenGL beside the processor: kernel drivers, NVIDIA's own, Windows' under WSL."""
+"""Files under /dev of devices that run OpenGL: kernel drivers, NVIDIA's own, Windows' under WSL."""
 _lock = threading.Lock()
 _told: set[tuple[str, ...]] = set()
 """Commands whose failure was warned of."""
@@ -98,7 +98,7 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
     if first:
         warnings.warn(
             "PyVista renders nothing on this machine (no OpenGL), so the built-in rasteriser draws: slower and "
-            f"plainer. On Debian or Ubuntu this mends it: {APT_LINE}",
+            f"plainer. On Debian or Ubuntu this helps: {APT_LINE}",
             ModalShellWarning,
             stacklevel=2,
         )

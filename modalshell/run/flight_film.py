@@ -26,7 +26,7 @@ class FlightReport:
     shares : dict of float
         Part of the birds' frames at each level; "RSW" is the part with any share of it, counted in its own level too.
     allowed_pixels : float
-        Largest distance allowed between a vertex as drawn and its place by MWTS.
+        Largest distance allowed between a vertex as drawn and its position by MWTS.
     largest_error : float
         That distance, largest over all frames [m].
     largest_pixels : float
@@ -100,7 +100,7 @@ class FlightFilm:
         return out
 
     def _distances(self) -> Array:
-        """From the camera to the nearest that a vertex of each bird may be, at least a tenth of a bird."""
+        """Lower bound of the distance from the camera to each bird's vertices, at least a tenth of a bird."""
         away = np.linalg.norm(self._flight.flock.positions - self._camera.position - self.shift(), axis=1)
         return np.maximum(away - self._radius, 0.1 * self._radius)
 

@@ -36,7 +36,7 @@ def result_digest(folder: Path, name: str, kind: str) -> str:
 
 
 def remove_leftovers(folder: Path, name: str) -> None:
-    """Delete what killed processes had begun to write: names that :func:`modalshell.atomic_io.replacing` makes."""
+    """Delete the temporary files of killed processes, named by :func:`modalshell.atomic_io.replacing`."""
     ours = re.compile(rf"\.{re.escape(name)}\.\d+\.part(_frames|ial)?(\.\w+)?")
     for path in folder.iterdir():
         if not ours.fullmatch(path.name):

@@ -22,16 +22,16 @@ from modalshell.typing import Array
 
 _FRAMES = ".frames"
 _PAUSE = 0.05
-"""Wall time [s] between two looks while there is nothing to show yet."""
+"""Polling interval [s] before the first frame."""
 
 State = Literal["waiting", "running", "stopped", "running or stopped", "finished"]
 _STATES: dict[bool | None, State] = {True: "running", False: "stopped", None: "running or stopped"}
 
 
 class RunFollower:
-    """Shows what a run, of another process or an earlier time, has stored last.
+    """Follower of a run of another process, or of an earlier one: reads its newest stored frame.
 
-    It takes no lock and writes nothing, so that no run notices it.
+    It acquires no lock and writes nothing, so it does not affect the run.
 
     Parameters
     ----------
@@ -45,24 +45,24 @@ class RunFollower:
     name : str
         The scene's name; "" before it is known.
     state : str
-        "waiting" for a first frame, "running", "stopped" (no process is at work on it, its results are missing),
+        "waiting" for a first frame, "running", "stopped" (no process runs it, and its results are missing),
         "finished", or "running or stopped" where the system cannot tell.
     outcome : Outcome or None
         The finished run's own, such as "completed"; "stopped" of a stopped one; None before.
     message : str
-        The finished run's own sentence about what is wrong; "" if nothing is.
+        Message of the finished run; "" if there is none.
     index, time, positions
         Number of the newest frame, its time [s] and positions (n, 3) [m].
     rest_positions, faces, held, gravity
         The shell at rest (n, 3) [m], its triangles (T, 3), which vertices are held (n,), and gravity (3,) [m/s^2]. A
-        run that was finished before it was followed has told neither supports nor gravity: none are shown.
+        run that was finished before it was followed has stored neither supports nor gravity.
     restarts : int
-        How often the run was begun anew while it was followed.
+        How often the run was restarted while it was followed.
 
     Raises
     ------
     OptionError
-        If ``run`` is none; also from :meth:`poll`, where it is none when it appears.
+        If ``run`` is not a run; also raised by :meth:`poll` if ``run`` appears later and is not one.
     SceneError
         For a scene file that is refused.
     """
@@ -90,7 +90,7 @@ class RunFollower:
             self._reader = None
 
     def wait(self, seconds: float) -> None:
-        """Wait until there is a frame; OptionError if there is none after so many seconds."""
+        """Wait for the first frame; OptionError if there is none after ``seconds``."""
         end = time.monotonic() + checked_number("wait", seconds, at_least=0.0, unit="s")
         self.poll()
         while self.index < 0:
@@ -102,7 +102,7 @@ class RunFollower:
             self.poll()
 
     def poll(self) -> bool:
-        """Take up the newest frame and the state; return whether either is another one than before."""
+        """Read the newest frame and the state; return whether either has changed."""
         if self._path is None:
             self._find()
         if self._path is None:
@@ -156,7 +156,7 @@ class RunFollower:
         self._show(reader.index, reader.record["time"], reader.record["positions"])
 
     def _look_at_results(self, path: Path) -> None:
-        """Without a file of frames the run is finished, or not begun, or somebody has deleted what it stored."""
+        """Update the state if no file of frames exists: the run is finished, not started, or was deleted."""
         record = _record(path.with_suffix(".json"))
         if record is not None and self.index >= 0 and _same(record["identity"], self._identity):
             self._finish(record)
@@ -186,7 +186,7 @@ class RunFollower:
         self._generation, self._identity = generation, identity
 
     def _take_shell(self, rest_positions: Array, faces: Any, held: Any, gravity: Array) -> None:
-        """Take up a shell, unless it is the one there is: who shows it would have to begin anew for nothing."""
+        """Replace the shell if it differs from the present one, so that a viewer is not rebuilt needlessly."""
         found = {"rest_positions": rest_positions, "faces": faces, "held": held, "gravity": gravity}
         if not all(np.array_equal(getattr(self, name), array) for name, array in found.items()):
             for name, array in found.items():
@@ -197,7 +197,7 @@ class RunFollower:
         self.positions = np.array(positions, dtype=np.float64)
 
     def _find(self) -> None:
-        """Settle which run it is, if that can be told yet."""
+        """Determine which run it is, if that is known yet."""
         given = self._given
         if given.suffix == ".toml":
             scene = load_scene(given)
@@ -216,7 +216,7 @@ class RunFollower:
 
 
 def _fault(constants: dict[str, NDArray[Any]], record: Any) -> str:
-    """What keeps arrays of sound checksums from being a shell and a frame of it, in words; "" if nothing does."""
+    """Reason why arrays with correct checksums are no shell with a frame of it; "" if they are."""
     names = {"rest_positions": "f", "faces": "i", "held": "b", "gravity": "f"}
     if constants.keys() != names.keys() or any(constants[name].dtype.kind != kind for name, kind in names.items()):
         return f"its shell must be arrays named {', '.join(names)}"
@@ -241,7 +241,7 @@ def _fault(constants: dict[str, NDArray[Any]], record: Any) -> str:
 
 
 def _only_run(folder: Path) -> str | None:
-    """Name of the one run that is or was at work in the folder; None where the folder is empty."""
+    """Name of the only run in the folder; None if the folder is empty."""
     files = sorted(folder.iterdir())  # once, as a run may begin at any moment
     names = [path.stem for path in files if path.suffix == _FRAMES]
     names = names or [path.stem for path in files if path.suffix == ".json" and _record(path) is not None]
@@ -257,11 +257,11 @@ def _only_run(folder: Path) -> str | None:
 
 
 def _record(path: Path) -> dict[str, Any] | None:
-    """The record of a finished run; None if the file is none."""
+    """The record of a finished run; None if the file is not one."""
     record = read_record(path)
     return record if record is not None and isinstance(record.get("identity"), dict) else None
 
 
 def _same(identity: dict[str, Any], whole: dict[str, Any]) -> bool:
-    """Whether the frames' own identity, which says more, is that one."""
+    """Whether the frames' identity, which has more entries, agrees with that of the record."""
     return all(whole.get(name) == value for name, value in identity.items())

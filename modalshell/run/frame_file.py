@@ -1,7 +1,7 @@
 """Append-only file of a run's frames: a header with the run's identity, then records of equal size with a CRC.
 
-A killed process leaves whole records and at most one torn one, at the end, which the next process cuts off. Other
-processes may read along (:mod:`modalshell.run.frame_reader`).
+A killed process leaves complete records and at most one truncated one at the end, which the next process removes. Other
+processes may read the file meanwhile (:mod:`modalshell.run.frame_reader`).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class FrameFile:
     Parameters
     ----------
     path : Path
-        The file; made, empty, where there is none.
+        The file; created if missing.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class FrameFile:
         restart: bool = False,
         constants: dict[str, NDArray[Any]] | None = None,
     ) -> None:
-        """Take up the records of the same run, or start anew.
+        """Resume from the records of the same run, or start with none.
 
         Parameters
         ----------
@@ -82,7 +82,7 @@ class FrameFile:
         fields : list
             NumPy fields of a record; a checksum is added to them.
         restart : bool
-            Whether to drop what is there.
+            Whether to discard existing records.
         constants : dict of ndarray, optional
             What all frames share and a reader needs, such as the mesh; decided by ``identity``.
 
@@ -119,7 +119,7 @@ class FrameFile:
             )
 
     def difference(self, identity: dict[str, str]) -> str:
-        """In what the frames' own identity differs, in words; "" if in nothing, or if there are none."""
+        """Difference of the frames' identity, as text; "" if there is none, or no frame."""
         with open(self.path, "rb") as file:
             magic, line = file.readline(len(MAGIC)), file.readline()
         if not line.endswith(b"\n"):  # torn, if it is a header at all
@@ -134,7 +134,7 @@ class FrameFile:
         return f"it differs in {', '.join(names)}" if names else ""
 
     def _refuse_damage(self) -> None:
-        """Raise OptionError if there is a whole header that is not this run's to the last bit."""
+        """Raise OptionError if there is a complete header that differs from this run's."""
         with open(self.path, "rb") as file:
             found = file.read(len(self._header))
         if len(found) == len(self._header) and found != self._header:
@@ -178,18 +178,18 @@ def record_dtype(fields: list[tuple[Any, ...]]) -> np.dtype[Any]:
 
 
 def line_checksum(document: dict[str, Any]) -> int:
-    """CRC of what a header's line says."""
+    """CRC of the contents of a header's line."""
     return zlib.crc32(json.dumps(document, sort_keys=True).encode())
 
 
 def is_sound(record: bytes) -> bool:
-    """Whether a record is what was written, to the last bit."""
+    """Whether a record's checksum is correct."""
     checksum = int.from_bytes(record[-CHECKSUM_BYTES:], "little")
     return zlib.crc32(record[:-CHECKSUM_BYTES]) == checksum
 
 
 def _header(identity: dict[str, str], constants: dict[str, NDArray[Any]]) -> bytes:
-    """Magic, one line of JSON, and the constants' bytes; the line's end tells a whole line from a torn one."""
+    """Header: magic number, one line of JSON, and the constants' bytes; a missing line end means a truncated header."""
     data = b"".join(array.tobytes() for array in constants.values())
     layout = [[name, array.dtype.str, array.shape] for name, array in constants.items()]
     document: dict[str, Any] = identity | {CONSTANTS: {"arrays": layout, "checksum": zlib.crc32(data)}}

@@ -36,7 +36,7 @@ _TRIES = 3
 
 @dataclass(frozen=True, eq=False)
 class _Header:
-    """A header's line, and what it says: records of ``dtype`` from ``start`` on."""
+    """A parsed header: records of ``dtype`` begin at byte ``start``."""
 
     line: bytes
     identity: dict[str, Any]
@@ -46,9 +46,9 @@ class _Header:
 
 
 class FrameReader:
-    """An open file of frames that another process may append to, cut, or write anew at any moment.
+    """Reader of a file of frames that another process may append to, truncate, or rewrite at any time.
 
-    Nothing is locked, and nothing mapped: a file that is cut under a map kills the process that reads there.
+    Nothing is locked or memory-mapped: truncation of a mapped file would kill the reading process.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class FrameReader:
     constants : dict of ndarray
         What all frames of its run share.
     generation : object
-        Another one where a run was begun anew.
+        Changes when a run is restarted.
 
     Raises
     ------
@@ -90,18 +90,18 @@ class FrameReader:
         os.close(self._descriptor)
 
     def is_held(self) -> bool | None:
-        """Whether a process is at work on the file; None where the system cannot tell."""
+        """Whether a process is writing the file; None if the system cannot tell."""
         return is_locked(self._descriptor)
 
     def is_file(self, path: Path) -> bool:
-        """Whether ``path`` is the file that is open here, and not another of its name."""
+        """Whether ``path`` is still the open file, not another one of that name."""
         try:
             return os.path.samestat(os.fstat(self._descriptor), os.stat(path))
         except FileNotFoundError:
             return False
 
     def read_newest(self) -> bool:
-        """Read the newest sound record; False, all attributes as they were, if none is newer or there is none."""
+        """Read the newest intact record; False, with all attributes unchanged, if there is no newer one."""
         for _ in range(_TRIES):
             status = os.fstat(self._descriptor)
             header, first = self._look()
@@ -123,7 +123,7 @@ class FrameReader:
     def _look(self) -> tuple[_Header | None, bytes]:
         """The header, None while it is written or if it is damaged, and the first record's checksum.
 
-        The first record holds wall time, so that its checksum tells runs of the same scene apart.
+        The first record contains wall time, so its checksum distinguishes runs of the same scene.
         """
         known = self._header
         if known is None or os.pread(self._descriptor, len(known.line), 0) != known.line:
@@ -163,7 +163,7 @@ class FrameReader:
         return _Header(line, identity, constants, dtype, len(line) + place + -place % ALIGNMENT)
 
     def _newest_sound(self, header: _Header, count: int) -> tuple[int, bytes]:
-        """The last whole record's number and bytes; (-1, b"") if there is none."""
+        """Number and bytes of the last complete record; (-1, b"") if there is none."""
         length = header.dtype.itemsize
         for index in range(count - 1, max(count - _LOOK_BACK, 0) - 1, -1):
             data = os.pread(self._descriptor, length, header.start + index * length)

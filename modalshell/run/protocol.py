@@ -65,7 +65,7 @@ class SceneRun(ABC, Generic[Result]):
     formats : list of str
         Of the results, ``npz`` first.
     frames : int
-        Stored frames of the results, once these are computed or found.
+        Number of stored frames, once known.
     """
 
     def __init__(self, scene: Scene, shell: Shell, folder: Path) -> None:
@@ -77,14 +77,14 @@ class SceneRun(ABC, Generic[Result]):
 
     @abstractmethod
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
-        """Take up the results that this very run's ``record`` tells of; False where they must be computed again.
+        """Load the results of this run's ``record``; False if they must be computed again.
 
-        ``whole`` are the formats whose files are as they were written.
+        ``whole`` are the formats whose files are unchanged since they were written.
         """
 
     @abstractmethod
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
-        """Compute to the end, from the start or from the last frame of ``file``; how many frames that held."""
+        """Compute to the end, from the start or from the last frame of ``file``; return how many frames it held."""
 
     @abstractmethod
     def write(self, formats: list[str], on_step: Progress | None) -> None:
@@ -92,7 +92,7 @@ class SceneRun(ABC, Generic[Result]):
 
     @abstractmethod
     def record(self) -> dict[str, Any]:
-        """What the results' record says besides what all records do."""
+        """Entries of the results' record that only this kind of run has."""
 
     @abstractmethod
     def result(self, files: list[Path], resumed: int) -> Result:
@@ -104,7 +104,7 @@ class SceneRun(ABC, Generic[Result]):
 
     @final
     def run(self, restart: bool, on_step: Progress | None) -> Result:
-        """Do what is missing; see :func:`modalshell.run_scene`."""
+        """Compute and write what is missing; see :func:`modalshell.run_scene`."""
         with FrameFile(self.path("frames")) as file:
             remove_leftovers(self.folder, self.name)
             record = None if restart else read_record(self.path("json"))
@@ -126,7 +126,7 @@ class SceneRun(ABC, Generic[Result]):
         return self.result([self.path(suffix) for suffix in (*self.formats, "json")], resumed)
 
     def _whole_formats(self, record: dict[str, Any]) -> list[str]:
-        """Formats whose files are as they were written; records of earlier versions cannot tell."""
+        """Formats whose files are unchanged since they were written; unknown for records of earlier versions."""
         digests = record.get("digests", {})
         return [suffix for suffix in digests if digests[suffix] == result_digest(self.folder, self.name, suffix)]
 

@@ -35,7 +35,8 @@ class _Colouring:
         around = np.bincount(corners, np.repeat(areas, 3), count)
         around[around == 0.0] = 1.0
         values = np.stack([np.bincount(corners, np.repeat(areas * one, 3), count) / around for one in scalars])
-        label = name.replace("_", " ") + (f" [{FIELDS[name]}]" if FIELDS[name] else "")
+        unit = run.units.of(FIELDS[name])
+        label = name.replace("_", " ") + (f" [{unit}]" if unit else "")
         return cls(values, label, "coolwarm" if name in TENSORS else "viridis")
 
     def spread(self, frames: int | slice) -> tuple[float, float]:
@@ -62,9 +63,9 @@ def write_results(
     color: str | None = None,
     on_step: Progress | None = None,
 ) -> list[Path]:
-    """Write ``NAME.format`` into ``folder`` for each format, whole or not at all; return the paths.
+    """Write ``NAME.format`` into ``folder`` for each format, atomically; return the paths.
 
-    A film shows ``rate`` stored frames a second, or plays at real speed without it. Films and pictures are coloured by
+    A film shows ``rate`` stored frames per second, at real speed if None. Films and pictures are coloured by
     the trajectory's field ``color``.
     """
     return [

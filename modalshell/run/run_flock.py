@@ -31,9 +31,12 @@ from modalshell.scene.read import located
 from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
 from modalshell.typing import Progress
+from modalshell.units import SI
 
 _BIRD_BYTES, _DRAWN_BYTES = 60, 240
-"""For each vertex of each bird: as it is stepped, and as it is drawn."""
+"""Bytes per vertex of each bird, in stepping and in drawing."""
+_UNITS = {"time": "s", "positions": "m", "accelerations": "m/s^2", "coordinates": "m sqrt(kg)"}
+"""Units of the arrays."""
 _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "levels")
 
 
@@ -94,7 +97,7 @@ class FlockRun(SceneRun[FlightResult]):
         self._total = self._warm_up + self._steps + self._drawn
 
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
-        """Take up the report if every file is whole: none can be made from the others."""
+        """Load the report if every file is intact: none can be made from the others."""
         if not set(self.formats) <= set(whole):
             return False
         self._report, self.frames = FlightReport(**record["report"]), int(record["frames"])
@@ -144,7 +147,7 @@ class FlockRun(SceneRun[FlightResult]):
         demand_memory(told, float(each) * birds * vertices, "take fewer birds, or a coarser mesh")
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:
-        """Draw the film and the picture, with the report that comes from it, and write the arrays."""
+        """Draw film and picture, collect the report, and write the arrays."""
 
         def advance(done: int, _total: int) -> None:
             if on_step is not None:
@@ -152,7 +155,7 @@ class FlockRun(SceneRun[FlightResult]):
 
         self._report = self._draw(formats, advance)
         arrays = {name: self._records[name] for name in _KEPT} | {"faces": np.asarray(self.shell.mesh.faces)}
-        write_npz(self.path("npz"), **arrays)
+        write_npz(self.path("npz"), units=SI.array({name: _UNITS.get(name, "") for name in arrays}), **arrays)
         del self._records  # mapped, and about to be deleted
 
     def record(self) -> dict[str, Any]:

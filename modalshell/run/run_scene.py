@@ -26,21 +26,21 @@ def run_scene(
     restart: bool = False,
     on_step: Progress | None = None,
 ) -> SceneResult | FlightResult:
-    """Run a scene and write its results; a run that was stopped, even killed, goes on after its last stored frame.
+    """Run a scene and write its results; a stopped or killed run resumes after its last stored frame.
 
-    Stored frames are kept in ``NAME.frames`` until the results are whole; :class:`RunFollower` shows them to other
+    Stored frames are kept in ``NAME.frames`` until the results are complete; :class:`RunFollower` shows them to other
     processes. However often a run was stopped, its results are those of an uninterrupted one to the last bit. A scene
-    whose results are whole already is not run again.
+    whose results are complete is not run again.
 
     Parameters
     ----------
     scene : Scene or path
         The scene or its file.
     out : path, optional
-        Folder for the results; the scene's own without it.
+        Folder for the results; by default the scene's.
     color : str, optional
-        Field that colours the film and the picture, such as "curvature"; the scene's own without it. The film, or the
-        picture of an equilibrium, is written for it even if the scene does not ask for it.
+        Field that colours the film and the picture, such as "curvature"; by default the scene's. The film, or the
+        picture of an equilibrium, is then written even if the scene does not request it.
     restart : bool
         Drop what an earlier run has left and start at time 0.
     on_step : callable, optional
@@ -49,7 +49,7 @@ def run_scene(
     Returns
     -------
     SceneResult
-        Trajectory and files: ``NAME.npz``, ``NAME.json`` with the record of the run, and the formats asked for.
+        Trajectory and files: ``NAME.npz``, ``NAME.json`` with the record of the run, and the requested formats.
     FlightResult
         The same of a flock, with a report on its levels of detail instead of a trajectory.
 
@@ -58,7 +58,7 @@ def run_scene(
     SceneError
         Where the scene is refused.
     OptionError
-        If the folder holds frames of another run under this name, or another process is at work there.
+        If the folder holds frames of another run under this name, or another process is running there.
     """
     declared = scene if isinstance(scene, Scene) else load_scene(scene)
     if color is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
@@ -85,7 +85,7 @@ class ShellRun(SceneRun[SceneResult]):
         return list(dict.fromkeys([*output.fields, *([output.color] if output.color else [])]))
 
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
-        """Take up the trajectory if its file is whole; what shows other fields than asked for is written anew."""
+        """Load the trajectory if its file is intact; files with other fields than requested are rewritten."""
         try:
             found = load_trajectory(self.path("npz"), verify=True)
         except FileFormatError:
@@ -108,7 +108,7 @@ class ShellRun(SceneRun[SceneResult]):
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
         if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
             run = run.with_remark(ADVICE)
-        self._take(run)
+        self._take(replace(run, units=scene.unit_system))
         return resumed
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
@@ -120,6 +120,7 @@ class ShellRun(SceneRun[SceneResult]):
         run = self._trajectory
         color = self._scene.output.color
         told: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
+        told["units"] = {"seconds": "s of wall time"} | asdict(run.units)
         return told | {"color": color} if color else told
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:
@@ -135,7 +136,7 @@ def _move(
     restart: bool,
     on_step: Progress | None,
 ) -> tuple[Trajectory, int]:
-    """Step to the end from rest or from the last stored frame; also returns how many frames there were."""
+    """Step to the end from rest or from the last stored frame; also return how many frames there were."""
     motion = built.start_motion()
     recorder = Recorder(motion, step_count(table.duration, table.dt), store_every=table.store_every)
     fields = _record_fields(motion, built.scene.output.positions)
@@ -156,7 +157,7 @@ def _move(
 
 
 def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
-    """NumPy fields of one stored frame: results, then the snapshot from which to go on."""
+    """NumPy fields of one stored frame: results, then the checkpoint to resume from."""
     fields: list[tuple[Any, ...]] = [
         ("time", "<f8"),
         ("seconds", "<f8"),
@@ -169,7 +170,7 @@ def _record_fields(motion: Motion, precision: str) -> list[tuple[Any, ...]]:
 
 
 def _constants(built: BuiltScene) -> dict[str, NDArray[Any]]:
-    """What those who follow the run need beside its frames."""
+    """Data for followers of the run in addition to its frames."""
     shell = built.shell
     return {
         "rest_positions": np.asarray(shell.rest_positions, "<f8"),
@@ -193,7 +194,7 @@ def _resume(recorder: Recorder, records: NDArray[Any], path: Path) -> None:
     if not all(np.array_equal(found[name], expected[name]) for name in expected):
         raise OptionError(
             f"the last step of {path} comes out otherwise than it did (other threads or libraries?), so that going on "
-            "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start anew"
+            "would not give the frames of one run; run it as before, or pass --restart (restart=True) to start again"
         )
     fault = bytes(last["fault"]).decode()
     recorder.resume(

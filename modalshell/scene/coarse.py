@@ -17,7 +17,7 @@ from modalshell.shell import Shell
 _COARSENINGS = (2.0, 3.0, 4.0)
 """Factors by which the cells of coarser meshes are larger."""
 _FEWEST = (6, 2)
-"""Cells along and across below which a coarse mesh is none any more."""
+"""Least number of cells along and across of a coarse mesh."""
 
 
 def scene_coarse_mesh(
@@ -26,12 +26,12 @@ def scene_coarse_mesh(
     shell: Shell,
     cells: tuple[int, int] | None = None,
 ) -> CoarseMesh:
-    """The scene's shape with ``cells`` along and across, half as many without; OptionError for a mesh from a file."""
+    """The scene's shape with ``cells`` along and across, by default half as many; OptionError for mesh files."""
     given: Any = table
     if not isinstance(table, Shape):
         raise OptionError("coarse meshes are made of shapes with cells: name a [mesh] shape in place of a file")
     if not _uniform(material):
-        raise OptionError("coarse meshes take a material of single numbers: one a triangle says nothing of others")
+        raise OptionError("coarse meshes take a material of single numbers: values per triangle belong to one mesh")
     cells = cells or coarse_cells(given.cells, _COARSENINGS[0])
     mesh: TriangleMesh = drawn_to_supports(shell, msgspec.structs.replace(given, cells=cells).build())
     own = build_material(material, mesh, Path()) if isinstance(material, PhysicalSheet) else None
@@ -41,7 +41,7 @@ def scene_coarse_mesh(
 def scene_coarse_meshes(
     table: MeshFile | Shape, material: Stiffnesses | PhysicalSheet, shell: Shell
 ) -> list[CoarseMesh]:
-    """Coarser meshes of a shape, at most half as fine; none of a mesh from a file or a material of many numbers."""
+    """Coarse meshes of a shape, at most half as fine; none for a mesh file or a material that varies."""
     if not isinstance(table, Shape) or not _uniform(material):
         return []
     given: Any = table

@@ -20,7 +20,7 @@ Pixels = Annotated[int, Meta(ge=64, le=8192)]
 
 
 class TargetTable(Table, frozen=True):
-    """``[flock.target]``: ``points`` [m] at ``times`` [s], joined smoothly, that draw the flock with a ``weight``."""
+    """``[flock.target]``: ``points`` [m] at ``times`` [s], joined smoothly, that attract it with a ``weight``."""
 
     times: Times
     points: Keyframes
@@ -36,9 +36,9 @@ class FlapTable(Table, frozen=True):
 
 
 class DetailTable(Table, frozen=True):
-    """``[flock.detail]``: what may be seen of levels of detail.
+    """``[flock.detail]``: allowed error of levels of detail.
 
-    No vertex is drawn more than ``pixels`` from its place by MWTS, seen from the camera of a film. Birds nearer than
+    No vertex is drawn more than ``pixels`` from its position by MWTS, seen from the camera of a film. Birds nearer than
     ``strains_within`` [m] are drawn by RSW, birds beyond half as much again are not, and between them it blends in;
     0 leaves it out.
     """
@@ -48,7 +48,7 @@ class DetailTable(Table, frozen=True):
 
 
 class CameraTable(Table, frozen=True):
-    """``[flock.camera]``: where it is, and how films and pictures are made.
+    """``[flock.camera]``: position, and settings of films and pictures.
 
     ``position`` and ``target`` [m], vertical ``view_angle`` [degrees], picture ``size`` [pixels], time of the ``still``
     [s] (the end without it), H.264's ``rate_factor`` (higher is smaller), ``color`` of the birds. With ``follow`` the

@@ -39,7 +39,7 @@ class FlockScene(Scene):
     Raises
     ------
     SceneError
-        Where another table asks for what a flock cannot do.
+        If another table requests what a flock does not support.
     """
 
     motion: tables.MotionTable
@@ -66,11 +66,11 @@ class FlockScene(Scene):
                 raise SceneError(f"{self.file}: {text}")
 
     def require_shell(self) -> ShellScene:
-        """SceneError: it is about many shells."""
+        """Raise SceneError: this scene has many shells."""
         raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
 
     def content(self) -> dict[str, Any]:
-        """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
+        """All input except the mesh's vertices and faces, as plain dicts and lists."""
         return super().content() | {"flock": self.flock.plain()}
 
     def build_flight(self, shell: Shell) -> Flight:

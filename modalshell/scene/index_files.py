@@ -20,7 +20,7 @@ _SUFFIXES = (".txt", ".npy")
 def with_index_files(file: Path, raw: Any, path: str = "") -> Any:
     """The tables of a scene with the indices of every such file in its place; SceneError where one cannot be read.
 
-    Files are looked for beside the scene.
+    Files are searched in the scene's folder.
     """
     if isinstance(raw, dict):
         return {
@@ -51,6 +51,6 @@ def _indices(file: Path, path: str, name: str) -> list[int]:
     except (OSError, ValueError, TypeError, EOFError) as error:
         reason = getattr(error, "strerror", None) or shortened(str(error))
         raise SceneError(
-            f"{file}: {path}: must be a file of vertex indices, .npy or text with one a line (got {name!r:.60}: "
+            f"{file}: {path}: must be a file of vertex indices, .npy or text with one per line (got {name!r:.60}: "
             f"{reason})"
         ) from error

@@ -33,18 +33,23 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     path : path
         A TOML file with the tables of :mod:`modalshell.scene.tables`.
 
+    Returns
+    -------
+    Scene
+        A scene of one shell, or of a flock.
+
     Raises
     ------
     SceneError
         For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
-        key's path, what was got and what is allowed. Values that depend on the mesh are checked by
+        key's path, the value and what is allowed. Values that depend on the mesh are checked by
         :meth:`ShellScene.build`.
     """
     return parse_scene(Path(path), read_toml(Path(path)))
 
 
 def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
-    """The scene of plain tables as :func:`~modalshell.scene.read.read_toml` gives them, said to be from ``file``.
+    """The scene of plain tables as :func:`~modalshell.scene.read.read_toml` returns them; ``file`` is named in errors.
 
     SceneError as :func:`load_scene`.
     """

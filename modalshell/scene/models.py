@@ -57,7 +57,7 @@ def _table(spec: ModelSpec) -> type[ModelTable]:
 
 
 def _in_toml(hint: Any) -> Any:
-    """The part of a type whose values TOML can state; None if there is none."""
+    """The part of a type that TOML can express; None if there is none."""
     if hint in (bool, int, float, str, NoneType):
         return hint
     origin, arguments = get_origin(hint), get_args(hint)

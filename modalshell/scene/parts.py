@@ -55,7 +55,7 @@ SHAPES: dict[str, type[Shape]] = {
 
 
 def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
-    """The mesh; files are looked for in ``folder``, then among those that come with the package."""
+    """Build the mesh; files are searched in ``folder``, then among the bundled ones."""
     if isinstance(table, Shape):
         return table.build()
     file = _found(table.file, folder)
@@ -95,7 +95,7 @@ def material_values(table: PhysicalSheet, folder: Path) -> dict[str, Any]:
 
 
 def _numbers(name: str, file: Path) -> Array:
-    """Numbers (T,) of a ``.npy`` file, or of text with one a line."""
+    """Read numbers (T,) from a ``.npy`` file, or from text with one per line."""
     try:
         data = read_regular(file)
         if file.suffix == ".npy":
@@ -104,8 +104,8 @@ def _numbers(name: str, file: Path) -> Array:
     except (OSError, ValueError, TypeError, EOFError) as error:
         reason = getattr(error, "strerror", None) or shortened(str(error))
         raise OptionError(
-            f"{name} must be a number, a number a triangle, or a readable file of these, .npy or text with a number a "
-            f"line (got {shown(str(file))}: {reason})"
+            f"{name} must be a number, one per triangle, or a readable file of these, .npy or text with one number "
+            f"per line (got {shown(str(file))}: {reason})"
         ) from error
 
 
@@ -117,10 +117,10 @@ def build_path(declared: Supports | SupportList) -> SupportPath | None:
     if table.times is None:
         for key in ("translations", "rotations", "pivot"):
             if getattr(table, key) is not None:
-                raise OptionError(f"{key} needs keyframe times beside it: give times")
+                raise OptionError(f"{key} needs keyframe times: give times")
         return None
     if table.translations is None and table.rotations is None:
-        raise OptionError("times need translations or rotations beside them, one entry each")
+        raise OptionError("times need translations or rotations, one entry each")
     still = np.zeros((len(table.times), 3))
     moved = still if table.translations is None else table.translations
     return SupportPath(table.times, moved, table.rotations, pivot=table.pivot or (0.0, 0.0, 0.0))
@@ -144,7 +144,7 @@ def spread_force(table: Force, mesh: TriangleMesh) -> Array:
 
 
 def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Constraint:
-    """The constraint; ``moving`` says whether the scene has a time in which a target could move."""
+    """Build the constraint; ``moving`` says whether the scene is a motion, so that targets can move."""
     if (table.vertices is None) == (table.nearest is None):
         raise OptionError("a constraint needs either vertices or nearest, and not both")
     if table.vertices is not None:
@@ -153,7 +153,7 @@ def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Co
     else:
         patch = np.array([np.argmin(np.linalg.norm(mesh.vertices - np.array(table.nearest), axis=1))])
     if table.relative and table.kind == "orientation":
-        raise OptionError("relative is for positions: an orientation counts from rest anyhow")
+        raise OptionError("relative is for positions: an orientation is always relative to rest")
     origin = mesh.vertices[patch].mean(axis=0) if table.relative else np.zeros(3)
     make = PositionConstraint if table.kind == "position" else OrientationConstraint
     return make(patch, _target(table, origin, moving))
@@ -165,7 +165,7 @@ def _target(table: Constrained, origin: Array, moving: bool) -> Array | Callable
         raise OptionError("a constraint needs either target or targets, and not both")
     if table.target is not None:
         if table.times is not None:
-            raise OptionError("times need targets beside them, one entry each")
+            raise OptionError("times need targets, one entry each")
         return origin + np.array(table.target)
     if not moving:
         raise OptionError("targets that move need a [motion] table; give one target for an equilibrium")
@@ -184,6 +184,6 @@ def _target(table: Constrained, origin: Array, moving: bool) -> Array | Callable
 def checked_keyframes(times: list[float] | None, targets: list[Vector] | None) -> tuple[Array, Array]:
     """Times (k,) and targets (k, 3) as arrays, or OptionError if the times are missing or do not increase."""
     if times is None:
-        raise OptionError("targets need keyframe times beside them: give times")
+        raise OptionError("targets need keyframe times: give times")
     moments = checked_times(times)
     return moments, checked_vectors("targets", targets, (moments.size, 3), OptionError)

@@ -23,13 +23,13 @@ _WORDS = {"float": "a number", "int": "an integer", "str": "a text", "bool": "tr
 _WORDS |= {"array": "a list", "object": "a table"}
 _BOUNDS = {">": "above", ">=": "at least", "<": "below", "<=": "at most"}
 _DEEPEST = 50
-"""Levels of nested keys that a scene file may have."""
+"""Largest nesting depth of keys in a scene file."""
 _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
 """Parameters that the package names otherwise than scenes do."""
 
 
 def read_toml(file: Path) -> dict[str, Any]:
-    """The file as plain tables, all numbers finite; else SceneError."""
+    """Read the file as plain tables of finite numbers; else SceneError."""
     try:
         document = tomllib.loads(read_text(file))
     except FileNotFoundError as error:
@@ -60,7 +60,7 @@ def _numbers(file: Path, value: Any, path: str = "", depth: int = 0) -> Iterator
 
 
 def checked_table(file: Path, path: str, raw: Any, kind: type[T]) -> T:
-    """``raw`` as a table of ``kind``, else SceneError with the path of the offending key."""
+    """Convert ``raw`` to a table of ``kind``, else SceneError with the path of the offending key."""
     _refuse_unknown_keys(file, path, raw, kind)
     try:
         return msgspec.convert(raw, kind)
@@ -88,7 +88,7 @@ def _refuse_unknown_keys(file: Path, path: str, raw: Any, kind: type[msgspec.Str
 
 
 def refuse_unknown_keys(file: Path, path: str, raw: dict[str, Any], allowed: Iterable[str]) -> None:
-    """SceneError at the first key that is not ``allowed``, with the one it may have been meant for."""
+    """Raise SceneError for the first key that is not ``allowed``, with the most similar allowed one."""
     names = list(allowed)
     for key in raw:
         if key not in names:
@@ -131,7 +131,7 @@ def _explained(message: str, path: str, raw: dict[str, Any], kind: type[msgspec.
 
 
 def _in_words(types: str) -> str:
-    """``float | null`` as words; nothing is what a key that is left out stands for."""
+    """Type names such as ``float | null`` in plain words, without null."""
     return " or ".join(_WORDS[name] for name in types.split(" | ") if name != "null")
 
 
@@ -144,7 +144,7 @@ def _literals(annotation: Any) -> list[str]:
 
 @contextmanager
 def located(file: Path, path: str, table: msgspec.Struct) -> Iterator[None]:
-    """Give what the package refuses while building from ``table`` the file and the key's path."""
+    """Prefix errors raised while building from ``table`` with the file and the key's path."""
     try:
         yield
     except ModalShellError as error:

@@ -47,11 +47,12 @@ from modalshell.shell import Shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
+from modalshell.units import SI, UnitSystem
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(ABC):
-    """What a scene file declares of a shell: a :class:`ShellScene` about one, or a :class:`FlockScene` about many.
+    """Declaration of a scene file: a :class:`ShellScene` of one shell, or a :class:`FlockScene` of many.
 
     Attributes
     ----------
@@ -80,7 +81,7 @@ class Scene(ABC):
         """The scene itself if it is about one shell; SceneError if it is about a flock."""
 
     def content(self) -> dict[str, Any]:
-        """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
+        """All input except the mesh's vertices and faces, as plain dicts and lists."""
         declared = {
             name: getattr(self, name)
             for name in ("material", "model", "supports", "energies", "loads", "motion", "units")
@@ -93,7 +94,7 @@ class Scene(ABC):
         return content | {"positions": self.output.positions}
 
     def digests(self, mesh: TriangleMesh) -> dict[str, str]:
-        """SHA-256 of what is declared and of the mesh's vertices and faces: together they decide the results."""
+        """SHA-256 of the declaration and of the mesh's vertices and faces: together they determine the results."""
         content = json.dumps(self.content(), sort_keys=True).encode()
         arrays = mesh.vertices.tobytes() + np.asarray(mesh.faces, dtype="<i8").tobytes()
         return {"scene": hashlib.sha256(content).hexdigest(), "mesh": hashlib.sha256(arrays).hexdigest()}
@@ -147,14 +148,14 @@ class Scene(ABC):
 @brief
 @dataclass(frozen=True, kw_only=True)
 class ShellScene(Scene):
-    """A scene of one shell; :meth:`build` makes it real. Without ``motion`` it asks for an equilibrium.
+    """A scene of one shell; :meth:`build` makes its objects. Without ``motion`` it asks for an equilibrium.
 
     Attributes
     ----------
     name, file, mesh, material, model, supports, energies, loads, motion, output
         See :class:`Scene`.
     constraints : tuple of Constrained
-        Where patches of vertices shall be.
+        Prescribed positions and orientations of patches.
     path : PathTable or None
         How its path of equilibria is followed.
     """
@@ -167,7 +168,7 @@ class ShellScene(Scene):
         return self
 
     def content(self) -> dict[str, Any]:
-        """All that decides the results beside the mesh's own vertices and faces, as plain dicts and lists."""
+        """All input except the mesh's vertices and faces, as plain dicts and lists."""
         return super().content() | {"constraints": [table.plain() for table in self.constraints]}
 
     def build(self, shell: Shell | None = None) -> BuiltScene:
@@ -178,7 +179,7 @@ class ShellScene(Scene):
         SceneError
             Where a table is refused, naming its key.
         SolverError
-            Where the modes cannot be found.
+            If the modes cannot be computed.
         """
         shell = shell or self.build_shell()
         path, force, loads, constraints = self.build_loading(shell)
@@ -194,7 +195,7 @@ class ShellScene(Scene):
         return ModelFactory(shell, lambda: self.largest_load(shell)[0], coarse, solve)
 
     def largest_load(self, shell: Shell) -> tuple[Array, str]:
-        """All loads (n, 3) [N], with the largest inertial load of moving supports, and a note that says so."""
+        """All loads (n, 3) [N], with the largest inertial load of moving supports, and a note about it."""
         force, loads = self.build_forces(shell)
         loading = shell.loading(self.loads.gravity if self.loads else None, force, loads)
         load, note = loading.dead, ""
@@ -213,8 +214,13 @@ class ShellScene(Scene):
         moved = f"the load is that of the moving supports when it is largest, at {times[worst]:.3g} s"
         return effective[worst], "; ".join(part for part in (moved, note) if part)
 
+    @property
+    def unit_system(self) -> UnitSystem:
+        """Units of the scene's numbers, and of its results."""
+        return SI if self.units is None else UnitSystem(self.units.length, self.units.mass, self.units.time)
+
     def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Load], list[Constraint]]:
-        """What acts on ``shell`` beside gravity: path of the supports, forces (n, 3) [N], loads and constraints.
+        """Build path of the supports, dead forces (n, 3) [N] without gravity, loads and constraints on ``shell``.
 
         SceneError where a table is refused, naming its key.
         """
@@ -235,7 +241,7 @@ class ShellScene(Scene):
         return path, force, loads, constraints
 
     def build_forces(self, shell: Shell) -> tuple[Array | None, list[Load]]:
-        """The dead forces (n, 3) [N] that act besides gravity, if any, and the other loads.
+        """The dead forces (n, 3) [N] in addition to gravity, or None, and the other loads.
 
         SceneError where a table is refused.
         """
@@ -270,9 +276,9 @@ class BuiltScene:
     model : Model
         The model on it.
     force : ndarray, shape (n, 3), or None
-        Dead forces on the vertices beside gravity [N].
+        Dead forces on the vertices, without gravity [N].
     loads : sequence of Load
-        Loads beside these.
+        Further loads.
     path : SupportPath or None
         How the supports move.
     constraints : sequence of Constraint

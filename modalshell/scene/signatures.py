@@ -20,7 +20,7 @@ from modalshell.supports import SUPPORTS
 
 
 class Built(Table, frozen=True):
-    """A table whose keys are the parameters of what it builds."""
+    """A table whose keys are the parameters of the object it builds."""
 
     @abstractmethod
     def build(self) -> Any:
@@ -50,7 +50,7 @@ def signature_table(
 
 
 def _of_scenes(hint: Any) -> Any:
-    """The type that a key of a scene has: selections by text or index, and nothing that can be called."""
+    """The type of a scene's key: selections as text or indices, without callables."""
     if hint in (Selection, Selection | None):
         return tables.Selection if hint == Selection else tables.Selection | None
     if get_origin(hint) in (Union, UnionType):

@@ -24,7 +24,7 @@ Format = Literal["npz", "vtkhdf", "pvd", "clip", "usdc", "usda", "glb", "pc2", "
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A table of the file; no key beside those named."""
+    """A table of the file; other keys than these are refused."""
 
     def plain(self) -> Any:
         """The table as plain dicts and lists, defaults filled in."""
@@ -32,7 +32,7 @@ class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class MeshFile(Table, frozen=True):
-    """``[mesh]``: a file, relative to the scene file; ``meshes/...`` also finds those that come with the package."""
+    """``[mesh]``: a file, relative to the scene file; ``meshes/...`` also finds the bundled ones."""
 
     file: str
     component: Literal["largest", "all"] | Annotated[int, Meta(ge=0)] | None = None
@@ -40,7 +40,7 @@ class MeshFile(Table, frozen=True):
     join: Annotated[float, Meta(gt=0)] | None = None
     """Distance [m] up to which vertices are merged, to join parts that touch."""
     repair: bool = False
-    """Whether the mesh is mended first, as ``ms.repair`` does; what was done is a warning."""
+    """Whether the mesh is repaired first, by ``ms.repair``; a warning lists what was done."""
 
 
 class Stiffnesses(Table, frozen=True):
@@ -56,7 +56,7 @@ class Stiffnesses(Table, frozen=True):
 
 
 Field = Positive | Annotated[list[Positive], Meta(min_length=1)] | Annotated[str, Meta(min_length=1)]
-"""One number, one a triangle, or a file of these: ``.npy``, or text with a number a line."""
+"""One number, one per triangle, or a file of these: ``.npy``, or text with one number per line."""
 _Ratio = Annotated[float, Meta(gt=-1.0, le=0.5)]
 
 
@@ -137,7 +137,7 @@ class Loads(Table, frozen=True):
 
 
 class Constrained(Table, frozen=True):
-    """``[[constraints]]``: where a patch shall be [m], or how it shall be turned (rotation vector [rad]).
+    """``[[constraints]]``: prescribed position [m] or orientation (rotation vector [rad]) of a patch.
 
     The patch is given by ``vertices`` or as the vertex ``nearest`` to a point of the rest shape [m]; its goal by
     ``target``, or by ``targets`` at ``times`` [s], joined by a ``path`` that starts and stops at rest ("cubic") or
@@ -157,7 +157,7 @@ class Constrained(Table, frozen=True):
 class MotionTable(Table, frozen=True):
     """``[motion]``: motion from rest; a scene without it asks for the equilibrium.
 
-    ``duration`` and ``dt`` [s], Rayleigh ``damping`` of mass [1/s] and stiffness [s], ``store_every`` so many steps.
+    ``duration`` and ``dt`` [s], Rayleigh ``damping`` of mass [1/s] and stiffness [s], ``store_every`` steps.
     In place of ``damping``: ``damping_ratios``, shares of critical damping measured at two frequencies, each ``[Hz,
     share]``; or, for modal models, ``modal_damping``, such a share for each mode or one for all.
     """
@@ -180,7 +180,7 @@ class PathTable(Table, frozen=True):
 
     ``until`` and ``begin`` are load factors, ``control`` what steps are measured by, ``steps`` their number at least,
     ``points`` the most of a path, ``branches`` the bifurcations whose other branch is followed. ``watch`` names the
-    vertices whose mean displacement along ``direction`` is told; the load's own without it.
+    vertices whose mean displacement along ``direction`` is reported; by default the load's direction.
     """
 
     until: float = 1.0

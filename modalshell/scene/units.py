@@ -16,7 +16,7 @@ _STIFFEST = 2e12
 
 
 def odd_values(material: Stiffnesses | PhysicalSheet, units: Units, size: float) -> list[str]:
-    """What is odd about a material on a mesh of ``size``, in words; no numbers are odd that files give."""
+    """Message about implausible values of a material on a mesh of ``size``; values from files are not checked."""
     if isinstance(material, Stiffnesses):
         return []
     length, mass, time = _LENGTH[units.length], _MASS[units.mass], _TIME[units.time]

@@ -13,12 +13,12 @@ from modalshell.scene.read import read_toml
 
 
 def toml_table(name: str, table: Mapping[str, Any]) -> str:
-    """``[name]`` and a line for each key."""
+    """``[name]`` and one line per key."""
     return "\n".join([f"[{name}]", *(f"{_key(key)} = {_value(value)}" for key, value in table.items())])
 
 
 def write_scene_with(file: Path, out: str | os.PathLike[str], model: Mapping[str, Any]) -> Path:
-    """Write the scene of ``file`` to ``out`` with another ``[model]``; comments are lost, mesh files still found."""
+    """Write the scene of ``file`` to ``out`` with another ``[model]``; comments are lost, mesh paths adapted."""
     raw = read_toml(file) | {"model": dict(model)}
     raw.setdefault("name", file.stem)
     mesh = raw["mesh"]

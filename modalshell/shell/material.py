@@ -24,7 +24,7 @@ from modalshell.typing import Array
 class Material:
     """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3] and area density.
 
-    Each may be one number or one value an element of the mesh that the shell is built on.
+    Each may be one number or one value per element of the mesh that the shell is built on.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Material:
         Mass per area [kg/m^2].
     correct_clamp : bool, optional
         Double the weight of hinges on the clamp line, which stand for half a cell only. Off for plain
-        stiffnesses, which are then the paper's energies as they stand; on in :meth:`from_physical`.
+        stiffnesses, which are then exactly the paper's energies; on in :meth:`from_physical`.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class Material:
         """Stiffnesses that give ``mesh`` the membrane and bending stiffness of an isotropic sheet.
 
         A mesh of hinges bends as the triangulation has it, not as a plate does: the constants are computed from the
-        hinges of this very mesh, so every mesh family is calibrated alike. What no constant mends: the bending
+        hinges of this very mesh, so every mesh family is calibrated alike. No constant corrects this: the bending
         Poisson effect stays the family's own (-1/3 where isotropic), and so does its twist. Measured against shell
         theory, bending in two directions and twist are 7 to 85 % off on any mesh, and in-plane bending at ``poisson``
         0 is 12 to 18 % too soft on union-jack and Lloyd meshes; strips that bend one way are met within 3 to 5 %. At

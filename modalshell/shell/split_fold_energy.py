@@ -84,8 +84,8 @@ class SplitFoldEnergy(ElasticEnergy):
         self._edges = np.ascontiguousarray(mesh.edges)
         self._rest_angles, self._rest_squares = np.zeros(len(folds.hinges)), np.zeros(len(self._edges))
         angles = np.zeros(len(mesh.hinges))
-        rest = np.asarray(mesh.vertices)
-        kernels.fold_angles(rest, np.asarray(mesh.hinges), np.zeros_like(angles), angles, np.empty((angles.size, 9)))
+        rest = np.array(mesh.vertices)
+        kernels.fold_angles(rest, np.array(mesh.hinges), np.zeros_like(angles), angles, np.empty((angles.size, 9)))
         self._mirrors = MirroredHinges(folds.hinges, folds.reflections)
         state = self._measured(rest)
         self._rest_angles, self._rest_squares = state.folds, state.stretches

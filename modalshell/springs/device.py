@@ -17,7 +17,7 @@ class DeviceVerlet(VerletSheet):
     """The steps of :class:`modalshell.springs.GridVerlet` on a device: one thread to a mass.
 
     A thread works out the 12 springs of its mass, so that a spring is worked out at both ends. The state stays on the
-    device: positions and velocities are copied when they are asked for, and where ``dt`` changes.
+    device: positions and velocities are copied on request, and if ``dt`` changes.
 
     Parameters
     ----------
@@ -26,18 +26,18 @@ class DeviceVerlet(VerletSheet):
     dtype : {float64, float32}
         Precision of the state and the arithmetic.
     start : array_like, shape (rows * columns, 3), optional
-        Positions [m], at rest without them.
+        Positions [m]; by default at rest.
     device : str, optional
-        "cpu" or "cuda:0" and so on; without it the first GPU, and where there is none "cpu".
+        "cpu", "cuda:0" and so on; by default the first GPU, or "cpu" if there is none.
     velocity : array_like, shape (rows * columns, 3), optional
-        [m/s], none without it.
+        Velocities [m/s]; by default zero.
     allow_unstable_step : bool
         Whether steps may be longer than the stable one.
 
     Raises
     ------
     OptionError
-        Where Warp is not installed or the device is not here; for another precision, or dashpots.
+        If Warp is not installed or the device is missing; for another precision, or dashpots.
     LoadError
         For positions or velocities of the wrong shape or not finite.
     """

@@ -17,13 +17,13 @@ from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
 
 TASKS = ("force", "matrix update", "acceleration", "velocity", "position")
-"""The parts of a step whose times are told; the acceleration is the solution of the linear equations."""
+"""The timed parts of a step; the acceleration is the solution of the linear equations."""
 _EACH = 2000
 """Particles for which a thread pays."""
 
 
 class ImplicitStep(NamedTuple):
-    """What a step has to say: iterations, residual over load and momentum, whether it met its tolerance, seconds."""
+    """Result of a step: iterations, residual over load and momentum, whether it converged, wall times."""
 
     iterations: int
     residual: float
@@ -54,7 +54,7 @@ class ImplicitSprings:
     held : array_like of bool, shape (n,), or of int, optional
         Particles that do not move by themselves.
     threads : int, optional
-        So many; one or all of numba's without it, as its own steps show to be faster. The results do not depend on it.
+        Number of threads; by default one or all of numba's, whichever is faster. The results do not depend on it.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class ImplicitSprings:
         self._sums = np.zeros((kernels.PARTS, 2))
 
     def place(self, positions: ArrayLike, velocities: ArrayLike | None = None, change: ArrayLike | None = None) -> None:
-        """Put the particles at ``positions`` (n, 3) [m] with ``velocities`` (n, 3) [m/s], at rest without them.
+        """Set ``positions`` (n, 3) [m] and ``velocities`` (n, 3) [m/s], by default zero.
 
         ``change`` (n, 3) [m/s] is a guess of the next step's change of velocity.
         """
@@ -141,7 +141,7 @@ class ImplicitSprings:
         drag : float
             Deceleration over velocity [1/s].
         stiffness_damping : float
-            Dashpot of each spring over its stiffness [s], beside its own.
+            Additional dashpot of each spring over its stiffness [s].
         held : array_like, shape (h, 3), optional
             Where the held particles are at the step's end [m], in the order of their numbers; where they were without.
         iterations : int

@@ -13,7 +13,7 @@ from modalshell.springs.springs import Springs
 from modalshell.typing import Array
 
 REFERENCE_FOLD = 0.2
-"""Change of a fold angle [rad] at which a spring across a hinge shall hold as much energy as the hinge."""
+"""Change of a fold angle [rad] at which a spring across a hinge has the energy of the hinge."""
 
 
 def mesh_springs(mesh: TriangleMesh, structural: ArrayLike, flexion: ArrayLike, damping: ArrayLike = 0.0) -> Springs:
@@ -59,7 +59,7 @@ def mesh_springs(mesh: TriangleMesh, structural: ArrayLike, flexion: ArrayLike, 
 
 
 def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Springs:
-    """Springs that stand for a shell's energies as far as springs can.
+    """Springs that approximate a shell's energies.
 
     Edges take the shell's shear stiffness exactly (``2 k_h / l0``); the area energy is left out. A spring across a
     hinge takes the stiffness at which it holds the energy of the hinge, ``k_f dtheta^2 l0 / h0``, for a change of the
@@ -73,6 +73,11 @@ def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Sprin
         With the discrete-shell energies.
     reference_fold : float
         [rad], in (0, pi/2].
+
+    Returns
+    -------
+    Springs
+        The springs.
 
     Raises
     ------

@@ -46,7 +46,7 @@ class RankBlock(NamedTuple):
 
 
 def rank_block(springs: Springs, count: int, size: int, rank: int) -> RankBlock:
-    """The part of ``rank`` among ``size`` of ``count`` particles, of which every rank gets as many (or one more).
+    """The part of ``rank`` among ``size`` of ``count`` particles; each rank gets the same number, or one more.
 
     The particles are renumbered by reverse Cuthill-McKee, which keeps neighbours together, and cut into runs: on a
     sheet into strips. A single rank has them all.

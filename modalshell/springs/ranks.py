@@ -55,7 +55,7 @@ class RankedSprings:
     .. math:: (M - h\,\partial f/\partial v - h^2\,\partial f/\partial x)\,\Delta v
               = h\,(f_0 + h\,\partial f/\partial x\,v_0), \qquad \Delta x = h\,(v_0 + \Delta v)
 
-    Every rank of the communicator makes it with the same arguments, and calls the same methods.
+    Collective: every rank of the communicator constructs it with the same arguments and calls the same methods.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class RankedSprings:
     held : array_like of bool, shape (n,), or of int, optional
         Particles that do not move.
     communicator : optional
-        Of petsc4py or mpi4py; without it all ranks of the run.
+        Communicator of petsc4py or mpi4py; by default all ranks.
 
     Attributes
     ----------
@@ -217,7 +217,7 @@ class RankedSprings:
         return self._gathered(self._x)
 
     def velocities(self) -> Array | None:
-        """Velocities (n, 3) [m/s], likewise."""
+        """Velocities (n, 3) [m/s] in the same order, on rank 0; None on the others."""
         return self._gathered(self._v)
 
     def _gathered(self, vector: Any) -> Array | None:

@@ -118,7 +118,7 @@ class SheetGrid:
         path : str or path, optional
             HTML file to write.
         dt : float, optional
-            Time step [s]; half of the stable one without it.
+            Time step [s]; by default half of the stable one.
         title : str
             Headline of the page.
 

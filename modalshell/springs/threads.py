@@ -12,7 +12,7 @@ import numba
 from modalshell.checks import checked_count
 
 _TRIALS = 6
-"""First steps, taken on one thread and on all in turns; the very first of each may load compiled code."""
+"""Number of first steps, alternately on one thread and on all; the very first may load compiled code."""
 _FIRST_WAIT, _LONGEST_WAIT = 16, 4096
 """Steps until the slower number of threads is tried again, which doubles as long as it stays the slower."""
 
@@ -28,9 +28,9 @@ class ThreadChoice:
     Parameters
     ----------
     count, each : int
-        Masses, and masses for which a thread may pay.
+        Number of masses, and least number per thread.
     threads : int, optional
-        So many, whatever they bring; without it the choice is free, up to all of numba's.
+        Fixed number of threads; by default chosen, up to all of numba's.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class ThreadChoice:
 
     @contextmanager
     def steps(self, count: int = 1) -> Iterator[int]:
-        """Take ``count`` steps inside on the number of threads that is handed out."""
+        """Context of ``count`` steps on the number of threads that it yields."""
         threads = self._next()
         begin = perf_counter()
         with limited_to(threads):
@@ -94,7 +94,7 @@ class ThreadChoice:
 
 @contextmanager
 def limited_to(threads: int) -> Iterator[None]:
-    """Let numba's parallel loops use so many threads inside."""
+    """Set the number of numba's threads inside the block."""
     before = numba.get_num_threads()
     numba.set_num_threads(threads)
     try:

@@ -18,7 +18,7 @@ Which = Literal["now", "before"]
 
 
 class VerletSheet(ABC):
-    """A :class:`SheetGrid` in motion: its positions now and a step before, (3, rows, columns) each.
+    """A :class:`SheetGrid` in motion: its positions now and one step earlier, (3, rows, columns) each.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class VerletSheet(ABC):
         return np.asarray(self.grid.gravity - gradient / self.grid.particle_mass)
 
     def _set_step(self, dt: float) -> None:
-        """Choose the positions a step of ``dt`` ago so that the velocities stay what they are."""
+        """Set the positions of one step of ``dt`` earlier such that the velocities are unchanged."""
         rates = self.velocities
         pull = np.where(self.grid.pinned.ravel()[:, None], 0.0, self._acceleration() - self.grid.drag * rates)
         self._write("before", self._read("now") - self._on_grid(dt * rates - 0.5 * dt**2 * pull))
@@ -98,7 +98,7 @@ class VerletSheet(ABC):
         return dt**2 / (1.0 + half_drag), (1.0 - half_drag) / (1.0 + half_drag), self.grid.tiny
 
     def step(self, count: int, dt: float) -> None:
-        """Take ``count`` steps of ``dt`` [s]; another ``dt`` than before goes on from the same velocities.
+        """Take ``count`` steps of ``dt`` [s]; if ``dt`` changes, the velocities are kept.
 
         Raises
         ------

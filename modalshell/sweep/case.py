@@ -27,7 +27,7 @@ from modalshell.timings import Stopwatch
 from modalshell.typing import Array
 
 _ONE_AT_A_TIME = threading.Lock()
-"""Threads of a cluster's worker take turns: results may not depend on who else computes in the process."""
+"""Threads of a cluster's worker take turns: results must not depend on concurrent cases."""
 
 
 class Task(Struct, frozen=True):
@@ -129,7 +129,7 @@ def case_digest(scene: Scene, mesh: TriangleMesh) -> str:
 
 
 def run_case(task: Task) -> CaseResult:
-    """Compute a case on one thread; what it raises becomes its outcome.
+    """Compute a case on one thread; exceptions become its outcome.
 
     Raises
     ------

@@ -71,9 +71,9 @@ def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None 
 
 
 def run_on_cluster(tasks: Sequence[Task], client: Any) -> Generator[CaseResult, None, None]:
-    """Compute cases on a cluster; yield each result as it is found.
+    """Compute cases on a cluster; yield each result as it is ready.
 
-    The cluster does a killed worker's cases again, up to its ``allowed-failures``, three unless it is told otherwise.
+    The cluster does a killed worker's cases again, up to its ``allowed-failures``, three by default.
 
     Raises
     ------

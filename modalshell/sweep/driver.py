@@ -26,6 +26,7 @@ from modalshell.sweep.summary import (
     refuse_parquet_without_pyarrow,
     run_rows,
     summary_rows,
+    unit_rows,
     write_csv,
     write_parquet,
 )
@@ -34,20 +35,21 @@ from modalshell.typing import Progress
 _LONGEST_LIMIT = 1e9
 """Seconds beyond which no time limit can be waited for."""
 _AGAIN = (Outcome.FAILED, Outcome.STOPPED)
-"""Outcomes that another time or machine may change; done again only where that is asked for."""
+"""Outcomes that may differ at another time or on another machine; repeated only on request."""
 
 
 @brief
 @dataclass(frozen=True)
 class SweepResult:
-    """What a sweep found.
+    """Result of a sweep.
 
     Attributes
     ----------
     rows : list of dict
         The summary: a row for each case in the order of the grid, the last axis first; None where there is no value.
     files : list of Path
-        ``NAME_sweep.csv``, the formats asked for, and ``NAME_sweep_runs.csv``.
+        ``NAME_sweep.csv``, the requested formats, ``NAME_sweep_runs.csv``, and the units of the summary's columns in
+        ``NAME_sweep_units.csv``.
     computed, stored : int
         Cases that were computed now, and that were there from before; each truth counts as one.
     note : str
@@ -77,7 +79,7 @@ def run_sweep(
     on_check: Progress | None = None,
     on_step: Progress | None = None,
 ) -> SweepResult:
-    """Run all cases of a sweep that are not stored yet, and sum up what each found.
+    """Run all cases of a sweep that are not stored yet, and write a summary.
 
     Every scene of the grid is checked before the first case is run. Each finished case is stored at once, in a file of
     ``NAME_cases`` named by the digest of its scene and mesh: however often a sweep is stopped, or its workers are
@@ -89,15 +91,15 @@ def run_sweep(
     sweep : Sweep or path
         The sweep or its file; see :func:`~modalshell.sweep.load_sweep`.
     out : path, optional
-        Folder for the results; the sweep's own without it.
+        Folder for the results; by default the sweep's.
     workers : int, optional
-        Processes on this machine, each on one thread; one for each core without it.
+        Processes on this machine, each on one thread; by default one per core.
     cluster : str, optional
         Address of a scheduler of dask.distributed that computes the cases instead.
     certificates : sequence of path, optional
         Files of the authority, the certificate and the key of a ``tls://`` cluster.
     time_limit : float, optional
-        Seconds after which a case is given up and recorded as stopped (not on a cluster).
+        Time [s] after which a case is aborted and recorded as stopped (not on a cluster).
     retry : bool
         Whether to compute again the stored cases that failed or were stopped by the time limit.
     on_check : callable, optional
@@ -115,7 +117,7 @@ def run_sweep(
     SceneError
         Where the sweep or a scene of its grid is refused.
     OptionError
-        For a bad option, or if another process is at work on this sweep in this folder.
+        For a bad option, or if another process runs this sweep in this folder.
     WorkerError
         If worker processes do not start, or the cluster does not answer or is lost.
     KeyboardInterrupt
@@ -178,15 +180,18 @@ def _write(
 ) -> tuple[list[Path], list[SummaryRow], str]:
     stem, note = f"{sweep.name}_sweep", ""
     rows = summary_rows(plan, [axis.key for axis in sweep.axes], found)
+    units = unit_rows(rows, sweep.scene)
     files = [write_csv(folder / f"{stem}.csv", rows)]
     if "parquet" in sweep.output.formats:
         files.append(write_parquet(folder / f"{stem}.parquet", rows))
     if "png" in sweep.output.formats:
         picture = folder / f"{stem}.png"
-        note = draw_summary(rows, sweep.axes, value, picture, sweep.name)
+        named = {row["column"]: row["unit"] for row in units}
+        note = draw_summary(rows, sweep.axes, value, picture, sweep.name, named)
         if note:
             picture.unlink(missing_ok=True)  # one of an earlier sweep would be taken for this one's
         else:
             files.append(picture)
     files.append(write_csv(folder / f"{stem}_runs.csv", run_rows(plan, found)))
+    files.append(write_csv(folder / f"{stem}_units.csv", units))
     return files, rows, note

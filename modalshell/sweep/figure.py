@@ -1,6 +1,6 @@
 """Picture of a sweep.
 
-The rule: an axis of numbers, or of vectors that differ by a factor alone (their lengths are taken), can be drawn along.
+Rule: an axis of numbers, or of vectors that differ only by a factor (represented by their lengths), can be plotted.
 Two such axes of four values or more become a map of the sixths that the value falls in, one panel for each combination
 of the other axes. Otherwise there are curves along the axis with the most values, one for each combination of the
 others; where those are too many, one panel for each value of the first of the others. Cases without the value are left
@@ -10,7 +10,7 @@ out of curves and grey in maps.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,25 +28,27 @@ Chosen = dict[int, int]
 """Index of a value by the place of its axis."""
 
 _LABELS = {
-    "displacement": "largest displacement [m]",
-    "peak_displacement": "peak displacement [m]",
+    "displacement": "largest displacement",
+    "peak_displacement": "peak displacement",
     "error": "relative displacement error",
     "area_change": "relative change of area",
-    "kinetic_energy": "kinetic energy [J]",
-    "elastic_energy": "elastic energy [J]",
-    "load_potential": "potential of the load [J]",
+    "kinetic_energy": "kinetic energy",
+    "elastic_energy": "elastic energy",
+    "load_potential": "potential of the load",
 }
 _COLORS = ("#2b5fc8", "#c8322b", "#2f9e44", "#d98200", "#7b2d8e", "#17a2b8", "#8c564b", "#777777")
 _RANGES = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
 _NONE, _NONE_COLOR = "no value", "#cccccc"
 _CURVES, _PANELS = len(_COLORS), 12
 _TICKS = 8
-"""Values along an axis up to which each gets a tick of its own."""
+"""Largest number of axis values that each get a tick."""
 _WIDE = 30.0
 """Ratio of largest to smallest from which an axis is logarithmic."""
 
 
-def draw_summary(rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, path: Path, title: str) -> str:
+def draw_summary(
+    rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, path: Path, title: str, units: Mapping[str, str]
+) -> str:
     """Draw ``value`` over the axes into a PNG.
 
     Returns
@@ -65,9 +67,11 @@ def draw_summary(rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, p
     numeric = [(along, place) for along, place in lengths if along is not None]
     wide = sorted(numeric, key=lambda item: -len(item[0]))  # stable: the first in the file where they tie
     if len(wide) > 1 and len(wide[1][0]) > 3:
-        return _draw_map(table, axes, sorted(wide[:2], key=lambda item: item[1]), _label(value), known, path, title)
+        return _draw_map(
+            table, axes, sorted(wide[:2], key=lambda item: item[1]), _label(value, units), known, path, title
+        )
     along, place = wide[0] if wide else (np.arange(1.0, len(axes[-1].values) + 1.0), len(axes) - 1)
-    return _draw_curves(table, axes, (along, place), _label(value), known, path, title, named=not wide)
+    return _draw_curves(table, axes, (along, place), _label(value, units), known, path, title, named=not wide)
 
 
 def _draw_curves(
@@ -89,7 +93,7 @@ def _draw_curves(
     panels = list(_combinations(axes, apart))
     curves_each = np.prod([len(axes[other].values) for other in each], dtype=int)
     if len(panels) > _PANELS or curves_each > _CURVES:
-        return f"no picture: {count} curves are too many; plot the table instead"
+        return f"no picture: {count} curves are too many for a picture; plot the table instead"
     log = _is_wide(known)
     drawn = []
     for fixed in panels:
@@ -131,7 +135,7 @@ def _draw_map(
     fixed = [other for other in range(len(axes)) if other not in (x_place, y_place)]
     panels = list(_combinations(axes, fixed))
     if len(panels) > _PANELS:
-        return f"no picture: {len(panels)} maps are too many; plot the table instead"
+        return f"no picture: {len(panels)} maps are too many for a picture; plot the table instead"
     edges, names = _sixths(np.array(known))
     x_order, y_order = np.argsort(x), np.argsort(y)
 
@@ -175,7 +179,7 @@ def _ticks(along: Array) -> dict[float, str] | None:
 
 
 def _numbers(axis: Axis) -> Array | None:
-    """Where an axis's values lie on a line of numbers; None if they do not."""
+    """Positions of an axis's values on a number line; None if they are not numeric."""
     if any(isinstance(value, bool | str | dict) for value in axis.values):
         return None
     try:
@@ -211,8 +215,9 @@ def _text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _label(value: str) -> str:
-    return _LABELS.get(value, value.replace("_", " "))
+def _label(value: str, units: Mapping[str, str]) -> str:
+    unit = units.get(value, "1")
+    return _LABELS.get(value, value.replace("_", " ")) + (f" [{unit}]" if unit != "1" else "")
 
 
 def _axis_label(axis: Axis) -> str:
@@ -225,7 +230,7 @@ def _is_wide(values: Any) -> bool:
 
 
 def _is_geometric(along: Array) -> bool:
-    """Whether an axis is better logarithmic: it spans much, or its values are at equal ratios."""
+    """Whether to use a logarithmic axis: values with a large range or with equal ratios."""
     if along.min() <= 0.0 or len(along) < 3:
         return False
     ratios = np.diff(np.log(np.sort(along)))
@@ -233,7 +238,7 @@ def _is_geometric(along: Array) -> bool:
 
 
 def checked_value(value: str | None, truth: bool, columns: Sequence[str], file: Path) -> str:
-    """The column to draw: what is asked for, else the error if there is a truth, else the displacement."""
+    """The column to draw: the requested one, else the error if there is a reference, else the displacement."""
     allowed = [*columns, *(["error"] if truth else [])]
     if value is not None and value not in allowed:
         hint = "" if truth else "; 'error' needs a [truth]"

@@ -49,7 +49,7 @@ class Range(Table, frozen=True):
 
 
 class SweepOutput(Table, frozen=True):
-    """``[output]``: ``folder`` (relative to the working folder), ``formats`` beside CSV, column of the picture."""
+    """``[output]``: ``folder`` (relative to the working folder), ``formats`` other than CSV, column of the picture."""
 
     folder: Annotated[str, Meta(min_length=1)] = "results"
     formats: tuple[Literal["png", "parquet"], ...] = ("png",)
@@ -110,7 +110,7 @@ class Sweep:
             yield values, raw
 
     def _put(self, raw: dict[str, Any], key: str, value: Any) -> None:
-        """Set the value that a dotted key leads to; a number in it counts a list's entries from 0."""
+        """Set the value at a dotted key; a number in it is the index of a list's entry, from 0."""
         *tables, last = key.split(".")
         place: Any = raw
         for part in tables:
@@ -152,7 +152,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
     ------
     SceneError
         For a file that cannot be read, unknown keys, wrong types and values out of range: names the file and the
-        key's path, what was got and what is allowed. The scenes of the grid are checked before the first one is run.
+        key's path, the value and what is allowed. The scenes of the grid are checked before the first one is run.
     """
     file = Path(path)
     raw = read_toml(file)
@@ -180,7 +180,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
 
 
 def _axes(file: Path, tables: Any, path: str) -> Iterator[Axis]:
-    """Axes of ``[axes]``; tables within it lead on to keys, as TOML reads dotted keys without quotes."""
+    """Axes of ``[axes]``; nested tables are dotted keys, as TOML reads them without quotes."""
     if not isinstance(tables, dict):
         raise SceneError(f"{file}: axes: must be a table of keys and their values (got {tables!r:.60})")
     for key, given in tables.items():

@@ -1,6 +1,6 @@
 """Sweep cases on worker processes of this machine, one thread each.
 
-Every worker is asked one case at a time through its own pipes, so that a death tells which case it was at and leaves
+Every worker gets one case at a time through its own pipes, so that its death identifies the case and leaves
 the other workers alone; ``ProcessPoolExecutor`` breaks as a whole, and its workers outlive a killed driver.
 """
 
@@ -25,24 +25,24 @@ from modalshell.sweep.case import CaseResult, Task
 from modalshell.sweep.worker import READY
 
 ATTEMPTS = 3
-"""Processes that may die at a case before it is recorded as failed."""
+"""Number of processes that may die at a case before it is recorded as failed."""
 _STARTS = 5
-"""Processes in a row that may die before they are given a case."""
+"""Number of successive processes that may die before they get a case."""
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def usable_cores() -> int:
-    """Processor cores that this process may use."""
+    """Number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 def run_locally(
     tasks: Sequence[Task], workers: int, time_limit: float | None = None
 ) -> Generator[CaseResult, None, None]:
-    """Compute cases in ``workers`` processes; yield each result as it is found.
+    """Compute cases in ``workers`` processes; yield each result as it is ready.
 
     A case whose process dies is done again, up to three processes; one that takes longer than ``time_limit`` [s] is
-    given up. Closing the iterator, like the end of this process however it comes, ends the workers.
+    aborted. Closing the iterator, like the end of this process however it comes, ends the workers.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def run_locally(
 
 
 class _Death(Exception):
-    """A worker is dead; the message is what it had to say. ``asked``: whether it had been given a case."""
+    """A worker died; the message is its last output. ``asked``: whether it had a case."""
 
     def __init__(self, message: str, asked: bool) -> None:
         super().__init__(message)
@@ -99,7 +99,7 @@ class _Slot:
         self._lock = threading.Lock()
 
     def compute(self, task: Task, limit: float | None) -> CaseResult:
-        """What becomes of a case, with as many new workers as that takes."""
+        """Compute a case, restarting the worker as often as allowed."""
         deaths, idle_deaths = 0, 0
         while True:
             try:
@@ -125,7 +125,7 @@ class _Slot:
                 self._worker.process.kill()
 
     def end(self) -> None:
-        """Kill the worker and close its pipes; from the thread that asks it."""
+        """Kill the worker and close its pipes; call this from the thread that uses it."""
         with self._lock:
             if self._worker is not None:
                 self._worker.end()

@@ -26,7 +26,7 @@ class GridCase:
     values : tuple
         Values of the axes.
     digest : str
-        Of the scene and its mesh; cases that come to the same share it, and are computed once.
+        Digest of the scene and its mesh; identical cases share it and are computed once.
     truth : str or None
         Digest of the same scene under the reference's model.
     mesh : TriangleMesh
@@ -40,7 +40,7 @@ class GridCase:
 
 
 class Plan:
-    """The cases of a sweep and the tasks that they come to.
+    """The cases of a sweep and their distinct tasks.
 
     SceneError at the first scene that is refused: names the case and the key's path. ``on_check`` is called with the
     cases checked and their total.
@@ -50,7 +50,7 @@ class Plan:
     cases : list of GridCase
         In the order of the grid.
     tasks : dict
-        What is to be computed, by digest: the cases' own, and their truths where they are asked for.
+        Tasks by digest: those of the cases, and their reference solutions if requested.
     """
 
     def __init__(self, sweep: Sweep, on_check: Progress | None = None) -> None:

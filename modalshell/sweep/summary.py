@@ -17,15 +17,32 @@ from modalshell.errors import ModalShellError, OptionError
 from modalshell.measure import displacement_error
 from modalshell.sweep.case import CaseResult, Measures
 from modalshell.sweep.plan import Plan
+from modalshell.units import UnitSystem
 
 SummaryRow = dict[str, Any]
 
+_UNITS = {
+    "displacement": "m",
+    "peak_displacement": "m",
+    "kinetic_energy": "J",
+    "elastic_energy": "J",
+    "load_potential": "J",
+    **{f"mesh.{name}": "m" for name in ("length", "width", "height", "radius")},
+    "mesh.fold": "deg",
+    "material.young": "Pa",
+    "material.thickness": "m",
+    "loads.gravity": "m/s^2",
+    "motion.duration": "s",
+    "motion.dt": "s",
+}
+"""Units of measures and of axes; the rest are plain numbers or texts."""
+
 MEASURES = Measures.__struct_fields__
-"""Columns of every summary; with a truth comes "error"."""
+"""Columns of every summary; "error" is added if there is a reference."""
 
 
 def summary_rows(plan: Plan, keys: Sequence[str], found: Mapping[str, CaseResult]) -> list[SummaryRow]:
-    """What each case found: its number from 1, the values of its axes, outcome, message, measures, error, digest.
+    """One row per case: its number from 1, the values of its axes, outcome, message, measures, error, digest.
 
     The error is the relative displacement error of the last frame against the truth's, vertices weighted by their
     mass; None where one of both has no positions or the truth does not move. The truth's outcome and message follow.
@@ -53,6 +70,14 @@ def run_rows(plan: Plan, found: Mapping[str, CaseResult]) -> list[SummaryRow]:
     return rows
 
 
+def unit_rows(rows: Sequence[SummaryRow], scene: Mapping[str, Any]) -> list[SummaryRow]:
+    """The unit of each column of the summary of a ``scene``'s cases; "1" for plain numbers and texts."""
+    units = UnitSystem(**scene.get("units", {}))
+    sheet = "kg/m^2" if "stretch" in scene["material"] else "kg/m^3"
+    told = {key: (_UNITS | {"material.density": sheet}).get(key, "") for key in rows[0]}
+    return [{"column": key, "unit": unit} for key, unit in units.labels(told).items()]
+
+
 def _error(result: CaseResult, truth: CaseResult, mesh: Any) -> float | None:
     if result.measures is None or truth.measures is None:
         return None
@@ -68,7 +93,7 @@ def _plain(value: Any) -> Any:
 
 
 def write_csv(path: Path, rows: Sequence[SummaryRow]) -> Path:
-    """Rows as CSV: floats in full, nothing for None."""
+    """Rows as CSV: floats with all digits, empty cells for None."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()

@@ -18,7 +18,7 @@ READY = b"ready\n"
 
 
 def main() -> None:
-    """Answer tasks, a line of JSON each, until the driver is gone."""
+    """Answer tasks, one line of JSON each, until the driver ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group: the driver ends its workers
     faulthandler.enable()
     answers = os.fdopen(os.dup(1), "wb")

@@ -17,12 +17,12 @@ from modalshell.viewer.web import BrowserPage, check_page
 
 
 class AttachedWindow:
-    """A run's newest frame, and a line of text about it.
+    """A run's newest frame, with a line of text.
 
     Parameters
     ----------
     run : RunFollower
-        The run, which has a frame already.
+        The run, which has at least one frame.
     off_screen : bool
         Draw into memory, for pictures of the window.
     """
@@ -55,7 +55,7 @@ class AttachedPage(BrowserPage):
     Parameters
     ----------
     run : RunFollower
-        The run, which has a frame already.
+        The run, which has at least one frame.
     """
 
     def __init__(self, run: RunFollower) -> None:
@@ -91,18 +91,18 @@ def attach(
     run : path
         See :class:`~modalshell.run.RunFollower`.
     wait : float
-        How long [s] its first frame may take to come.
+        Longest time [s] to wait for its first frame.
     web, port
         Show it on a page at this port of this machine.
     screenshot : Path, optional
         Write a PNG file with the newest frame, and return.
     follow : bool
-        Print a line for each frame and change of state instead; returns when the run is finished.
+        Print a line for each frame and change of state instead; return when the run is finished.
 
     Raises
     ------
     OptionError
-        If ``run`` is no run, has no frame in time, or can not be shown as asked.
+        If ``run`` is not a run, has no frame in time, or cannot be shown as requested.
     """
     if web + (screenshot is not None) + follow > 1:
         raise OptionError("--web, --screenshot and --follow are three ways to show a run: choose one")

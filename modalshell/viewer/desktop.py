@@ -16,7 +16,7 @@ from modalshell.scene import Scene
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
 from modalshell.viewer.stage import Stage, demand_opengl
 
-_HELP = "space: play or pause   m: next model   n: anew from rest   q: quit"
+_HELP = "space: play or pause   m: next model   n: restart from rest   q: quit"
 
 
 class DesktopViewer:
@@ -176,7 +176,7 @@ def open_window(scene: Scene) -> None:
 
 
 def take_picture(scene: Scene, frames: int, path: Path) -> Path:
-    """Play so many frames off-screen, each of 1/30 s of simulated time, and save the window as a PNG file."""
+    """Play ``frames`` off-screen, each of 1/30 s of simulated time, and save the window as a PNG file."""
     checked_count("frames", frames)
     target = checked_path(path, ".png")
     demand_opengl()

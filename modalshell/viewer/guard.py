@@ -11,12 +11,12 @@ from typing import Any
 _LONGEST = 1 << 20
 """Bytes of a message from a browser; trame's own are some hundreds, and it would allow 4 GB."""
 _PENDING = 16
-"""Messages of one browser that may be on their way in parts."""
+"""Largest number of partial messages of one browser."""
 _CONNECTIONS = 32
 
 
 def guard(server: Any, host: str) -> str:
-    """Set up a trame server, before it starts, and return the secret that browsers must bring."""
+    """Configure a trame server before it starts; return the secret that browsers must present."""
     secret = secrets.token_urlsafe(24)
     server.cli.set_defaults(authKey=secret)
     protocol: Any = importlib.import_module("wslink.protocol")
@@ -61,7 +61,7 @@ def _own_pages_only(host: str) -> Any:
 
 
 def limited(kind: type[Any]) -> type[Any]:
-    """A subclass of wslink's UnChunker that joins messages of bounded size, and drops what is none."""
+    """A subclass of wslink's UnChunker that joins messages of bounded size, and drops all others."""
     if hasattr(kind, "drop"):
         return kind
 

@@ -14,7 +14,7 @@ _WORTH_IT = 0.02
 
 
 def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tuple[Array, Array]:
-    """Coordinates (m,) and rates (m,) with which ``model`` goes on.
+    """Coordinates (m,) and rates (m,) with which ``model`` continues.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tup
     positions : ndarray, shape (n, 3)
         The shape [m] that any other model is brought as near to as it can, at rest, in the shell's frame.
     model : ModalModel
-        The model that goes on.
+        The model that continues.
     """
     last = None if before is None else as_modal(before.model)
     if before is not None and last is not None and type(last) is type(model):

@@ -30,9 +30,9 @@ FRAME_SECONDS = 1.0 / 30.0
 """Time from one picture to the next [s]."""
 
 _WORK_LIMIT = 2.0 * FRAME_SECONDS
-"""Wall time [s] after which a frame begins no further step."""
+"""Wall time [s] per frame after which no further step is begun."""
 _LONGEST_PAUSE = 0.25
-"""Wall time [s] between frames beyond which a model was built or the machine slept: that time is not made up for."""
+"""Longer gaps [s] between frames, from building a model or a sleeping machine, are not caught up."""
 _STANDARD_GRAVITY = 9.81
 """Gravity [m/s^2] that the slider reaches twice at least."""
 _MODE_LIMIT = 64
@@ -65,7 +65,7 @@ class ViewSession:
     modes : int
         Modes that a modal model has or would have.
     mode_limit : int
-        The most that may be asked for.
+        The largest number allowed.
     gravity : ndarray, shape (3,)
         Acceleration on every vertex [m/s^2].
     gravity_limit : float
@@ -77,7 +77,7 @@ class ViewSession:
     late : bool
         Whether the last frame left simulated time undone.
     note : str
-        What the user should know about the motion; empty if there is nothing.
+        Warning about the motion; empty if there is none.
     frame_milliseconds : float
         Work of the last frame, without drawing.
 
@@ -132,7 +132,7 @@ class ViewSession:
 
     @property
     def diverged(self) -> bool:
-        """Whether the motion has left what numbers can hold; only a reset or another model leads on."""
+        """Whether the motion is not finite any more; then only a reset or another model continues it."""
         return self._diverged
 
     def play(self) -> None:
@@ -144,7 +144,7 @@ class ViewSession:
         self.playing = False
 
     def toggle(self) -> None:
-        """Play if paused, else pause."""
+        """Play if paused, otherwise pause."""
         if self.playing:
             self.pause()
         else:
@@ -155,15 +155,15 @@ class ViewSession:
         self._begin(self._new_motion(self._cached_model(self.name, self.modes), None))
 
     def set_gravity(self, gravity: ArrayLike) -> None:
-        """Change the acceleration (3,) [m/s^2] on every vertex; the motion goes on from where it is."""
+        """Change the acceleration (3,) [m/s^2] on every vertex; the motion continues from its present state."""
         vector = checked_vectors("gravity", gravity, (3,), LoadError)
         self._motion.load = self.shell.loading(vector, self._built.force, self._built.loads).dead
         self.gravity = vector
 
     def set_model(self, name: str, modes: int | None = None) -> None:
-        """Go on with another model or number of modes, in the present shape as nearly as the model can take it.
+        """Continue with another model or number of modes, in the present shape as nearly as the model can take it.
 
-        With the same modal model the motion goes on too; any other model starts from rest in that shape.
+        With the same modal model the motion continues as well; any other model starts from rest in that shape.
 
         Raises
         ------
@@ -171,7 +171,7 @@ class ViewSession:
             For a model or number of modes that does not exist, or a model that cannot take the scene's steps. The
             session then is as it was.
         SolverError
-            If the modes cannot be found.
+            If the modes cannot be computed.
         """
         if name not in model_tables():
             raise OptionError(f"there is no model {name!r}; choose from {', '.join(model_tables())}")
@@ -190,7 +190,7 @@ class ViewSession:
         Parameters
         ----------
         seconds : float
-            How much; what is left of it below one step is kept for the next call.
+            Simulated time [s]; a remainder below one step is kept for the next call.
         limit : float
             Wall time [s] after which no further step is begun; the time left is dropped, so that a model too slow for
             the present moves slowly instead of falling behind for ever.
@@ -223,7 +223,7 @@ class ViewSession:
         self.advance(passed if passed < _LONGEST_PAUSE else FRAME_SECONDS, limit=_WORK_LIMIT)
 
     def status(self) -> str:
-        """One line: model, modes, time, work a frame, and what is wrong if anything is."""
+        """One line: model, modes, time, work per frame, and a warning if there is one."""
         modes = f", {self.modes} modes" if "modes" in model_tables()[self.name].__struct_fields__ else ""
         state = "playing" if self.playing else "paused"
         work = f"{self.frame_milliseconds:.2g} ms a frame"
@@ -233,7 +233,7 @@ class ViewSession:
         return "; ".join([*parts, self.note] if self.note else parts)
 
     def _begin(self, motion: Motion) -> None:
-        """Take up a motion."""
+        """Restore a motion."""
         self._motion = motion
         self._owed = 0.0
         self.late, self.playing, self._diverged, self.note = False, False, False, ""
@@ -257,7 +257,7 @@ class ViewSession:
         self.positions = positions.copy()  # a model may lend its one buffer
 
     def _faults(self) -> str:
-        """What the user should know about a motion that still goes on."""
+        """Warning about a motion that is still running."""
         unconverged = self._motion.unconverged
         fault = self._motion.fault()
         missed = f"{unconverged} steps did not converge" if unconverged else ""
@@ -278,7 +278,7 @@ class ViewSession:
         return model
 
     def _first_modes(self, shell: Shell, count: int) -> Basis:
-        """The lowest modes, cut from the largest basis asked for so far."""
+        """The lowest modes, cut from the largest basis computed so far."""
         if self._basis is None or self._basis.count < count:
             self._basis = solve_modes(shell, count)
         whole = self._basis

@@ -25,7 +25,7 @@ _ARROW_LENGTH = 0.35
 
 
 class Shown(Protocol):
-    """What a stage shows: positions (n, 3), which may move, of a shell with triangles ``faces`` (T, 3)."""
+    """Source of a stage: positions (n, 3), which may move, of a shell with triangles ``faces`` (T, 3)."""
 
     @property
     def rest_positions(self) -> Array:
@@ -75,7 +75,7 @@ class Stage:
         self.refresh()
 
     def _build(self) -> None:
-        """Put the shell on the stage, in place of another that may be there."""
+        """Add the shell to the stage, replacing a previous one."""
         for actor in self._actors:
             self.plotter.remove_actor(actor, render=False)
         self._actors = []
@@ -120,7 +120,7 @@ class Stage:
         set_camera(self.plotter, frame_points(room, DEFAULT_CAMERA, self._aspect))
 
     def refresh(self) -> None:
-        """Bring what is shown up to its present state; draws nothing yet."""
+        """Update the stage to the present state, without rendering."""
         if self._shown.rest_positions is not self._rest:
             self._build()
         positions = self._shown.positions
@@ -149,7 +149,7 @@ class Stage:
         self._arrow.points = tail + stretched @ axes
 
     def save_picture(self, path: Path) -> None:
-        """Write what is shown to a PNG file, and close."""
+        """Render to a PNG file, and close."""
         self.plotter.render()
         self.plotter.screenshot(str(path))
         self.close()
@@ -160,6 +160,6 @@ class Stage:
 
 
 def demand_opengl() -> None:
-    """Raise OptionError where PyVista draws nothing: the viewer has no slower way to draw."""
+    """Raise OptionError if PyVista cannot render: the viewer has no other renderer."""
     if choose_backend() != "pyvista":
         raise OptionError(f"the viewer needs OpenGL, which draws nothing here: {drawing_hint()}")

@@ -21,12 +21,12 @@ HOST = "127.0.0.1"
 _SHORTEST_PAUSE = 0.005
 """Wall time [s] in which the server hears its browsers between two frames, at least."""
 _SETTLING = 0.2
-"""Wall time [s] for which a choice must stand: every number of modes that a slider passes would be a basis to solve."""
+"""Delay [s] before a choice is applied, so that a moving slider does not solve a basis for each value."""
 _TRAME = ("trame.app", "trame.ui.vuetify3", "trame.widgets.vuetify3", "trame.widgets.vtk")
 
 
 class BrowserPage(ABC):
-    """A page with a picture of something that moves, drawn here, and a line of text below it.
+    """A page with a moving picture, rendered here, and a line of text.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ class WebViewer(BrowserPage):
         self._chosen = time.perf_counter()
 
     def _take_choice(self) -> None:
-        """Take up the model and modes chosen on the page."""
+        """Apply the model and modes chosen on the page."""
         chosen = self._state.model, round(self._state.modes)
         if chosen == (self._session.name, self._session.modes):
             return
@@ -195,7 +195,7 @@ class WebViewer(BrowserPage):
 
 
 def _import_trame() -> list[Any]:
-    """The parts of trame that the page is made of."""
+    """The parts of trame that the page uses."""
     try:
         return [importlib.import_module(name) for name in _TRAME]
     except ImportError as error:

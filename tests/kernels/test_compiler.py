@@ -1,13 +1,17 @@
 """Compiled kernels are kept in a folder that can be written to, and where there is none the package still works."""
 
 import os
+import re
 import stat
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
 
+from modalshell.kernels import compiler
 from modalshell.kernels.compiler import cache_folder, njit
 
 USE = """
@@ -57,3 +61,25 @@ def test_kernels_leave_nothing_in_the_package():
 def test_a_number_of_threads_that_numba_refuses_is_ignored(count, tmp_path):
     answer = used(tmp_path, NUMBA_NUM_THREADS=count)
     assert f"NUMBA_NUM_THREADS must be a positive integer (got '{count}')" in answer.stderr
+
+
+def test_a_notice_tells_of_kernels_that_are_compiled_and_not_of_cached_ones(tmp_path):
+    first = used(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)).stderr
+    assert re.fullmatch(r"modalshell: compiling kernels, once, up to about \d+ s\n", first)
+    assert used(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)).stderr == ""
+
+
+def test_the_notice_is_of_this_package_alone_and_comes_once(monkeypatch, capsys):
+    monkeypatch.setattr(compiler.notice, "due", True)
+    numba.njit(lambda x: x + 1.0)(1.0)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(compiler, "cache_folder", lambda: None)
+
+    def twice(x):
+        return 2.0 * x
+
+    twice.__module__ = "modalshell.kernels.twice"
+    assert numba.njit(twice)(2.0) == 4.0
+    assert "at each start" in capsys.readouterr().err
+    assert numba.njit(twice)(np.float32(2.0)) == 4.0
+    assert capsys.readouterr().err == ""

@@ -133,7 +133,7 @@ def test_material_may_differ_between_triangles(load, tmp_path, kind):
     ("changed", "message"),
     [
         ({"thickness": [1e-3, 2e-3]}, "material.thickness: has 2 values, but the mesh has 96 triangles"),
-        ({"thickness": "none.npy"}, "material.thickness: must be a number, a number a triangle, or a readable file"),
+        ({"thickness": "none.npy"}, "material.thickness: must be a number, one per triangle, or a readable file"),
         ({"young": "words.txt"}, "material.young: must be a number, .* could not convert string to float"),
         ({"young": "words.npy"}, "material.young: must be a number"),
         ({"young": [1e6] * 96, "calibrated": True}, "material.young: must be one number where the material is calib"),

@@ -31,7 +31,7 @@ class Body(Protocol):
     costs : Timings
         Where their seconds are added.
     live : LiveLoads or None
-        Loads that change within a step, for rules that take them at its end.
+        Loads that change within a step, for implicit integrators.
     """
 
     shell: Shell
@@ -47,7 +47,7 @@ class FullIntegrator(Integrator):
     Attributes
     ----------
     explicit : bool
-        Whether it has a longest stable step; :meth:`stable_step` then says which.
+        Whether it has a longest stable step, which :meth:`stable_step` returns.
     takes_live : bool
         Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds them as at its beginning.
     """
@@ -66,7 +66,7 @@ class FullIntegrator(Integrator):
     ) -> tuple[MotionState, bool]:
         """Advance by ``dt`` [s] under ``load`` (n, 3) [N]; also returns whether the step's equations were solved.
 
-        ``held`` (h, 3) [m] is where the held vertices are at the step's end; where they rest without it.
+        ``held`` (h, 3) [m] are the positions of the held vertices at the step's end; by default those at rest.
         """
 
     def stable_step(self, stiffness: float, drag: float, viscosity: float) -> float:  # noqa: ARG002
@@ -114,5 +114,5 @@ def step_potential(body: Body, state: MotionState, dt: float, load: Array, dampi
         quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
     push = load + shell.mass[:, None] * state.rates / dt
-    problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic)
+    problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic, keeps_factor=True)
     return problem, problem.scale_at(x)

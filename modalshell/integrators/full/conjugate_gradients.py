@@ -33,7 +33,7 @@ class ConjugateGradientEuler(FullIntegrator):
     shell : Shell
         Its masses and held vertices.
     iterations : int
-        Most iterations in a step.
+        Largest number of iterations per step.
     """
 
     key = LinearImplicitEuler.key

@@ -24,7 +24,7 @@ class ImplicitEuler(FullIntegrator, key="implicit"):
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
     ) -> tuple[MotionState, bool]:
-        """Minimise the step's potential, from where the velocity leads."""
+        """Minimise the step's incremental potential, starting from the explicit prediction."""
         x, shell = state.coordinates, body.shell
         problem, scale = step_potential(body, state, dt, load, damping)
         start = hold(shell, x + dt * state.rates, held)

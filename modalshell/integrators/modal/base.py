@@ -20,7 +20,7 @@ Step = float | Array
 class ModalIntegrator(Integrator):
     """A rule for ``q'' + c q' + lambda q = p(q)``, every mode by itself but for the modal force p.
 
-    A subclass says how to step. The step is linear in q, v and p, so that what linear theory has to say is found by
+    A subclass defines the step. It is linear in q, v and p, so that its linear theory is obtained by
     stepping unit vectors: a new rule needs no more than :meth:`step`.
     """
 
@@ -28,7 +28,7 @@ class ModalIntegrator(Integrator):
 
     @abstractmethod
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
-        """Coordinates and rates after a step.
+        """Coordinates and rates after one step.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class ModalIntegrator(Integrator):
         return np.linalg.eigvals(matrices).astype(np.complex128)
 
     def amplification(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Array:
-        """Factor (k,) by which the slower part of free motion shrinks in a step."""
+        """Factor (k,) by which the slower part of free motion decays per step."""
         return np.abs(self.multipliers(stiffness, damp, h)).max(axis=1)
 
     def frequency(self, stiffness: ArrayLike, damp: ArrayLike, h: ArrayLike) -> Array:

@@ -12,7 +12,7 @@ from modalshell.typing import Array
 class ImplicitMidpoint(ModalIntegrator, key="implicit_midpoint"):
     r"""The implicit midpoint rule, with the modal force of a predicted middle [hairer2006, section I.1].
 
-    Half a step of implicit Euler leads to the middle, and as far again to the end. Order two, at two modal forces a
+    Half a step of implicit Euler, extrapolated to the end. Second order, at two modal forces a
     step. Stable at any step under dead modal forces; it keeps the energy of undamped linear motion, stiff modes ringing
     on at the frequency :math:`2 \arctan(h \omega / 2) / h`. Forces that turn with the shell lag by half a step, and can
     feed undamped motion more than by implicit Euler.
