@@ -34,6 +34,7 @@ SLOW_STUDIES |= {
     "error_budget",
     "large_deflection_benchmarks",
     "mesh_bias",
+    "obstacle_course",
     "snap",
 }
 SLOW_STUDIES |= {"plate_frequencies", "spring_sheet_speed", "v_beam_truth"}

@@ -133,8 +133,8 @@ class SupportPath:
 
         Supports start and stop at rest here too. A function that moves at time 0 or at ``duration`` is started or
         stopped within the samples there, by accelerations that fall off by a factor 2 + sqrt(3) a sample, and the shell
-        feels them: give a function that rests at its ends, or let ``duration`` reach some ten samples beyond the end of
-        the simulation.
+        reacts to them: give a function that rests at its ends, or let ``duration`` reach some ten samples beyond the
+        end of the simulation.
         """
         duration = checked_number("duration", duration, above=0.0, unit="s")
         step = checked_number("step", step, above=0.0, at_most=duration, unit="s")

@@ -23,6 +23,9 @@ from modalshell.typing import Array
 GOAL = 1e-10
 """Relative residual that is aimed at."""
 
+_LINEAR = 0.3
+"""Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
+
 Matrix = TypeVar("Matrix")
 
 
@@ -50,7 +53,7 @@ class NewtonResult:
     residual : float
         Size of the gradient over that of the load.
     iterations : int
-        Factorisations used.
+        Newton's, each with a factorisation or a kept factor.
     converged : bool
         Whether the residual met :data:`ACCEPTED`, or :meth:`Problem.rounding` with Newton's steps at their end.
     factor : Factored or None
@@ -163,6 +166,21 @@ class Problem(ABC, Generic[Matrix]):
         """Newton direction (N,); SolverError if there is none."""
         return factor.solve(-gradient)
 
+    def direction(
+        self,
+        hessian: Matrix,
+        gradient: Array,
+        kept: Factored | None,  # noqa: ARG002 (for sparse problems)
+        accuracy: float,  # noqa: ARG002
+    ) -> tuple[Factored, Array]:
+        """Newton direction (N,) and the factor that it took: a new one, or ``kept`` where that gives it as well.
+
+        ``accuracy`` is the residual of the linear equations, over the gradient, that serves; SolverError if there is
+        no direction.
+        """
+        factor = self.factor(hessian)
+        return factor, self.step(factor, gradient)
+
     def measure(self, force: Array) -> float:
         """Size of a force (N,) on the free unknowns."""
         return float(np.linalg.norm(force))
@@ -204,7 +222,7 @@ def mixed_newton(
     """
     x = start
     best = NewtonResult(start, np.inf, 0, False)
-    stalled, length = 0, np.inf
+    stalled, length, last, keeping = 0, np.inf, np.inf, True
     for iteration in range(limit + 1):
         gradient, hessian = problem.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
         residual = problem.measure(gradient) / scale
@@ -231,9 +249,13 @@ def mixed_newton(
             or stalled >= 8
         ):
             break
+        # As Newton's method converges by squares, so may the linear equations [dembo1982].
+        accuracy = max(_LINEAR * goal / residual, min(_LINEAR, (residual / last) ** 2))
+        last = residual
         try:
-            best.factor = problem.factor(hessian)
-            direction = problem.step(best.factor, gradient)
+            kept = best.factor if keeping else None
+            best.factor, direction = problem.direction(hessian, gradient, kept, accuracy)
+            keeping = keeping and (kept is None or best.factor is kept)  # no second try once one was in vain
         except SolverError:
             break
         if not np.isfinite(direction).all():
