@@ -36,7 +36,7 @@ SCENES = {
     "v_beam_stiff": "V-beam, stiff membrane: it snaps",
     "leaf_wind": "leaf in a wind, twisted",
     "twisted_strip": "twisted strip",
-    "creature_wind": "creature of 13,000 vertices",
+    "creature_pushed": "creature of 13,000 vertices",
 }
 QUICK = {"flat_beam": (16, 4), "v_beam_stiff": (20, 4)}
 """Scenes and cells of a quick run."""

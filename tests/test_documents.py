@@ -3,6 +3,7 @@
 import contextlib
 import doctest
 import importlib
+import inspect
 import os
 import pkgutil
 import re
@@ -17,6 +18,7 @@ import pytest
 from guide import CONTRIBUTING, PAGES, ROOT, blocks, commands, source
 
 import modalshell as ms
+from modalshell import springs
 from modalshell.cli import app, main
 
 README = ROOT / "README.md"
@@ -88,17 +90,23 @@ def test_every_python_block_of_contributing_has_a_name_and_is_run_by_a_test():
         assert (ROOT / name).is_file()
 
 
-def test_the_project_file_of_contributing_names_its_entry_point():
-    project = tomllib.loads(source("pyproject.toml"))["project"]
-    assert project["entry-points"] == {"modalshell": {"scaled": "toy_record"}}
+def test_the_project_file_of_contributing_names_its_modules():
+    written = tomllib.loads(source("pyproject.toml"))
+    modules = {*written["tool"]["setuptools"]["py-modules"], *written["tool"]["setuptools"]["packages"]}
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    assert modules == {name.split("/")[0] for name in re.findall(r"^\*\*`(toy_\w+)", text, re.MULTILINE)}
+    assert set(written["project"]["entry-points"]["modalshell"].values()) <= modules
 
 
 def test_the_scene_of_readme_runs(folder):
     (block,) = blocks(README, "toml")
-    (folder / "scene.toml").write_text(block.replace("duration = 4.0", "duration = 0.2"), encoding="utf-8")
-    result = ms.run_scene(folder / "scene.toml", out=folder / "out")
-    assert result.outcome is ms.Outcome.COMPLETED
-    assert (folder / "out" / "scene.mp4").stat().st_size > 1000
+    (folder / "plate.toml").write_text(block, encoding="utf-8")
+    assert call("modalshell run plate.toml") == 0
+    assert (folder / "results" / "plate.png").stat().st_size > 1000
+    scene = ms.load_scene(folder / "plate.toml")
+    positions = ms.load_trajectory(folder / "results" / "plate.npz").positions[-1]
+    assert 1e-3 < positions[:, 2].max() < 5e-3
+    assert scene.build_shell().fields(positions).von_mises.max() > 1e7
 
 
 @pytest.mark.slow
@@ -226,6 +234,37 @@ def test_docstring_examples_run():
     results = [doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE) for module in modules()]
     assert sum(result.attempted for result in results) >= 3
     assert sum(result.failed for result in results) == 0
+
+
+OPTIONAL_SECTIONS = {"SA01", "EX01", "ES01"}
+"""Codes of numpydoc for sections that a docstring may do without: See Also, Examples, an extended summary."""
+STYLE = {"PR08", "SS05"}
+"""A description may begin with a symbol, a summary with a noun that ends in s."""
+ONE_SENTENCE = {"PR01", "RT01"}
+"""Missing sections of parameters and results: methods of one sentence, and records, whose attributes say it."""
+
+
+def public():
+    """(name, whether all its parameters must be documented) of everything that users import, methods included."""
+    for module in (ms, springs):
+        for name in module.__all__:
+            value = getattr(module, name)
+            if inspect.ismodule(value) or not getattr(value, "__module__", "").startswith("modalshell"):
+                continue
+            yield f"{module.__name__}.{name}", inspect.isfunction(value)
+            for method in vars(value) if inspect.isclass(value) else ():
+                if not method.startswith("_") and inspect.isfunction(vars(value)[method]):
+                    yield f"{module.__name__}.{name}.{method}", False
+
+
+def test_public_docstrings_are_valid_numpydoc():
+    validate = pytest.importorskip("numpydoc.validate", reason="numpydoc is not installed (extra docs)").validate
+    wrong = []
+    for name, whole in public():
+        left_out = OPTIONAL_SECTIONS | STYLE | (set() if whole else ONE_SENTENCE)
+        if name != "modalshell.models":  # a function with the name of a folder, which numpydoc takes for that
+            wrong += [(name, *fault) for fault in validate(name)["errors"] if fault[0] not in left_out]
+    assert wrong == []
 
 
 @pytest.mark.slow

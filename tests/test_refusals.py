@@ -21,6 +21,8 @@ EXCEPTIONS = {
         "q",
     ): "runs each frame; its documentation says that NaN gives NaN, and that it checks shapes",
     ("fit", "observed"): "NaN stands for a coordinate that was not measured",
+    ("fit, curves", "observed"): "NaN stands for a coordinate that was not measured",
+    ("fit, frequencies", "frequencies"): "NaN stands for a mode that was not measured",
     ("repair", "vertices"): "drops the faces of vertices that are not finite, and says so",
 }
 """Arguments that may hold NaN, and why. Text and wrong shapes are refused there, too."""

@@ -126,11 +126,11 @@ def _remeshed(path: Path, mesh: ms.TriangleMesh, triangles: int | None) -> ms.Tr
 
 @dataclass(frozen=True)
 class _Chosen:
-    """A shell and what its motion is stepped by; ``told`` says what was chosen for it."""
+    """A shell and what its motion is stepped by; ``description`` says what was chosen for it."""
 
     shell: ms.Shell
     timing: Timing
-    told: str
+    description: str
 
 
 def _choose(options: _ShellOptions, mesh: ms.TriangleMesh, gravity: tuple[float, float, float], modes: int) -> _Chosen:
@@ -138,14 +138,14 @@ def _choose(options: _ShellOptions, mesh: ms.TriangleMesh, gravity: tuple[float,
     ends = hold_one_end(mesh, np.array(gravity))
     shell = options.build(mesh, ends.held)
     if options.material["young"] is not None:
-        return _Chosen(shell, _TIMING, ends.told)
+        return _Chosen(shell, _TIMING, ends.description)
     factor = softening(ms.solve_modes(shell, min(modes, 3 * int(shell.free.sum()))), np.array(gravity))
     timing = Timing.of_sag(mesh.size, np.array(gravity))
-    told = f"Young's modulus {factor * _YOUNG:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
+    description = f"Young's modulus {factor * _YOUNG:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
     return _Chosen(
         ms.Shell(mesh, _softer(shell.material, factor), ends.held, loose_parts=shell.loose_parts),
         timing,
-        f"{ends.told}; {told}",
+        f"{ends.description}; {description}",
     )
 
 
@@ -195,8 +195,8 @@ def simulate(
         chosen = _Chosen(options.build(built_mesh, options.held(built_mesh)), _TIMING, "")
     built, timing = chosen.shell, chosen.timing
     print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
-    if chosen.told:
-        print(f"{mesh}: {chosen.told}")
+    if chosen.description:
+        print(f"{mesh}: {chosen.description}")
     kind = known[model]
     if color is not None:
         checked_fields([color], built)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
 import modalshell as ms
-from modalshell.atomic_io import make_folder
+from modalshell.atomic_io import make_folder, write_record
+from modalshell.commands.measurements import read_measurements
 from modalshell.commands.terminal import end_with, progress
 from modalshell.errors import OptionError
 from modalshell.run.path_files import write_path
@@ -135,9 +136,55 @@ def path(
         begin = "" if one is found else f"branch {number}: "
         for kind, index, factor in one.events:
             print(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
-    for file in write_path(found, out, declared.name):
+    for file in write_path(found, out, declared.name, declared.require_shell().unit_system):
         print(file)
     end_with(found.outcome)
+
+
+def fit(
+    scene: Annotated[Path, Parameter(help="TOML file; its material is the first guess.")],
+    *,
+    data: Annotated[Path, Parameter(help="Measurements: a CSV, JSON or NPZ file.")],
+    wrt: Annotated[list[str], Parameter(help="Constants to recover, such as young or thickness.")],
+    where: Annotated[
+        str | None, Parameter(help="Vertices whose positions, or mean position, were measured: 'x > 0.29'.")
+    ] = None,
+    confidence: Annotated[float, Parameter(help="Level of the intervals.")] = 0.95,
+    out: Annotated[Path | None, Parameter(help="JSON file of the result.")] = None,
+) -> None:
+    """Recover constants of a scene's material from measurements, with confidence intervals.
+
+    A CSV file has the column frequency [Hz] of the lowest modes; or columns among x, y, z [m] of the mean position of
+    the vertices --where, a row a load, with the column factor, its share of the scene's load. JSON and NPZ files hold
+    arrays frequencies (m,); or positions (3,), with factors (L,) positions (L, 3), or those of every vertex --where
+    (L, k, 3).
+
+    Example: modalshell fit strip.toml --data tip.csv --wrt young --where "x > 0.299"
+    """
+    declared = ms.load_scene(scene).require_shell()
+    measured = read_measurements(data)
+    if "positions" in measured and where is None:
+        raise OptionError("measured positions need --where: a selection of vertices, such as 'x > 0.29'")
+    shell = declared.build_shell()
+    given: dict[str, Any] = {"frequencies": measured.get("frequencies")}
+    if "positions" in measured:
+        path, force, loads, constraints = declared.build_loading(shell)
+        if path is not None or constraints:
+            raise OptionError("a fit takes scenes in equilibrium: leave moving supports and constraints out")
+        average = measured["positions"].ndim == 1 + ("factors" in measured)
+        given |= {"where": where, "average": average, "factors": measured.get("factors"), "force": force}
+        given |= {"gravity": declared.loads.gravity if declared.loads else None, "loads": loads}
+    found = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
+    for name, value in found.values.items():
+        low, high = found.intervals[name]
+        print(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
+    left = f"{100 * found.residual:.3g} %" if found.state is None else f"{found.residual:.3g} m"
+    print(f"left: {left} (root mean square); {found.evaluations} shells were solved")
+    if out is not None:
+        content = {"values": found.values, "intervals": found.intervals, "confidence": confidence}
+        print(write_record(out, content | {"residual": found.residual, "converged": found.converged}))
+    if not found.converged:
+        end_with(ms.Outcome.NOT_CONVERGED)
 
 
 def page(
@@ -156,5 +203,5 @@ def page(
 
 def register(app: App) -> None:
     """Add the commands to ``app``."""
-    for command in (run, view, sweep, path, page):
+    for command in (run, view, sweep, path, fit, page):
         app.command(command)

@@ -39,7 +39,7 @@ _FLAGS = ("contract", "nsz")
 
 
 class Packed(types.Type):
-    """Packed numbers of a precision."""
+    """Numba type of a SIMD vector of one precision."""
 
     def __init__(self, scalar: Any) -> None:
         self.scalar = scalar

@@ -19,6 +19,9 @@ from modalshell.linalg.ordering import best_elimination, row_lists
 from modalshell.linalg.three_right_sides import solve_three
 from modalshell.typing import Array
 
+_PRODUCTS_A_READ = 0.045
+"""Time of an operation of a factorisation over that of reading an entry of the factor twice, as a solve does."""
+
 
 @final
 class NotPositiveDefiniteError(SolverError):
@@ -50,19 +53,22 @@ class CholeskyAnalysis:
         3 where the pattern consists of 3 x 3 blocks, else 1.
     entries : int
         Stored numbers of a factor.
+    solves_a_factorisation : float
+        Solves that take the time of a factorisation, about: 8 at 2,500 vertices of a sheet, 13 at 10,000.
     """
 
     def __init__(self, matrix: sps.csc_array) -> None:
         self.size = matrix.shape[0]
         self.block, graph = block_graph(matrix)
-        order, graph, parent, counts = best_elimination(graph)
-        first = analysis.supernodes(parent, counts, self.block)
-        row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, parent)
+        order, graph, tree, counts = found = best_elimination(graph)
+        first = analysis.supernodes(tree, counts, self.block)
+        row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, tree)
         relative = analysis.relative_rows(first, row_starts, rows, parent)
         widths, heights = np.diff(first) * self.block, np.diff(row_starts) * self.block
         panels = np.concatenate([[0], np.cumsum(widths * heights)])
         self._height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
+        self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
         self._storage = multifrontal.storage(first, row_starts, parent, panels, self.block)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)

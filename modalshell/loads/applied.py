@@ -13,7 +13,7 @@ from modalshell.kernels.surface_loads import surface_forces
 from modalshell.typing import Array, Index
 
 _STEP = 1e-30
-"""Imaginary step: as derivatives are the imaginary part over it, nothing is subtracted and nothing lost."""
+"""Imaginary step of complex-step derivatives, which are free of cancellation."""
 
 Corners = NDArray[Any]
 """Corners (E, k, 3) of elements, real, or complex where a derivative is taken."""
@@ -58,14 +58,14 @@ class SurfaceForm:
 @final
 @dataclass(frozen=True, eq=False)
 class TurningForm:
-    """A load on the corners of triangles that turns with these, in numbers.
+    """Numeric data of a load on corners of triangles that rotates with them.
 
     Attributes
     ----------
     weights : ndarray, shape (E, 3)
-        What each corner feels of the force.
+        Weight of each corner in the force.
     vector : ndarray, shape (3,), optional
-        The force [N] on the shape at rest; a unit normal without it.
+        The force [N] on the shape at rest; by default a unit normal.
     """
 
     weights: Array
@@ -116,7 +116,7 @@ class AppliedLoad:
     form : SurfaceForm, TurningForm or BodyForm, optional
         The load in numbers, if it is of such a form; elements of a :class:`BodyForm` are the vertices, one by one.
     constant : ndarray, shape (n, 3), optional
-        Its forces [N], if they depend on nothing but the factor.
+        Its forces [N], if they depend only on the factor.
     times : tuple of float
         Times [s] at one of which the factor is at its largest, as far as that is known.
     """
@@ -174,7 +174,7 @@ class AppliedLoad:
             total += self.force(x, rate * (x - before) if self.by_velocity else None, time)
 
     def value(self, x: Array, time: float) -> float:
-        """Potential [J]; 0 where there is none."""
+        """Potential [J]; 0 if there is none."""
         return 0.0 if self.energy is None else self.factor_at(time) * self.energy(x)
 
     def stiffness(self, x: Array, velocity: Array | None, time: float, rate: float) -> Array:

@@ -28,7 +28,7 @@ class _MassLoad(LiveLoad):
 
 @final
 class SelfWeight(_MassLoad, key="weight"):
-    """The shell's own weight, as ``gravity=`` gives it: with :class:`Scaled` it may change in time.
+    """The shell's own weight, as by ``gravity=``; with :class:`Scaled` it may change in time.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class SelfWeight(_MassLoad, key="weight"):
 
 @final
 class FrameInertia(_MassLoad, key="frame"):
-    """Inertial forces in a frame that accelerates and turns, the shell's positions being those in the frame.
+    """Inertial forces in an accelerating and rotating frame; the shell's positions are those in the frame.
 
     ``f = -m (a + alpha x r + omega x (omega x r) + 2 omega x v)`` with r from the frame's origin: its acceleration,
     Euler, centrifugal and Coriolis forces. It has a potential unless ``angular_acceleration`` is other than zero.

@@ -34,7 +34,7 @@ class Scaled(Load):
     OptionError
         If ``load`` is no load, or the times do not increase.
     LoadError
-        For factors that are not finite or not as many as the times.
+        For factors that are not finite or differ in number from the times.
     """
 
     def __init__(self, load: Load, factor: Callable[[float], float] | tuple[ArrayLike, ArrayLike]) -> None:

@@ -48,7 +48,7 @@ class Pressure(LiveLoad, key="pressure"):
     follower : bool
         Whether it follows the surface; otherwise the forces stay those on the shape at rest.
     sel : selection, optional
-        Vertices; pressed are the triangles between them. All without it.
+        Vertices; the pressure acts on the triangles between them. By default all.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class Wind(LiveLoad, key="wind"):
     r"""Wind on the surface, by its velocity relative to every triangle.
 
     With the relative velocity :math:`u = u_n n + u_t` at the triangle's centre, split along its unit normal n and its
-    plane, a triangle of area A feels
+    plane, the force on a triangle of area A is
 
     .. math:: f = \tfrac12 \rho A \left( c_n |u_n| u_n n + c_t |u_t| u_t \right),
 
@@ -110,7 +110,7 @@ class Wind(LiveLoad, key="wind"):
     normal, tangential : float
         Coefficients c_n and c_t.
     sel : selection, optional
-        Vertices; the wind acts on the triangles between them. On all without it.
+        Vertices; the wind acts on the triangles between them. By default all.
 
     Raises
     ------

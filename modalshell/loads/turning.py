@@ -19,10 +19,10 @@ from modalshell.typing import Array, Index, Vector
 
 @final
 class EdgeMoment(LiveLoad, key="moment"):
-    """A bending moment along the edges whose two ends are selected: it turns the triangle at each edge about it.
+    """A bending moment along the edges whose two ends are selected, on the triangle at each edge, about the edge.
 
     The moment acts on the triangle as a force along its normal at the corner off the edge, and the opposite force on
-    the edge. It turns with the triangle. A moment about an edge that itself turns in space has no potential.
+    the edge. It rotates with the triangle. A moment about an edge that itself rotates in space has no potential.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class EdgeMoment(LiveLoad, key="moment"):
 
 @final
 class FollowerForce(LiveLoad, key="follower"):
-    """A force at each selected vertex that turns with the triangles around it. It has no potential.
+    """A force at each selected vertex that rotates with the triangles around it. It has no potential.
 
     Every triangle at the vertex carries a share by its area at rest, which keeps its components along the triangle's
     first edge, across it in its plane, and along its normal.

@@ -259,6 +259,10 @@ class Model(ABC):
         """Outcome of a state at ``positions`` (n, 3) that is outside the model's range; None if it is inside."""
         return None
 
+    def remark(self, state: MotionState) -> str:
+        """Message about the validity of a state, or about the method that found it; "" if there is none."""
+        return ""
+
     def is_saddle(self, state: MotionState) -> bool:
         """Whether a state at rest under a dead load is unstable."""
         return False

@@ -1,10 +1,10 @@
-"""Constants of a material from measured positions, by least squares with exact Jacobians."""
+"""Constants of a material from measured positions or frequencies, by least squares with exact Jacobians."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import final
+from typing import Any, final
 
 import numpy as np
 import scipy.optimize
@@ -12,25 +12,25 @@ import scipy.stats
 from numpy.typing import ArrayLike
 
 from modalshell.brief import brief
-from modalshell.checks import as_array, checked_kind, checked_number, shown
-from modalshell.errors import LoadError, OptionError, SolverError
+from modalshell.checks import checked_kind, checked_number, shown
+from modalshell.errors import OptionError, SolverError
 from modalshell.loads import Load
-from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.equilibrium import Equilibrium
-from modalshell.selection import Selection, selected
+from modalshell.models.fit_measurements import MeasuredFrequencies, MeasuredPositions, Measurements
+from modalshell.selection import Selection
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.energies_of import material_constants
 from modalshell.typing import Array
 
 _LIMIT = 100
-"""Equilibria at most."""
+"""Shells that are solved at most."""
 
 
 @final
 @brief
 @dataclass(frozen=True)
 class Fit:
-    """Constants of a material that explain measured positions.
+    """Constants of a material that explain measurements.
 
     Attributes
     ----------
@@ -40,20 +40,20 @@ class Fit:
         Confidence interval of each, for independent errors of one variance.
     material : Material or Isotropic
         The material with these constants.
-    state : Equilibrium
-        The equilibrium of the shell with it.
+    state : Equilibrium or None
+        The equilibrium of the shell with it, under the last load; None where frequencies were measured.
     converged : bool
         Whether the least squares converged.
     residual : float
-        Root mean square of the residual in the measured coordinates [m].
+        Root mean square of the residual in coordinates [m], or in frequencies as a share of each.
     evaluations : int
-        Equilibria that were solved.
+        Shells that were solved.
     """
 
     values: dict[str, float]
     intervals: dict[str, tuple[float, float]]
     material: Material | Isotropic
-    state: Equilibrium
+    state: Equilibrium | None
     converged: bool
     residual: float
     evaluations: int
@@ -62,18 +62,21 @@ class Fit:
 def fit(
     shell: Shell,
     wrt: str | Sequence[str],
-    observed: ArrayLike,
+    observed: ArrayLike | None = None,
     *,
     where: Selection | None = None,
+    average: bool = False,
+    factors: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
     force: ArrayLike | None = None,
     loads: Sequence[Load] | None = None,
+    frequencies: ArrayLike | None = None,
     confidence: float = 0.95,
 ) -> Fit:
-    """Recover constants of a shell's material from positions that were measured in equilibrium.
+    """Recover constants of a shell's material from measured positions, a load-deflection curve, or frequencies.
 
     Least squares by a trust region (``scipy.optimize.least_squares``) over the logarithms of the constants, Poisson's
-    ratio as it is, with the Jacobians of :meth:`modalshell.DiscreteShell.sensitivity`.
+    ratio as it is, with the Jacobians of :meth:`modalshell.DiscreteShell.sensitivity` and :meth:`Basis.sensitivity`.
 
     Parameters
     ----------
@@ -81,25 +84,104 @@ def fit(
         The shell; its material has the first guess.
     wrt : str or sequence of str
         Constants to recover, such as ``"young"``; each one number for the whole mesh.
-    observed : array_like, shape (k, 3)
-        Measured positions [m]; NaN for coordinates that were not measured.
+    observed : array_like, shape (k, 3), or (L, k, 3) with ``factors``
+        Measured positions [m] in equilibrium; NaN for coordinates that were not measured.
     where : selection, optional
         The k measured vertices, in the order of their numbers; by default all.
-    gravity, force, loads
+    average : bool
+        Whether the mean position of these vertices was measured, as of a strip's tip: ``observed`` then is (3,), or
+        (L, 3).
+    factors : array_like, shape (L,), optional
+        Shares of the load at which positions were measured, in their order: a load-deflection curve.
+    gravity, force, loads : optional
         The load, as in :meth:`modalshell.Model.equilibrium`.
+    frequencies : array_like, shape (m,), optional
+        Measured natural frequencies [Hz] in place of positions: those of the lowest modes that are no rigid motion, in
+        their order; NaN for those that were not measured.
     confidence : float
         Level of the intervals.
+
+    Returns
+    -------
+    Fit
+        The constants, with confidence intervals.
 
     Raises
     ------
     OptionError
-        For names that are no constants of the material, or a shape that does not fit.
+        For names that are no constants of the material, a shape that does not fit, or both kinds of measurement.
     LoadError
-        For loads of the wrong shape, or no measured coordinate.
+        For loads of the wrong shape, or no measured number.
     SolverError
         If there is no equilibrium at the initial guess, or the measurements do not determine the constants.
     """
     checked_kind("shell", shell, Shell)
+    names = _checked_constants(shell, wrt)
+    confidence = checked_number("confidence", confidence, above=0.0, at_most=0.999999)
+    checked_kind("average", average, bool)
+    if (observed is None) == (frequencies is None):
+        raise OptionError("give measured positions as observed, or frequencies: one of the two")
+    measured: Measurements
+    if frequencies is not None:
+        if any(given is not None for given in (where, factors, gravity, force, loads)) or average:
+            raise OptionError("frequencies are those of the shell at rest: leave where, average, factors and loads out")
+        measured = MeasuredFrequencies(frequencies)
+    else:
+        assert observed is not None
+        of = {"gravity": gravity, "force": force, "loads": loads}
+        measured = MeasuredPositions(shell, observed, where=where, average=average, factors=factors, **of)  # type: ignore[arg-type]
+    known = material_constants(shell.material)
+    logarithmic = np.array([name != "poisson" for name in names])
+    last: dict[str, Any] = {}
+
+    def constants(parameters: Array) -> Array:
+        with np.errstate(over="ignore"):  # bounds of what is not determined
+            return np.where(logarithmic, np.exp(np.where(logarithmic, parameters, 0.0)), parameters)
+
+    def misfit(parameters: Array) -> Array:
+        if not np.array_equal(parameters, last.get("parameters", np.empty(0))):
+            changed = dict(zip(names, constants(parameters).tolist(), strict=True))
+            material: Material | Isotropic = replace(shell.material, **changed)
+            try:
+                left, state = measured.misfit(shell.with_material(material))
+            except SolverError as error:
+                told = ", ".join(f"{name} = {value:.4g}" for name, value in changed.items())
+                raise SolverError(f"at {told}: {error}") from error
+            evaluations = last.get("evaluations", 0) + 1
+            last.update(
+                parameters=parameters.copy(), left=left, state=state, material=material, evaluations=evaluations
+            )
+        return np.asarray(last["left"])
+
+    def jacobian(parameters: Array) -> Array:
+        misfit(parameters)
+        return measured.slopes(names) * np.where(logarithmic, constants(parameters), 1.0)
+
+    guess = np.array([known[name] for name in names])
+    first = np.where(logarithmic, np.log(np.where(logarithmic, guess, 1.0)), guess)
+    low, high = np.where(logarithmic, -np.inf, -0.95), np.where(logarithmic, np.inf, 0.495)
+    found = scipy.optimize.least_squares(
+        misfit, first, jacobian, (low, high), x_scale="jac", ftol=1e-10, xtol=1e-8, gtol=1e-14, max_nfev=_LIMIT
+    )
+    left = misfit(found.x)
+    values = constants(found.x)
+    spread = _half_widths(np.asarray(found.jac), found.fun, confidence)
+    bounds = [constants(found.x + side * spread) for side in (-1.0, 1.0)]
+    if not np.isfinite(bounds).all():
+        raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")
+    return Fit(
+        values=dict(zip(names, values.tolist(), strict=True)),
+        intervals={name: (float(bounds[0][i]), float(bounds[1][i])) for i, name in enumerate(names)},
+        material=last["material"],
+        state=last["state"],
+        converged=bool(found.success),
+        residual=float(np.sqrt(np.mean(left**2))),
+        evaluations=last["evaluations"],
+    )
+
+
+def _checked_constants(shell: Shell, wrt: str | Sequence[str]) -> list[str]:
+    """Names of constants of the shell's material that can be recovered."""
     if not isinstance(wrt, str | list | tuple) or not all(isinstance(name, str) for name in wrt):
         raise OptionError(f"wrt must be the name of a constant, or a list of names (got {shown(wrt)})")
     names = [wrt] if isinstance(wrt, str) else list(wrt)
@@ -109,72 +191,7 @@ def fit(
             raise OptionError(f"wrt must be constants above 0 among {', '.join(known)} (got {shown(name)})")
     if not names or len(set(names)) < len(names):
         raise OptionError(f"wrt must name each constant once (got {shown(wrt)})")
-    confidence = checked_number("confidence", confidence, above=0.0, at_most=0.999999)
-    vertices = np.arange(len(shell.rest_positions))
-    if where is not None:
-        vertices = np.flatnonzero(selected("where", where, shell.mesh.vertices))
-    measured = np.array(as_array("observed", observed, "positions of the measured vertices", OptionError), dtype=float)
-    if measured.shape != (len(vertices), 3):
-        raise OptionError(f"observed must have shape {(len(vertices), 3)} (got {measured.shape})")
-    seen = np.isfinite(measured)
-    if not seen.any():
-        raise LoadError("observed must hold at least one measured coordinate (got none that is finite)")
-    logarithmic = np.array([name != "poisson" for name in names])
-    states: dict[bytes, tuple[DiscreteShell, Equilibrium]] = {}
-
-    def constants(parameters: Array) -> Array:
-        with np.errstate(over="ignore"):  # bounds of what is not determined
-            return np.where(logarithmic, np.exp(np.where(logarithmic, parameters, 0.0)), parameters)
-
-    def solved(parameters: Array) -> tuple[DiscreteShell, Equilibrium]:
-        key = parameters.tobytes()
-        if key not in states:
-            changed = dict(zip(names, constants(parameters).tolist(), strict=True))
-            material: Material | Isotropic = replace(shell.material, **changed)
-            body = DiscreteShell(shell.with_material(material))
-            start = next(reversed(states.values()))[1].positions if states else None
-            answer = body.equilibrium(gravity=gravity, force=force, loads=loads, start=start)
-            if not answer.converged and start is not None:
-                answer = body.equilibrium(gravity=gravity, force=force, loads=loads)
-            if not answer.converged:
-                told = ", ".join(f"{name} = {value:.4g}" for name, value in changed.items())
-                raise SolverError(f"no equilibrium was found at {told} ({answer.status}): begin nearer to the answer")
-            states[key] = body, answer
-        return states[key]
-
-    def misfit(parameters: Array) -> Array:
-        return (solved(parameters)[1].positions[vertices] - measured)[seen]
-
-    def jacobian(parameters: Array) -> Array:
-        body, answer = solved(parameters)
-        values = constants(parameters)
-        columns = []
-        for name, value, by_logarithm in zip(names, values, logarithmic, strict=True):
-            slope = body.sensitivity(answer, wrt=name)[vertices, :, 0][seen]
-            columns.append(slope * value if by_logarithm else slope)
-        return np.column_stack(columns)
-
-    guess = np.array([known[name] for name in names])
-    first = np.where(logarithmic, np.log(np.where(logarithmic, guess, 1.0)), guess)
-    low, high = np.where(logarithmic, -np.inf, -0.95), np.where(logarithmic, np.inf, 0.495)
-    found = scipy.optimize.least_squares(
-        misfit, first, jacobian, (low, high), x_scale="jac", ftol=1e-12, xtol=1e-10, gtol=1e-14, max_nfev=_LIMIT
-    )
-    body, answer = solved(found.x)
-    values = constants(found.x)
-    spread = _half_widths(np.asarray(found.jac), found.fun, confidence)
-    bounds = [constants(found.x + side * spread) for side in (-1.0, 1.0)]
-    if not np.isfinite(bounds).all():
-        raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")
-    return Fit(
-        values=dict(zip(names, values.tolist(), strict=True)),
-        intervals={name: (float(bounds[0][i]), float(bounds[1][i])) for i, name in enumerate(names)},
-        material=body.shell.material,
-        state=answer,
-        converged=bool(found.success),
-        residual=float(np.sqrt(np.mean(found.fun**2))),
-        evaluations=len(states),
-    )
+    return names
 
 
 def _half_widths(jacobian: Array, misfit: Array, confidence: float) -> Array:
@@ -183,7 +200,7 @@ def _half_widths(jacobian: Array, misfit: Array, confidence: float) -> Array:
     sizes = np.linalg.norm(jacobian, axis=0)
     if count <= parameters or not sizes.all() or np.linalg.matrix_rank(jacobian / sizes) < parameters:
         raise SolverError(
-            f"{count} measured coordinates do not determine {parameters} constants: measure more, or under another load"
+            f"{count} measured numbers do not determine {parameters} constants: measure more, or under another load"
         )
     variance = float(misfit @ misfit) / (count - parameters)
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)

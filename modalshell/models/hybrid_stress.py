@@ -128,7 +128,7 @@ class HybridStress(Model):
         ----------
         shell : Shell
             The shell.
-        gravity, force, loads
+        gravity, force, loads : optional
             The load about which to train, as in :meth:`equilibrium`.
         coarse : Shell, optional
             A coarse shell of the same surface, which is reduced; by default ``shell`` itself.
@@ -251,6 +251,14 @@ class HybridStress(Model):
         answer = self.coarse.equilibrium(force=load, start=start)
         message = "; ".join(part for part in (f"answered by {self.coarse.name}: {reason}", answer.message) if part)
         return replace(answer, message=message, coordinates=None)
+
+    def remark(self, state: MotionState) -> str:
+        """The range of training, or that the coarse shell has taken the step."""
+        if state.coordinates.ndim == 1:
+            return self._range()
+        seen = self._last_load().seen
+        reason = "the trained states do not hold the motion" if seen else "the basis misses the load"
+        return f"answered by {self.coarse.name}: {reason}"
 
     def _range(self) -> str:
         return (

@@ -35,9 +35,12 @@ class Factor(ABC):
     ----------
     backend : str
         Name of the library that holds the factor.
+    solves_a_factorisation : float
+        Solves that take the time of another factorisation, about; 0 where the factor is not worth keeping.
     """
 
     backend: str
+    solves_a_factorisation: float = 0.0
 
     def solve(self, right_side: Array) -> Array:
         """Solution of ``A x = right_side`` for (N,) or (N, k) right sides."""
@@ -67,28 +70,33 @@ class CondensedFactor(Factor):
         Of the whole matrix.
     internal : int
         Number of the last unknowns.
+
+    Attributes
+    ----------
+    whole : Factor
+        Of the whole matrix.
     """
 
     def __init__(self, factor: Factor, internal: int) -> None:
-        self._factor = factor
+        self.whole = factor
         self._internal = internal
-        self.backend = factor.backend
+        self.backend, self.solves_a_factorisation = factor.backend, factor.solves_a_factorisation
 
     def _solve(self, right_side: Array) -> Array:
         none = np.zeros((self._internal, *right_side.shape[1:]))
-        return self._factor._solve(np.concatenate([right_side, none]))[: len(right_side)]
+        return self.whole._solve(np.concatenate([right_side, none]))[: len(right_side)]
 
     def is_definite(self) -> bool:
         """Whether the whole matrix is positive definite."""
-        return self._factor.is_definite()
+        return self.whole.is_definite()
 
     def negative_eigenvalues(self) -> int:
         """Number of negative eigenvalues of the whole matrix, and of the Schur complement: the last block has none."""
-        return self._factor.negative_eigenvalues()
+        return self.whole.negative_eigenvalues()
 
 
 def condensed_factor(factor: Factor, internal: int) -> Factor:
-    """``factor`` as one of the unknowns before the last ``internal`` ones; itself where there are none of these."""
+    """``factor`` as one of the unknowns before the last ``internal`` ones; itself if there are none."""
     return CondensedFactor(factor, internal) if internal else factor
 
 
@@ -181,6 +189,7 @@ class _Cholesky(Factor):
 
     def __init__(self, factor: BlockCholesky) -> None:
         self._factor = factor
+        self.solves_a_factorisation = factor.analysis.solves_a_factorisation
 
     def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(right_side)

@@ -104,7 +104,7 @@ class Recorder:
     def resume(
         self, times: Array, energies: Array, residuals: Array, fault: Outcome | None, fault_time: float, seconds: float
     ) -> None:
-        """Go on after frames that were stored earlier: (F,), (F, 3), (F, k), their first fault, and their wall time."""
+        """Resume after stored frames: (F,), (F, 3), (F, k), their first fault, and their wall time."""
         self.times, self.energies, self.residuals = times.tolist(), list(energies), list(residuals)
         self.fault, self.fault_time = fault, fault_time
         self._watch, self._seconds_before = Stopwatch(), seconds
@@ -153,7 +153,7 @@ class Recorder:
         )
 
     def verdict(self) -> tuple[Outcome, str]:
-        """The worst outcome that applies, and a message that names all of them, "" if there is none."""
+        """The worst outcome that applies, and a message that names all of them and what the model remarks, or ""."""
         motion = self.motion
         if not motion.finite:
             return Outcome.DIVERGED, f"positions left the finite numbers at {motion.time:.6g} s"
@@ -174,7 +174,7 @@ class Recorder:
         if self._rests() and not motion.loading.live and motion.model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
         flagged = [] if motion.loading.conservative else [NO_POTENTIAL]
-        return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *flagged])
+        return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *flagged, *motion.remarks])
 
     @property
     def _steady(self) -> bool:

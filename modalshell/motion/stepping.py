@@ -107,6 +107,7 @@ class Motion:
         if (modal := as_modal(model)) is not None and supports is None:
             self._quadrature = modal.load_quadrature(self.loading)
         self.count, self.unconverged, self.finite = 0, 0, True
+        self._remarks: dict[str, int] = {}
         self.constraint_residuals = np.zeros(len(self.constraints))
 
     @property
@@ -191,6 +192,16 @@ class Motion:
         self.unconverged += not converged
         self._before, self.state = self.state, state
         self.count += 1
+        if remark := model.remark(state):
+            self._remarks.setdefault(remark, self.count)
+
+    @property
+    def remarks(self) -> list[str]:
+        """What the model says of its states, each sentence once, with the time from which it holds."""
+        return [
+            remark if first == 1 else f"from {first * self.dt:.6g} s on {remark}"
+            for remark, first in self._remarks.items()
+        ]
 
     def _last_positions(self) -> tuple[Array, Array]:
         """Positions (n, 3) [m] in the world frame, now and one step earlier; equal at the start."""
@@ -220,7 +231,7 @@ class Motion:
         return {"now": self.state}
 
     def restore(self, arrays: dict[str, Array]) -> None:
-        """Go on from a :meth:`snapshot` of the same motion."""
+        """Resume from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.constraint_residuals = np.array(arrays["constraint_residuals"])
         states = [

@@ -113,7 +113,7 @@ class WarpFrame:
         except (TypeError, ValueError) as fault:
             raise OptionError(f"q must be {self.count} real numbers (got {shown(q)}: {fault})") from fault
         if not fits:
-            raise OptionError(f"q must have shape {own.shape}, one number a mode (got {coordinates.shape})")
+            raise OptionError(f"q must have shape {own.shape}, one number per mode (got {coordinates.shape})")
         out = checked_output(out, (self.vertices, 3), self.dtype)
         run = warp_frame if self.threads == 1 else warp_frame_parallel
         run(self._modal, self._rest, own, work, out)

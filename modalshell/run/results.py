@@ -35,7 +35,8 @@ class _Colouring:
         around = np.bincount(corners, np.repeat(areas, 3), count)
         around[around == 0.0] = 1.0
         values = np.stack([np.bincount(corners, np.repeat(areas * one, 3), count) / around for one in scalars])
-        label = name.replace("_", " ") + (f" [{FIELDS[name]}]" if FIELDS[name] else "")
+        unit = run.units.of(FIELDS[name])
+        label = name.replace("_", " ") + (f" [{unit}]" if unit else "")
         return cls(values, label, "coolwarm" if name in TENSORS else "viridis")
 
     def spread(self, frames: int | slice) -> tuple[float, float]:

@@ -36,7 +36,7 @@ def scene_page(scene: Scene) -> Page:
 
     A shell moves by LMA, MWTS and, where its data are small enough, reduced RSW.
 
-    A ModalShellWarning names what the page leaves out: supports that move, constraints, another model.
+    A ModalShellWarning names what is left out: supports that move, constraints, how loads change, another model.
 
     Raises
     ------
@@ -54,7 +54,10 @@ def scene_page(scene: Scene) -> Page:
     path, force, loads, constraints = declared.build_loading(shell)
     model, motion = declared.model, declared.motion
     left = ["the supports rest"] if path is not None else []
-    left += ["there are no loads that change with the shell or in time"] if loads else []
+    if loads:
+        left += ["loads that change are dead: as on the shape at rest, at their largest"]
+        loading = shell.loading(force=force, loads=loads)
+        force = loading.dead + loading.largest_force()
     left += ["there are no constraints"] if constraints else []
     left += (
         [f"the model is LMA, MWTS or reduced RSW, not {model.spec.name}"]

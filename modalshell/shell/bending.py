@@ -202,7 +202,7 @@ def _least_solution(matrix: Array, right_sides: Array) -> Array:
 
 
 def _rings(graph: sps.csr_array, sources: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of edges from each vertex to the nearest source; the number of vertices where there is none."""
+    """Number of edges from each vertex to the nearest source; the number of vertices if there is none."""
     if not sources.size:
         return np.full(graph.shape[0], graph.shape[0], dtype=np.int64)
     edges = dijkstra(graph, indices=sources, unweighted=True, min_only=True)

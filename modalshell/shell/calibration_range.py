@@ -48,7 +48,7 @@ def calibration_doubts(
     thickness: float,
     narrow: bool,
 ) -> list[str]:
-    """What is known to be off, in words with numbers; empty where nothing is.
+    """Known errors of the calibration on this mesh, as texts with numbers; empty if there are none.
 
     Bending in two directions and twist are off on every mesh, and said where supports are known:
     :func:`warn_of_two_way_bending`.

@@ -28,7 +28,7 @@ class Part(NamedTuple):
     energy : ElasticEnergy
         The sum, on its own numbering of the vertices that it touches.
     vertices : ndarray of int64, shape (k,)
-        Those vertices, as the whole energy numbers them.
+        Those vertices, in the numbering of the whole energy.
     """
 
     energy: ElasticEnergy

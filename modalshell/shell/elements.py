@@ -45,7 +45,7 @@ class ElementSet:
     weight : ndarray, shape (elements,)
         Stiffness over rest size.
     viscosity : ndarray, shape (elements,), optional
-        Weight of the dissipation ``sum_e viscosity_e (dg_e/dt)^2`` of dashpots beside the elements; none without it.
+        Weight of the dissipation ``sum_e viscosity_e (dg_e/dt)^2`` of parallel dashpots; none by default.
     """
 
     name: str
@@ -79,7 +79,7 @@ class ElementSet:
 
 
 class Energy(ABC):
-    """An energy that a shell has besides those of its material.
+    """An energy in addition to those of a shell's material.
 
     A subclass is a frozen dataclass whose fields are numbers, texts, or tuples of them:
     ``class Fibres(Energy, key="fibres")``. By its key scenes know it, as the table ``[energies.fibres]`` with its

@@ -37,7 +37,7 @@ BARE_SHEET: Final = Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
 @brief
 @dataclass(frozen=True)
 class ShellFields:
-    """Fields of a deformed shell, one value a triangle.
+    """Fields of a deformed shell, one value per triangle.
 
     Tensors are symmetric, (T, 3): their components 11, 22 and 12 in the triangle's own axes, axis 1 along its first
     edge, from the first vertex to the second, axis 2 to its left in its plane.
@@ -108,7 +108,7 @@ class ShellFields:
             self.values(name)
 
     def scalar(self, name: str) -> Array:
-        """One number a triangle (T,) of a field: of a tensor its principal value of the largest size, with its sign."""
+        """One number per triangle (T,) of a field: of a tensor its principal value of largest size, with its sign."""
         return scalar_of(name, self.values(name))
 
     def principal(self, name: str) -> tuple[Array, Array]:
@@ -128,7 +128,7 @@ def principal_values(tensors: Array) -> Array:
 
 
 def scalar_of(name: str, values: Array) -> Array:
-    """One number a triangle (..., T) of the values of a field: see :meth:`ShellFields.scalar`."""
+    """One number per triangle (..., T) of the values of a field: see :meth:`ShellFields.scalar`."""
     if name in TENSORS:
         larger, smaller = np.moveaxis(principal_values(values), -1, 0)
         return np.where(np.abs(larger) >= np.abs(smaller), larger, smaller)

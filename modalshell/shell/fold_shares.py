@@ -16,7 +16,7 @@ from modalshell.shell.split_folds import SplitFolds
 from modalshell.typing import Array
 
 _SLACK = 1e-12
-"""Stiffness of a combination of fold shares, as a share of the largest, below which it is none."""
+"""Stiffness of a combination of fold shares, relative to the largest, below which it counts as zero."""
 
 
 def _factorised(stiffness: sps.csc_matrix) -> tuple[Any, ...]:

@@ -15,7 +15,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.typing import Array
 
 Field = float | Array | Callable[[Array], Array]
-"""One number, one a triangle (T,), or a function of the triangles' centroids (T, 3) [m]."""
+"""One number, one per triangle (T,), or a function of the triangles' centroids (T, 3) [m]."""
 
 _UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
 
@@ -26,7 +26,7 @@ _UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
 class Isotropic:
     """Isotropic elastic sheet of the split-fold energy, a Kirchhoff shell; no calibration to the mesh.
 
-    Each may be one number, one value a triangle, or a function of the triangles' centroids (T, 3) [m].
+    Each may be one number, one value per triangle, or a function of the triangles' centroids (T, 3) [m].
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from modalshell.typing import Array
 class Material:
     """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3] and area density.
 
-    Each may be one number or one value an element of the mesh that the shell is built on.
+    Each may be one number or one value per element of the mesh that the shell is built on.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Material:
         Mass per area [kg/m^2].
     correct_clamp : bool, optional
         Double the weight of hinges on the clamp line, which stand for half a cell only. Off for plain
-        stiffnesses, which are then the paper's energies as they stand; on in :meth:`from_physical`.
+        stiffnesses, which are then exactly the paper's energies; on in :meth:`from_physical`.
 
     Raises
     ------

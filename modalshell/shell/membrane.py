@@ -48,7 +48,7 @@ def membrane_stiffness(
 
 
 def axial_stiffness(mesh: TriangleMesh, stretch: Array, shear: Array, axis: Array) -> float:
-    """``E h`` [N/m] that pulling along ``axis`` feels, sides free, for uniform strain of the whole mesh."""
+    """Effective ``E h`` [N/m] along ``axis``, with free sides, for uniform strain of the whole mesh."""
     corners = mesh.vertices[mesh.faces]
     edges = np.roll(corners, -1, axis=1) - corners
     tangents = edges / np.linalg.norm(edges, axis=2, keepdims=True)

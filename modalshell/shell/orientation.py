@@ -25,7 +25,7 @@ class Orientation:
     Attributes
     ----------
     axis : ndarray, shape (3,)
-        Unit vector of the direction; zero where every direction counts alike.
+        Unit vector of the direction; zero if all directions are equivalent.
     length, width : float
         The two largest extents along the principal axes [m].
     flat : bool
@@ -62,7 +62,7 @@ def orient(mesh: TriangleMesh, direction: ArrayLike | None = None) -> Orientatio
         axis /= np.linalg.norm(axis)
         inside = np.sqrt(np.maximum(1.0 - (mesh.face_normals @ axis) ** 2, 0.0))
         if inside.max() < 1e-3:
-            raise MaterialError(f"direction {direction!r} stands upright on the whole mesh; name one that lies in it")
+            raise MaterialError(f"direction {direction!r} is normal to the whole mesh; name one that lies in it")
         return Orientation(axis, length, width, flat, True)
     if length >= _ELONGATED * width:
         return Orientation(axes[order[0]], length, width, flat, False)

@@ -32,8 +32,8 @@ from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 from modalshell.typing import Array, Index
 
-_VERTEX_BYTES = 8_000
-"""Memory that the pattern of the stiffness takes while it is made."""
+_VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 19_000
+"""Memory of the assembly of the stiffness pattern, and of that with fold shares [bytes]."""
 
 
 class Shell(ReadOnlyArrays):
@@ -53,7 +53,7 @@ class Shell(ReadOnlyArrays):
     supports : sequence of Support, optional
         Further supports, such as :class:`Pin`, :class:`Roller` or :class:`Symmetry`.
     energies : sequence of Energy, optional
-        Further energies besides those of the material.
+        Energies in addition to those of the material.
     loose_parts : bool
         Whether parts of a mesh may be left without support; :func:`solve_modes` refuses them otherwise.
 
@@ -100,7 +100,8 @@ class Shell(ReadOnlyArrays):
         self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
         count = len(mesh.vertices)
-        demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
+        each = _SPLIT_VERTEX_BYTES if isinstance(material, Isotropic) else _VERTEX_BYTES
+        demand_memory(f"a shell of {count} vertices", each * count, "take a coarser mesh")
         clamp = held_vertices(clamped, count)
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
@@ -126,7 +127,7 @@ class Shell(ReadOnlyArrays):
         if isinstance(self.unknowns, VertexUnknowns):
             return self.unknowns.indices
         raise SupportError(
-            "this takes clamped and pinned vertices only (got supports that hold single components, or tie vertices): "
+            "this takes only Clamp and Pin supports (got supports that hold single components, or tie vertices): "
             "use ms.Clamp or ms.Pin, or a model that takes the others, such as ms.DiscreteShell"
         )
 
@@ -178,8 +179,8 @@ class Shell(ReadOnlyArrays):
     def centred(self) -> tuple[Shell, Array]:
         """The same shell about the origin, and where its origin was (3,) [m]; itself where it is near the origin.
 
-        Far away the rounding of coordinates would be felt. The shift is by whole multiples of a power of two, so that
-        not a bit of the shape is lost.
+        Far away the rounding of coordinates would affect the energy. The shift is by whole multiples of a power of two,
+        so that not a bit of the shape is lost.
         """
         grid = 4.0 * 2.0 ** np.ceil(np.log2(self.size))
         origin = grid * np.round(0.5 * (self.rest_positions.min(axis=0) + self.rest_positions.max(axis=0)) / grid)
@@ -213,7 +214,7 @@ class Shell(ReadOnlyArrays):
         return -gradient
 
     def stiffness(self, positions: ArrayLike | None = None) -> sps.csr_array:
-        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; at rest without them.
+        """Hessian of the energy, sparse (3n, 3n) [N/m], at ``positions`` (n, 3) [m]; by default at rest.
 
         LoadError where it is not finite. That of an :class:`Isotropic` shell is the Schur complement without the fold
         shares: exact to rounding, but as its entries fall off slowly it is almost full, and made for checks on meshes
@@ -233,7 +234,7 @@ class Shell(ReadOnlyArrays):
         Returns
         -------
         ShellFields
-            One value a triangle; ``membrane_force``, ``moment`` and ``von_mises`` are None of a :class:`Material`.
+            One value per triangle; ``membrane_force``, ``moment`` and ``von_mises`` are None of a :class:`Material`.
 
         Raises
         ------
@@ -291,7 +292,7 @@ class Shell(ReadOnlyArrays):
         ----------
         positions : array_like, shape (n, 3)
             Vertex positions in equilibrium [m].
-        gravity, force, loads
+        gravity, force, loads : optional
             The load, as in :meth:`Model.equilibrium`.
 
         Raises
@@ -317,11 +318,11 @@ class Shell(ReadOnlyArrays):
     ) -> list[Array]:
         """The :meth:`reactions` (n, 3) [N] of each of :attr:`supports`; their sum over the vertices is its resultant.
 
-        Where several supports hold a vertex along one direction they share the force evenly.
+        Several supports that hold a vertex along one direction share the force evenly.
 
         Parameters
         ----------
-        positions, gravity, force, loads
+        positions, gravity, force, loads : optional
             As for :meth:`reactions`.
 
         Raises

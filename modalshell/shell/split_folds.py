@@ -53,11 +53,11 @@ class SplitFolds:
     folds : ndarray of int64, shape (B, 3)
         Hinge at the edge opposite each corner, whose fold angle counts in this triangle; -1 where none does.
     places : ndarray of int64, shape (B, 3, 4)
-        Where each hinge's vertices stand among the triangle's six.
+        Positions of each hinge's vertices among the triangle's six.
     shares : ndarray, shape (B, 3)
         Factors of the fold share in gamma.
     share_index : ndarray of int64, shape (B, 3)
-        Fold share at each edge; -1 where there is none.
+        Fold share at each edge; -1 if there is none.
     moments : ndarray, shape (B, 3, 3)
         K_T, free edges condensed [N m].
     share_count : int

@@ -59,7 +59,7 @@ class Trace:
     events : list of PathEvent
         Limit points and bifurcations.
     complete : bool
-        Whether the path came to its end: the wanted load factor, or of a branch the path that it has left.
+        Whether the path reached its end: the requested load factor, or for a branch the path that it left.
     message : str
         Why it ended elsewhere.
     """
@@ -85,7 +85,7 @@ class Range:
     until : float
         Load factor at which it ends.
     low, high : float
-        Load factors outside of which it is given up.
+        Range of load factors; the path ends outside of it.
     points : int
         Points at most.
     """
@@ -107,7 +107,7 @@ def follow(
     """Follow the path from ``first`` until the load factor of ``span``, or until an event for which ``stop`` holds.
 
     A branch also ends where it comes to one of the points ``ends``, bifurcations of the path that it has left: through
-    them it would go on as its own mirror image, or come round again.
+    them it would continue as its own mirror image, or come round again.
     """
     trace = Trace()
     trace.add(first)
@@ -145,7 +145,7 @@ def follow(
             trace.message = f"the path left the load factors {span.low:g} to {span.high:g}"
             return trace
         point = found
-    trace.message = f"the path did not come to a load factor of {span.until:g} in {span.points} points"
+    trace.message = f"the path did not reach a load factor of {span.until:g} in {span.points} points"
     return trace
 
 
@@ -155,7 +155,7 @@ def events_between(
     """Limit points and bifurcations of the step from ``before`` to ``after``, from ``low`` on its way, in their order.
 
     At a limit point the path's direction of load turns back, and one eigenvalue changes its sign; whatever else the
-    number of negative eigenvalues changes by is due to bifurcations. Those that come in one step are told apart by
+    number of negative eigenvalues changes by is due to bifurcations. Those within one step are separated by
     halving it; where that fails they are said of its end.
     """
     start = low or before
@@ -186,7 +186,7 @@ def critical_mode(tracer: Tracer[Matrix], point: PathPoint) -> tuple[float, Arra
 
 
 def branch_end(problem: Problem[Matrix], x: Array, factor: float) -> PathEvent | None:
-    """What ends the stable branch through ``x`` at a load factor, shortly above it; None where nothing is found."""
+    """Event that ends the stable branch through ``x`` shortly above a load factor; None if none is located."""
     tracer = Tracer(problem, max(_NEARBY * factor, _SMALLEST_LOAD))
     try:
         first = tracer.first(x, factor, 1.0)

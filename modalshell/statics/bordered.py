@@ -28,7 +28,7 @@ class Plane:
     factor : float
         Load factor of that point.
     length : float
-        Size of a step that the equation is held against.
+        Size of a step, the scale of the equation's residual.
     """
 
     normal: Array
@@ -129,5 +129,5 @@ class Bordered(Problem[tuple[Matrix, Array]], Generic[Matrix]):
         return self.inner.critical_mode(hessian[0])
 
     def descend(self, start: Array, scale: float) -> NewtonResult:  # noqa: ARG002 (as all problems have it)
-        """Nothing is downhill here: not converged."""
+        """No descent direction: not converged."""
         return NewtonResult(start, np.inf, 0, False)

@@ -20,7 +20,7 @@ from modalshell.typing import Array
 _FIRST_STEP, _SMALLEST_STEP = 0.25, 1.0 / 256.0
 """First and smallest share of a motion of the boundary taken in one step."""
 _STEP_TURN = 0.6
-"""Largest turn [rad] of a vertex in the guess for a step."""
+"""Largest predicted rotation [rad] of a vertex per step."""
 
 
 def lead(

@@ -29,9 +29,9 @@ ADVICE = (
 _DENSE_BELOW = 60
 """Unknowns up to which a dense solver finds all factors."""
 _RESTARTS = 60
-"""Restarts of Lanczos, within which factors converge that stand apart from the shapes that never buckle."""
+"""Number of Lanczos restarts, enough for factors separate from those of shapes that never buckle."""
 _MORE = 6
-"""Eigenvalues of an unsymmetric problem that are found beside those asked for, as complex ones are none."""
+"""Number of additional eigenvalues of an unsymmetric problem, since complex ones are discarded."""
 _REAL = 1e-6
 """Share of an eigenvalue up to which its imaginary part is rounding."""
 _NONE = 1e-9
@@ -82,15 +82,20 @@ def buckling_factors(
         A shell that its supports hold.
     count : int
         Number of factors k at most.
-    gravity, force, loads
+    gravity, force, loads : optional
         The load, as in :meth:`Model.equilibrium`; loads of time count as they are at time 0.
+
+    Returns
+    -------
+    Buckling
+        Load factors and mode shapes.
 
     Raises
     ------
     LoadError
         For a load of the wrong shape, not finite, or of no force on what can move.
     OptionError
-        For a ``count`` that is none, or a shell that its supports leave free.
+        For an invalid ``count``, or a shell that its supports leave free.
     SolverError
         If the stiffness at rest cannot be factorised, or the factors do not converge.
     """

@@ -15,10 +15,10 @@ from modalshell.typing import Array
 _LOAD_STEPS = 200
 """Load steps at most."""
 _BEYOND = 1.02
-"""Load under which a shell comes to rest after a snap, over the last one that its branch could carry."""
+"""Load at which a shell is equilibrated after a snap, over the last one of its branch."""
 _SMALLEST_LOAD = 1e-3
 _SMALLEST_TRUST = 1.0 / 300.0
-"""Trust below which the load path is given up."""
+"""Smallest trust radius of the load path."""
 
 
 def equilibrium(problem: Problem[Matrix], start: Array | None) -> NewtonResult:
@@ -44,7 +44,7 @@ def equilibrium(problem: Problem[Matrix], start: Array | None) -> NewtonResult:
 def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
     """Load continuation from rest along tangents, each step as long as ``whole.load_step`` allows.
 
-    Where the branch ends, the potential is minimised under a little more load, and the continuation goes on from there:
+    Where the branch ends, the potential is minimised under a little more load, and the continuation resumes from there:
     the answer is that of a load that grows slowly, snaps included.
     """
     x, factor, trust, iterations, steps, snaps, left = whole.origin, 0.0, 1.0, 0, 0, 0, False

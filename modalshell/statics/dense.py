@@ -167,7 +167,7 @@ class WorkPotential(DenseProblem):
 
 @final
 class EnergyFunction:
-    """An elastic energy of one's own, of any unknowns: what :func:`modalshell.equilibrium_path` follows besides shells.
+    """A user-defined elastic energy of any unknowns, for :func:`modalshell.equilibrium_path`.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ _TOLERANCE = 1e-9
 _FAINT = 1e-3
 """Modal force at rest, as a share of the most that the load's size allows, below which it is no measure of the load."""
 _FIRST_TURN = 0.5
-"""Turn [rad] that the first step towards an equilibrium may predict."""
+"""Largest predicted rotation [rad] of the first step towards an equilibrium."""
 
 
 class Statics(NamedTuple):
@@ -58,7 +58,7 @@ def least_potential(model: Workable, load: Array, start: Array | None) -> Static
     load : ndarray, shape (n, 3)
         Dead load f [N].
     start : ndarray, shape (m,), optional
-        Where to begin; at rest without it.
+        Starting point; by default at rest.
 
     Returns
     -------

@@ -72,7 +72,7 @@ class LiveLoads:
 
 
 def entry_places(pattern: SparsePattern, load: AppliedLoad) -> Index:
-    """Where the entries of the blocks (E, k, 3, k, 3), flattened, stand in the values of a pattern."""
+    """Positions of the flattened entries of the blocks (E, k, 3, k, 3) in the values of a pattern."""
     stencils = load.stencils
     count = len(pattern.strides)
     starts = pattern.indptr[:-1:3].astype(np.int64)

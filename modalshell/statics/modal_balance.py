@@ -15,9 +15,9 @@ _TOLERANCE = 1e-9
 _NEWTON_LIMIT = 20
 """Newton iterations at one share of the load at most."""
 _SMALLEST_STEP = 1.0 / 1024.0
-"""Share of the load below which a load step is given up."""
+"""Smallest load step, relative to the load."""
 _LOAD_TURN = 0.5
-"""Turn [rad] of a part of the shell that one load step may predict."""
+"""Largest predicted rotation [rad] of a part of the shell per load step."""
 _DIFFERENCE = 1e-5
 """Turn [rad] over which a force is differenced."""
 

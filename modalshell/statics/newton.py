@@ -23,6 +23,9 @@ from modalshell.typing import Array
 GOAL = 1e-10
 """Relative residual that is aimed at."""
 
+_LINEAR = 0.3
+"""Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
+
 Matrix = TypeVar("Matrix")
 
 
@@ -50,17 +53,17 @@ class NewtonResult:
     residual : float
         Size of the gradient over that of the load.
     iterations : int
-        Factorisations used.
+        Newton's, each with a factorisation or a kept factor.
     converged : bool
         Whether the residual met :data:`ACCEPTED`, or :meth:`Problem.rounding` with Newton's steps at their end.
     factor : Factored or None
         Of the last Hessian, a step before the end; of the one at the end where :func:`is_minimum` has found it so.
     stable : bool or None
-        Whether the exact Hessian at the end is positive definite; None where that was not found out.
+        Whether the exact Hessian at the end is positive definite; None if unknown.
     limited : bool
         Whether rounding keeps the residual above :data:`ACCEPTED`.
     left_saddle : bool
-        Whether the way there led over a saddle, left along its unstable mode to the lower of both sides.
+        Whether the iteration passed a saddle and left it along its unstable mode to the lower side.
     path : list
         Shares of the load, and unknowns, of the states on the way from rest.
     jumps : list
@@ -102,7 +105,7 @@ class Problem(ABC, Generic[Matrix]):
     path_goal: ClassVar[float]
     """Relative residual that load steps before the last aim at."""
     snaps: ClassVar[int]
-    """Ends of branches after which the potential is minimised under the whole load at once."""
+    """Number of ends of branches after which the potential is minimised under the whole load at once."""
 
     @property
     def push(self) -> Array:
@@ -141,9 +144,9 @@ class Problem(ABC, Generic[Matrix]):
 
     @abstractmethod
     def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
-        """Unknowns and predicted stresses after a step along ``direction`` (N,), and how much of it that is.
+        """Unknowns and predicted stresses after a step along ``direction`` (N,), and the step's fraction of it.
 
-        ``reach`` is the largest turn [rad], or change of an edge over its length, that the step may make.
+        ``reach`` is the largest rotation [rad], or relative change of an edge, of the step.
         """
 
     @abstractmethod
@@ -163,16 +166,31 @@ class Problem(ABC, Generic[Matrix]):
         """Newton direction (N,); SolverError if there is none."""
         return factor.solve(-gradient)
 
+    def direction(
+        self,
+        hessian: Matrix,
+        gradient: Array,
+        kept: Factored | None,  # noqa: ARG002 (for sparse problems)
+        accuracy: float,  # noqa: ARG002
+    ) -> tuple[Factored, Array]:
+        """Newton direction (N,) and the factor that it took: a new one, or ``kept`` where that gives it as well.
+
+        ``accuracy`` is the residual of the linear equations, over the gradient, that serves; SolverError if there is
+        no direction.
+        """
+        factor = self.factor(hessian)
+        return factor, self.step(factor, gradient)
+
     def measure(self, force: Array) -> float:
         """Size of a force (N,) on the free unknowns."""
         return float(np.linalg.norm(force))
 
     def rounding(self, x: Array, hessian: Matrix, length: float) -> float:  # noqa: ARG002 (for sparse problems)
-        """Size of the residual that rounding alone explains after a step that moved no unknown by more than length."""
+        """Size of the residual due to rounding after a step that moved no unknown by more than ``length``."""
         return 0.0
 
     def scale_at(self, start: Array | None) -> float:
-        """What residuals are held against: the load's size, or without a load that of the start's own forces."""
+        """Scale of residuals: the load's size, or without a load that of the forces at the start."""
         size = self.measure(self.push)
         return size or (0.0 if start is None else self.measure(self.residual(start))) or 1.0
 
@@ -204,7 +222,7 @@ def mixed_newton(
     """
     x = start
     best = NewtonResult(start, np.inf, 0, False)
-    stalled, length = 0, np.inf
+    stalled, length, last, keeping = 0, np.inf, np.inf, True
     for iteration in range(limit + 1):
         gradient, hessian = problem.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
         residual = problem.measure(gradient) / scale
@@ -231,9 +249,13 @@ def mixed_newton(
             or stalled >= 8
         ):
             break
+        # As Newton's method converges by squares, so may the linear equations [dembo1982].
+        accuracy = max(_LINEAR * goal / residual, min(_LINEAR, (residual / last) ** 2))
+        last = residual
         try:
-            best.factor = problem.factor(hessian)
-            direction = problem.step(best.factor, gradient)
+            kept = best.factor if keeping else None
+            best.factor, direction = problem.direction(hessian, gradient, kept, accuracy)
+            keeping = keeping and (kept is None or best.factor is kept)  # no second try once one was in vain
         except SolverError:
             break
         if not np.isfinite(direction).all():

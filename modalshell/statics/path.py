@@ -36,9 +36,9 @@ _GROWTH = 1.7
 _RESOLUTION = 0.15
 """Longest step as a share of the distance from the rest shape, unless it is no longer than the first one."""
 _SMALLEST = 1e-5
-"""Share of the longest step below which a path is given up."""
+"""Smallest step of a path, relative to the longest."""
 _LOCATED = 1e-6
-"""Share of a test function's values at the ends of a step at which its zero counts as found."""
+"""Tolerance of a test function's zero, relative to its values at the ends of a step."""
 _FOUND = 1e-3
 """Share of them below which the nearest point is still an event."""
 _TRIALS = 30
@@ -117,7 +117,7 @@ class Tracer(Generic[Matrix]):
     longest : float
         Longest step of the load factor.
     control : {"arc", "load", "displacement"}
-        What the steps are measured by, and what therefore may not turn back.
+        Measure of the steps, which therefore must increase.
     watched : callable, optional
         Gradient (N,) of the watched displacement at some unknowns, for displacement control.
     """
@@ -138,7 +138,7 @@ class Tracer(Generic[Matrix]):
     # ---- points
 
     def scale(self, x: Array) -> float:
-        """Size of the largest load so far: what residuals are held against."""
+        """Size of the largest load so far, the scale of residuals."""
         return (self.problem.measure(self.problem.push_at(x)) or 1.0) * self._largest
 
     def assessed(self, result: NewtonResult, factor: float, before: Callable[[Array], float], step: float) -> PathPoint:
@@ -158,7 +158,7 @@ class Tracer(Generic[Matrix]):
         )
 
     def first(self, x: Array, factor: float, sense: float) -> PathPoint:
-        """The point at ``factor``, found from ``x`` by Newton's method; SolverError where there is none."""
+        """The point at ``factor``, from ``x`` by Newton's method; SolverError if it does not converge."""
         self._largest = max(self._largest, abs(factor))
         result = mixed_newton(self.problem.loaded(factor), x, self.scale(x), goal=GOAL)
         self.iterations += result.iterations
@@ -180,7 +180,7 @@ class Tracer(Generic[Matrix]):
     def corrected(
         self, guess: Array, factor: float, plane: Plane, stresses: list[Array] | None, goal: float = GOAL
     ) -> tuple[NewtonResult, float] | None:
-        """The equilibrium in a plane, and its factor, by mixed Newton; None where there is none nearby."""
+        """The equilibrium in a plane, and its factor, by mixed Newton; None if there is none nearby."""
         scale = self.scale(guess)
         bordered = Bordered(self.problem.load, self.problem.origin, self.problem, plane, scale)
         result = mixed_newton(
@@ -193,7 +193,7 @@ class Tracer(Generic[Matrix]):
         return NewtonResult(x, result.residual, result.iterations, True), found
 
     def stepped(self, point: PathPoint, step: float) -> PathPoint | None:
-        """The point after ``step`` [of the factor] along the tangent at ``point``; None where none is found."""
+        """The point after ``step`` [of the factor] along the tangent at ``point``; None if none is found."""
         guess, stresses, _ = self.problem.moved(point.x, step * point.tangent)
         factor = point.factor + step
         moved = self.problem.difference(guess, point.x)
@@ -277,7 +277,7 @@ class Tracer(Generic[Matrix]):
         self._trust = min(self._trust, 0.05)
 
     def retried(self) -> bool:
-        """Make the next step a shorter one, if there is a shorter one; say whether."""
+        """Shorten the next step; return whether that is possible."""
         self._trust *= 0.3
         return self._trust >= _SMALLEST
 
@@ -321,7 +321,7 @@ class Tracer(Generic[Matrix]):
         return best if least <= max(goal, _FOUND) * size else replace(best, located=False)
 
     def at_factor(self, before: PathPoint, after: PathPoint, factor: float) -> PathPoint | None:
-        """The point between two neighbours at a load factor, exactly; None where it is not found."""
+        """The point between two neighbours at a load factor, exactly; None if it is not found."""
         near = self.locate(before, after, lambda point: point.factor - factor, 1e-3)
         guess, stresses, _ = self.problem.moved(near.x, (factor - near.factor) * near.tangent)
         plane = Plane(np.zeros(near.tangent.size), 1.0, guess, factor, self.longest)

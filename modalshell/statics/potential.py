@@ -6,7 +6,7 @@ bends the sheet instead of stretching it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self, final
 
 import numpy as np
@@ -16,6 +16,7 @@ import scipy.sparse.linalg as spla
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
 from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode, nearest_tangent_mode
+from modalshell.modes.kept_factor import solution_by_kept_factor
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import GOAL, Factored, NewtonResult, Problem, is_minimum, mixed_newton
@@ -64,15 +65,18 @@ class Potential(Problem[sps.csc_array]):
     quadratic : ndarray, optional
         Entries of Q on the shell's pattern.
     live : LiveLoads, optional
-        Loads besides b that change with x. Their stiffness enters the Hessian. Without a potential it is unsymmetric:
-        Newton's steps then take the whole of it, by an unsymmetric factorisation. Such a state is stable if the
-        symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
+        Loads in addition to b that change with x. Their stiffness enters the Hessian. Without a potential it is
+        unsymmetric: Newton's steps then take the whole of it, by an unsymmetric factorisation. Such a state is stable
+        if the symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
+    keeps_factor : bool
+        Whether a definite factor may serve later iterations, too, for conjugate gradients on their Hessians.
     """
 
     shell: Shell
     factoriser: Factoriser
     costs: Timings
     live: LiveLoads | None = None
+    keeps_factor: bool = field(default=False, kw_only=True)
 
     load_step: ClassVar = 0.8
     path_goal: ClassVar = 1e-3
@@ -211,6 +215,17 @@ class Potential(Problem[sps.csc_array]):
         with self.costs.part("solution"):
             return factor.solve(-gradient)
 
+    def direction(
+        self, hessian: sps.csc_array, gradient: Array, kept: Factored | None, accuracy: float
+    ) -> tuple[Factored, Array]:
+        """Newton direction (N,), by the kept factor as long as that costs less than a new one; and the factor."""
+        if self.keeps_factor and isinstance(kept, Factor) and not self.unsymmetric:
+            with self.costs.part("solution"):
+                found = solution_by_kept_factor(kept, hessian, -gradient, accuracy)
+            if found is not None:
+                return kept, found
+        return super().direction(hessian, gradient, kept, accuracy)
+
     def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
         """Positions and stresses after a :func:`warped_step`, and how much of ``direction`` (N,) that is."""
         moved, step, share = warped_step(self.shell, x, direction, _LARGEST_TURN if reach is None else reach)
@@ -219,8 +234,8 @@ class Potential(Problem[sps.csc_array]):
     def rounding(self, x: Array, hessian: sps.csc_array, length: float) -> float:
         """Residual that the rounding of positions alone leaves: each force by eps times its stiffness times ``|x|``.
 
-        A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced any better in double
-        precision; :mod:`modalshell.statics.refine` goes on from there.
+        A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced further in double
+        precision; :mod:`modalshell.statics.refine` continues from there.
         """
         if length > _STILL * self.shell.size:
             return 0.0
@@ -299,7 +314,7 @@ def _symmetric_half(matrix: sps.csc_array) -> sps.csc_array:
 
 
 def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -> tuple[Array, Array, float]:
-    """Move along ``direction`` (N,), warped, as far as no vertex turns by more than ``largest_turn`` [rad].
+    """Move along ``direction`` (N,), warped, until a vertex rotates by ``largest_turn`` [rad].
 
     Returns
     -------
@@ -361,7 +376,8 @@ def solve(
     """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum.
 
     The last Hessian on the way stands for the one at the end: with inertia in it the two agree well enough, and a
-    factorisation is saved.
+    factorisation is saved. A kept factor is that of an earlier iteration, since which conjugate gradients have met no
+    direction of negative curvature.
     """
     result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
     if result.converged:

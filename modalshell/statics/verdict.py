@@ -11,7 +11,7 @@ ACCEPTED = 1e-7
 def verdict(residual: float, stable: bool | None, *, limited: bool = False, note: str = "") -> tuple[Outcome, str]:
     """Outcome and message of an answer with this residual, whose Hessian is positive definite or not.
 
-    ``limited`` says that rounding keeps the residual where it is; ``note`` is what else there is to say.
+    ``limited``: whether rounding limits the residual; ``note`` is added to the message.
     """
     if residual <= ACCEPTED:
         if stable:

@@ -86,7 +86,7 @@ def complement(unit: Array) -> Array:
 
 
 def checked_supports(supports: Sequence[Support]) -> tuple[Support, ...]:
-    """The supports as a tuple; SupportError where one is none."""
+    """The supports as a tuple; SupportError if one is not a support."""
     try:
         given = tuple(supports)
     except TypeError as error:

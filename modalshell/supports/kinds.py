@@ -93,7 +93,7 @@ class Fix(Support, key="fix"):
 class Symmetry(Support, key="symmetry"):
     """Holds vertices in a plane of symmetry, and the surface's boundary there at right angles to it as at rest.
 
-    The shell then moves as half of the whole that it makes with its mirror image.
+    The shell then moves as half of a symmetric whole.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class Roller(Support, key="roller"):
     Raises
     ------
     SupportError
-        For a direction that is none.
+        For an invalid direction.
     """
 
     def __init__(self, sel: Selection, direction: Vector) -> None:
@@ -193,7 +193,7 @@ class Tie(Support, key="tie"):
     sel : str, array_like of bool, shape (n,), or of int
         The vertices.
     axes : str
-        Some of the letters x, y and z; all of them without it.
+        Some of the letters x, y and z; by default all.
 
     Raises
     ------

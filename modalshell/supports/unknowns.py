@@ -17,7 +17,7 @@ from modalshell.supports.base import Support
 from modalshell.typing import Array, Index
 
 _HELD = 1e-8
-"""Eigenvalue of a vertex's held directions, taken together, from which a direction counts as held."""
+"""Least eigenvalue of a vertex's combined held directions for a direction to count as held."""
 
 
 class Unknowns(ReadOnlyArrays, ABC):
@@ -131,7 +131,7 @@ class MappedUnknowns(Unknowns):
     supported : ndarray of bool, shape (n,)
         Vertices that have supports.
     axes : ndarray, shape (s, 3, 3)
-        Projections on the axes about which each of them may turn.
+        Projections on the axes about which each of them may rotate.
     """
 
     matrix: sps.csr_array
@@ -208,7 +208,7 @@ def supported_unknowns(supports: Sequence[Support], mesh: TriangleMesh) -> Unkno
             continue
         twice = np.flatnonzero(chosen & (np.abs(tied @ projection) > _HELD).any(axis=(1, 2)))
         if twice.size:
-            raise SupportError(f"two ties lead vertex {twice[0]} along one direction: make one tie of them")
+            raise SupportError(f"two ties prescribe vertex {twice[0]} along one direction: make one tie of them")
         tied[chosen] += projection
         groups.append((np.flatnonzero(chosen), directions))
     if not groups:

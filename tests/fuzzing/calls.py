@@ -42,7 +42,16 @@ RECORDS = {
     "Scene",
     "SceneResult",
 }
-RECORDS |= {"BasisSensitivity", "Fit", "RepairReport", "ShellFields", "SweepResult", "Tradeoff", "Trajectory"}
+RECORDS |= {
+    "BasisSensitivity",
+    "Fit",
+    "RepairReport",
+    "ShellFields",
+    "SweepResult",
+    "Tradeoff",
+    "Trajectory",
+    "UnitSystem",
+}
 """Plain records that the package fills itself; they hold what they are given."""
 NO_INPUT = {"models"}
 """They take nothing."""
@@ -284,6 +293,10 @@ def _models() -> list[Target]:
         Target("fit", ms.fit, {"observed": hung, "gravity": gravity, "force": force, "confidence": 0.9},
                {"wrt": ("flexure", "young", ["flexure", "shear"], None, 1), "where": (None, "x > 0.5", 3)},
                {"shell": shell, "wrt": "flexure"}),
+        Target("fit, curves", ms.fit, {"observed": hung[None], "factors": np.array([1.0]), "gravity": gravity},
+               {"wrt": ("flexure", "young"), "average": (False, True, 1)}, {"shell": shell, "wrt": "flexure"}),
+        Target("fit, frequencies", ms.fit, {"frequencies": np.array([1.0, 2.0, 4.0]), "confidence": 0.9},
+               {"wrt": ("flexure", "young", "density")}, {"shell": shell, "wrt": "flexure"}),
         Target("PositionConstraint", _constraint(ms.PositionConstraint),
                {"vertices": np.array([8, 9]), "target": np.array([1.0, 0.0, -0.1])}),
         Target("OrientationConstraint", _constraint(ms.OrientationConstraint),

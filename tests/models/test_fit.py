@@ -64,6 +64,38 @@ def test_two_constants_are_told_apart():
     assert found.values["poisson"] == pytest.approx(0.3, abs=1e-4)
 
 
+def test_a_tip_curve_along_the_load_gives_young_from_loads_of_all_kinds(strip):
+    tip, factors = strip.rest_positions[:, 0] > 0.999, (0.5, 1.5)
+    push = np.zeros_like(strip.rest_positions)
+    push[tip, 2] = -1e-4
+    answers = [
+        ms.DiscreteShell(strip).equilibrium(
+            gravity=(0.0, 0.0, -1.0 * share), force=share * push, loads=[ms.Pressure(0.02 * share)]
+        )
+        for share in factors
+    ]
+    seen = [answer.positions[tip].mean(axis=0) for answer in answers]
+    found = ms.fit(
+        strip.with_material(replace(SHEET, young=2e6)), "young", seen, where=tip, average=True, factors=factors,
+        gravity=(0.0, 0.0, -1.0), force=push, loads=[ms.Pressure(0.02)],
+    )  # fmt: skip
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_frequencies_give_young_and_thickness_goes_with_it(strip, free):
+    shell = ms.Shell(strip.mesh, SHEET) if free else strip
+    basis = ms.solve_modes(shell, 10)
+    seen = basis.frequencies[basis.rigid_modes :][:4].copy()
+    seen[1] = np.nan
+    guess = shell.with_material(replace(SHEET, young=2e6, poisson=0.2))
+    found = ms.fit(guess, ["young", "poisson"], frequencies=seen)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-4)
+    assert found.values["poisson"] == pytest.approx(0.3, rel=1e-3)
+    assert found.state is None
+    assert found.residual < 1e-6
+
+
 def test_what_the_load_cannot_tell_is_refused(strip):
     """Without a load nothing moves, whatever the modulus."""
     with pytest.raises(ms.SolverError, match="do not determine 1 constants"):
@@ -81,6 +113,15 @@ def test_what_the_load_cannot_tell_is_refused(strip):
         ({"observed": np.zeros((2, 3))}, "observed must have shape"),
         ({"observed": np.full((75, 3), np.nan)}, "at least one measured coordinate"),
         ({"observed": "x"}, "observed must be"),
+        ({"observed": None}, "one of the two"),
+        ({"frequencies": [1.0]}, "one of the two"),
+        ({"observed": None, "frequencies": [1.0]}, "leave where, average, factors and loads out"),
+        ({"observed": None, "gravity": None, "frequencies": [2.0, 1.0]}, "must ascend"),
+        ({"observed": None, "gravity": None, "frequencies": [np.nan]}, "at least one measured value"),
+        ({"observed": None, "gravity": None, "frequencies": [0.0]}, "must be positive"),
+        ({"factors": [1.0, 2.0]}, "observed must have shape"),
+        ({"factors": [np.nan]}, "factors must be finite"),
+        ({"average": 1}, "average"),
         ({"confidence": 2.0}, "confidence must be"),
         ({"gravity": (0.0, np.nan, 0.0)}, "gravity must be finite"),
     ],

@@ -131,6 +131,24 @@ def test_loads_and_states_that_it_cannot_hold_go_to_the_coarse_shell(shell, hybr
     assert state.coordinates.ndim == 1
 
 
+@pytest.mark.parametrize("direction", [(0, 0, -1), (0, 0, 1), (0, 1, 0), (1, 0, 0)])
+@pytest.mark.parametrize(("gravity", "share"), [(0, 0.1), (20, 0.1), (20, 0.3), (70, 0.3)])
+def test_a_corner_force_is_handed_over_before_the_start_or_met(shell, hybrid, gravity, share, direction):
+    corner = np.argmax(shell.rest_positions[:, :2].sum(axis=1))
+    load = np.array(shell.gravity_force((0, 0, -gravity)))
+    load[corner] += share * 70.0 * shell.mass.sum() * np.array(direction)
+    run, exact = (
+        ms.simulate(model, duration=0.8, dt=0.04, force=load, damping=DAMPING) for model in (hybrid, hybrid.coarse)
+    )
+    assert distance(run.positions, exact.positions, shell) < 0.05
+    answer = hybrid.equilibrium(force=load)
+    assert distance(answer.positions, hybrid.coarse.equilibrium(force=load).positions, shell) < 0.05
+    words = "answered by coarse DS: the basis misses", f"error {100 * hybrid.held_out_error:.1f} % on held-out loads"
+    handed = gravity == 0 or words[0] in answer.message
+    assert words[0 if handed else 1] in answer.message
+    assert words[0 if handed else 1] in run.message
+
+
 def test_saved_and_pickled_it_answers_alike(shell, hybrid, tmp_path):
     hybrid.save(tmp_path / "trained.npz")
     read = ms.HybridStress.load(tmp_path / "trained.npz", shell)

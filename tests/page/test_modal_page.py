@@ -15,7 +15,7 @@ from modalshell.export import compress
 from modalshell.integrators.state import Damping
 from modalshell.page import clip_page
 from modalshell.provenance import repository_file
-from modalshell.scene.page import write_pages
+from modalshell.scene.page import scene_page, write_pages
 
 GRAVITY = (0.0, 0.0, -3.0)
 
@@ -202,6 +202,16 @@ def test_the_page_of_a_clip_plays_it(v_basis, open_file, wait_until):
     assert not page.is_visible("#settle")
     assert (picture(page).min(axis=2) < 0.9).mean() > 0.01
     assert errors == []
+
+
+def test_loads_that_follow_act_on_a_page_as_they_do_at_rest(scene_file):
+    wind = "[[loads.wind]]\nvelocity = [0.0, 1.0, 4.0]\ntimes = [0.0, 0.5]\nfactors = [0.0, 2.0]\n"
+    scene = ms.load_scene(scene_file(("[model]", f"{wind}[model]"))).require_shell()
+    with pytest.warns(ms.ModalShellWarning, match="as on the shape at rest, at their largest"):
+        data = content(scene_page(scene))
+    force = np.frombuffer(base64.b64decode(data["force"]), "<f4").reshape(-1, 3)
+    expected = 2.0 * ms.Wind((0.0, 1.0, 4.0)).force(scene.build_shell().mesh)
+    np.testing.assert_allclose(force, expected, atol=1e-6 * np.abs(expected).max())
 
 
 @pytest.mark.slow

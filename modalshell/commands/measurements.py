@@ -1,0 +1,90 @@
+"""Measured positions and frequencies read from files, for fits."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modalshell.atomic_io import read_npz
+from modalshell.checks import shortened
+from modalshell.errors import FileFormatError
+from modalshell.reading import read_text
+from modalshell.typing import Array
+
+_AXES = ("x", "y", "z")
+_KEYS = ("positions", "factors", "frequencies")
+
+
+def read_measurements(path: Path) -> dict[str, Array]:
+    """Arrays ``positions``, ``factors`` and ``frequencies`` of a file, those that it has.
+
+    A CSV file has the column ``frequency`` [Hz], or columns among ``x``, ``y`` and ``z`` [m], a row a load, and
+    ``factor``, its share of the scene's load, where there are several; empty cells were not measured. JSON and NPZ
+    files have the arrays under their names, null or NaN where nothing was measured.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is missing, damaged, or holds none of these.
+    """
+    readers = {".csv": _from_csv, ".json": _from_json, ".npz": _from_npz}
+    try:
+        if path.suffix.lower() not in readers:
+            raise ValueError(f"its name must end in {', '.join(readers)}")
+        found = readers[path.suffix.lower()](path)
+        if not {"positions", "frequencies"} & set(found):
+            raise ValueError("it has neither positions nor frequencies")
+        return found
+    except Exception as error:  # OS, zip, JSON, text, key and value errors all mean the same to the user
+        raise FileFormatError(f"cannot read measurements from {path}: {shortened(str(error))}") from error
+
+
+def _from_csv(path: Path) -> dict[str, Array]:
+    rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
+    if not rows:
+        raise ValueError("it has no rows below its heading")
+    names = {name.strip() for name in rows[0] if name}
+    unknown = names - {"frequency", "factor", *_AXES}
+    if unknown:
+        raise ValueError(f"column {sorted(unknown)[0]!r} is none of frequency, factor, x, y, z")
+
+    def column(name: str) -> Array:
+        cells = [(row.get(name) or "").strip() if name in names else "" for row in rows]
+        return np.array([float(cell) if cell else np.nan for cell in cells])
+
+    if "frequency" in names:
+        if len(names) > 1:
+            raise ValueError("frequencies stand alone: leave the other columns out")
+        return {"frequencies": column("frequency")}
+    if not names & set(_AXES):
+        raise ValueError("it has none of the columns frequency, x, y, z")
+    found = {"positions": np.stack([column(axis) for axis in _AXES], axis=1)}
+    if "factor" in names:
+        found["factors"] = column("factor")
+    elif len(rows) == 1:
+        found["positions"] = found["positions"][0]
+    else:
+        raise ValueError(f"{len(rows)} rows need the column factor: the share of the load of each")
+    return found
+
+
+def _from_json(path: Path) -> dict[str, Array]:
+    document = json.loads(read_text(path))
+    if not isinstance(document, dict):
+        raise ValueError("it must be one object")
+    return _known(document)
+
+
+def _from_npz(path: Path) -> dict[str, Array]:
+    return _known(dict(read_npz(path)))
+
+
+def _known(content: dict[str, Any]) -> dict[str, Array]:
+    unknown = set(content) - set(_KEYS)
+    if unknown:
+        raise ValueError(f"{sorted(unknown)[0]!r} is none of {', '.join(_KEYS)}")
+    return {name: np.array(value, dtype=np.float64) for name, value in content.items()}

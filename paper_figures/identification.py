@@ -1,0 +1,29 @@
+"""A fitted tip curve, and intervals of the modulus from noisy ones (reads the study ``identification``)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from modalshell.render.curves import Curve, Panel, draw_curves
+from modalshell.study import StudyResult
+
+MEASURED, FITTED, TRUE = "#c8322b", "#2b5fc8", "#000000"
+
+
+def draw(results: Path, folder: Path) -> Path:
+    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+    findings = StudyResult.load(results, "identification").findings
+    curve, exact = findings["curve"], findings["true"]
+    loads = curve["gravities"]
+    curves = [
+        Curve(loads, [100.0 * drop for drop in curve["fitted"]], "with the modulus found", FITTED, points=False),
+        Curve(loads, [100.0 * drop for drop in curve["measured"]], "finite elements", MEASURED, dashed=True),
+    ]
+    first = Panel(curves, "Tip curve of a strip", "gravity [m/s²]", "drop of the tip [cm]")
+    noisy = sorted(findings["noisy"], key=lambda found: found["young"])
+    numbers = [float(number) for number in range(1, len(noisy) + 1)]
+    named = {"young": ("found", FITTED), "low": ("ends of its interval of 95 %", MEASURED), "high": ("_", MEASURED)}
+    curves = [Curve(numbers, [found[key] / exact for found in noisy], *style) for key, style in named.items()]
+    curves.append(Curve([1.0, float(len(noisy))], [1.0, 1.0], "true", TRUE, points=False))
+    second = Panel(curves, "Noisy tip curves, in order", "curve", "modulus over the true one")
+    return draw_curves([first, second], folder / "identification.png", columns=2)

@@ -1,0 +1,116 @@
+"""The command that recovers constants of a scene's material from measurements."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.cli import main
+
+SCENE = """
+[mesh]
+shape = "flat_beam"
+length = 1.0
+width = 0.1
+cells = [24, 2]
+
+[material]
+young = 2e6
+poisson = 0.3
+thickness = 4e-3
+density = 60.0
+
+[supports]
+clamped = "x < 0.01"
+
+[loads]
+gravity = [0.0, 0.0, -1.0]
+
+[model]
+name = "ds"
+"""
+FACTORS = np.array([0.5, 1.0, 2.0])
+
+
+@pytest.fixture(scope="module")
+def curve():
+    """Tip of the strip of half the scene's modulus, and its frequencies."""
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(24, 2))
+    sheet = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
+    shell = ms.Shell(mesh, sheet, mesh.vertices[:, 0] < 0.01)
+    answers = [ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -factor)) for factor in FACTORS]
+    tip = mesh.vertices[:, 0] > 0.999
+    return np.array([answer.positions[tip].mean(axis=0) for answer in answers]), ms.solve_modes(shell, 4).frequencies
+
+
+def command(capsys, folder, *options):
+    scene = folder / "strip.toml"
+    scene.write_text(SCENE)
+    status = 0
+    try:
+        main(["fit", str(scene), *options])
+    except SystemExit as exit_:
+        status = exit_.code
+    captured = capsys.readouterr()
+    return status or 0, captured.out, captured.err
+
+
+def told(out):
+    return float(re.search(r"young = (\S+),", out).group(1))
+
+
+@pytest.mark.parametrize("kind", ["csv", "json", "npz"])
+def test_young_is_found_from_a_tip_curve(capsys, tmp_path, curve, kind):
+    positions, file = curve[0], tmp_path / f"tip.{kind}"
+    if kind == "csv":
+        rows = [f"{factor},{z}" for factor, z in zip(FACTORS, positions[:, 2], strict=True)]
+        file.write_text("\n".join(["factor, z", *rows]))
+    elif kind == "json":
+        told_as = [[None, None, z] for z in positions[:, 2].tolist()]
+        file.write_text(json.dumps({"factors": FACTORS.tolist(), "positions": told_as}))
+    else:
+        np.savez(file, factors=FACTORS, positions=positions)
+    record = tmp_path / "fit.json"
+    options = ["--data", str(file), "--wrt", "young", "--where", "x > 0.999", "--out", str(record)]
+    status, out, err = command(capsys, tmp_path, *options)
+    assert status == 0, err
+    assert told(out) == pytest.approx(1e6, rel=1e-4)
+    found = json.loads(record.read_text())
+    assert found["converged"]
+    assert found["intervals"]["young"][0] <= found["values"]["young"] <= found["intervals"]["young"][1]
+
+
+def test_young_is_found_from_frequencies(capsys, tmp_path, curve):
+    file = tmp_path / "modes.csv"
+    file.write_text("\n".join(["frequency", *(f"{value}" if n != 2 else " " for n, value in enumerate(curve[1]))]))
+    status, out, err = command(capsys, tmp_path, "--data", str(file), "--wrt", "young")
+    assert status == 0, err
+    assert told(out) == pytest.approx(1e6, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("tip.txt", "z\n1", "its name must end in"),
+        ("tip.csv", "z", "no rows"),
+        ("tip.csv", "height\n1", "column 'height' is none of"),
+        ("tip.csv", "factor\n1", "none of the columns"),
+        ("tip.csv", "x,z\n1,2\n1,2", "need the column factor"),
+        ("tip.csv", "frequency,z\n1,2", "frequencies stand alone"),
+        ("tip.csv", "z\nfar", "could not convert"),
+        ("tip.json", "[1]", "must be one object"),
+        ("tip.json", '{"height": 1}', "'height' is none of"),
+        ("tip.json", "{}", "neither positions nor frequencies"),
+        ("none.json", None, "cannot read measurements"),
+        ("tip.csv", "frequency\n-1", "frequencies must be positive"),
+        ("tip.csv", "z\n1", "need --where"),
+    ],
+)
+def test_bad_measurements_end_with_status_2(capsys, tmp_path, name, text, message):
+    if text is not None:
+        (tmp_path / name).write_text(text)
+    status, _, err = command(capsys, tmp_path, "--data", str(tmp_path / name), "--wrt", "young")
+    assert status == 2
+    assert message in " ".join(err.split())

@@ -1,0 +1,80 @@
+"""Solutions by the factor of a matrix that has changed since."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sps
+
+import modalshell as ms
+from modalshell.modes import Factoriser, condensed_factor
+from modalshell.modes.kept_factor import solution_by_kept_factor
+from modalshell.work import counted
+
+
+def step_matrix(stiffer=1.0, heavier=1.0):
+    """Stiffness and inertia of a sheet, large enough that a factor is worth several solves."""
+    mesh = ms.sheet(cells=(40, 40))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), clamped=mesh.vertices[:, 0] < 0.01)
+    data = stiffer * shell.energy_gradient_hessian(shell.rest_positions, 0)[2]
+    data[shell.pattern.diagonal] += heavier * np.repeat(shell.mass, 3) * 3600.0
+    return shell.pattern.free_matrix(data)
+
+
+@pytest.fixture(scope="module")
+def matrix():
+    return step_matrix()
+
+
+@pytest.mark.parametrize("accuracy", [1e-1, 1e-2])
+def test_a_nearby_matrix_is_solved_to_the_accuracy(matrix, accuracy):
+    kept, near = Factoriser("cholesky").definite(matrix), step_matrix(0.8, 1.25)
+    right_side = np.random.default_rng(1).standard_normal(matrix.shape[0])
+    with counted() as work:
+        solution = solution_by_kept_factor(kept, near, right_side, accuracy)
+    assert np.linalg.norm(near @ solution - right_side) <= 1.001 * accuracy * np.linalg.norm(right_side)
+    assert work.factorisations == 0
+    assert 0 < work.solves <= kept.solves_a_factorisation
+
+
+def test_the_same_matrix_takes_one_solve(matrix):
+    kept = Factoriser("cholesky").definite(matrix)
+    right_side = np.random.default_rng(1).standard_normal(matrix.shape[0])
+    with counted() as work:
+        solution = solution_by_kept_factor(kept, matrix, right_side, 1e-8)
+    assert work.solves == 1
+    np.testing.assert_allclose(solution, kept.solve(right_side), rtol=0, atol=1e-12 * np.abs(solution).max())
+
+
+def test_a_condensed_factor_serves_the_whole_matrix(matrix):
+    internal = 30
+    kept = condensed_factor(Factoriser("cholesky").definite(matrix), internal)
+    right_side = np.random.default_rng(1).standard_normal(matrix.shape[0] - internal)
+    solution = solution_by_kept_factor(kept, matrix, right_side, 1e-8)
+    np.testing.assert_allclose(solution, kept.solve(right_side), rtol=0, atol=1e-12 * np.abs(solution).max())
+
+
+def test_indefinite_and_far_matrices_are_left_to_a_new_factor(matrix):
+    kept = Factoriser("cholesky").definite(matrix)
+    right_side = np.random.default_rng(1).standard_normal(matrix.shape[0])
+    assert solution_by_kept_factor(kept, sps.csc_array(-matrix), right_side, 1e-2) is None
+    assert solution_by_kept_factor(kept, step_matrix(100.0, 0.01), right_side, 1e-2) is None
+    assert solution_by_kept_factor(kept, matrix, np.zeros_like(right_side), 1e-2) is None
+
+
+def test_other_factors_are_not_kept(matrix):
+    kept = Factoriser("superlu").definite(matrix)
+    assert solution_by_kept_factor(kept, matrix, np.ones(matrix.shape[0]), 1e-2) is None
+
+
+def test_implicit_steps_take_fewer_factors_to_the_same_answer():
+    mesh = ms.sheet(cells=(40, 40))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 1e-3, 0.2), clamped=mesh.vertices[:, 0] < 0.01)
+    runs, work = [], []
+    for backend in ("cholesky", "superlu"):
+        with counted() as done:
+            model = ms.DiscreteShell(shell, backend=backend)
+            runs.append(ms.simulate(model, duration=3 / 60, dt=1 / 60, gravity=(0, 0, -9.81)))
+        work.append(done)
+    assert all(run.status == "completed" for run in runs)
+    assert work[0].factorisations <= 0.6 * work[1].factorisations
+    travel = np.abs(runs[1].positions[-1] - runs[1].positions[0]).max()
+    np.testing.assert_allclose(runs[0].positions, runs[1].positions, rtol=0, atol=1e-6 * travel)
