@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+import platform
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
+import numba
+
 from modalshell.atomic_io import make_folder, write_text
 from modalshell.errors import OptionError
+from modalshell.kernels import packed
 from modalshell.provenance import run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
 from studies.benchmarks import crowd, discrete_shell, factorisation, frame, modes
@@ -48,10 +53,18 @@ def main(
     stem = "benchmarks" if only is None else f"benchmarks_{only}"
     written = [write_text(out / f"{stem}.json", json.dumps({"record": record, "rows": rows}, indent=1) + "\n")]
     pages = "\n\n".join(f"## {name}\n\n{table(found)}" for name, found in rows.items())
-    written.append(write_text(out / f"{stem}.md", f"# Benchmarks\n\nMade by `modalshell bench`.\n\n{pages}\n"))
+    written.append(
+        write_text(out / f"{stem}.md", f"# Benchmarks\n\nMade by `modalshell bench` on {processor()}.\n\n{pages}\n")
+    )
     if "frame" in rows and "frame_scaling" in rows:
         written.append(draw(rows["frame"], rows["frame_scaling"], out / "benchmarks.png"))
     return written
+
+
+def processor() -> str:
+    """The processor as LLVM names it, or the one that numba was told to compile for, and the width of its registers."""
+    name = numba.config.CPU_NAME or llvmlite.binding.get_host_cpu_name()  # type: ignore[attr-defined]
+    return f"a {platform.machine()} processor ({name}), kernels for registers of {8 * packed.BYTES} bits"
 
 
 def table(rows: list[dict[str, Any]]) -> str:
