@@ -205,7 +205,7 @@ _SMALL = 3000
 def told_factorisations() -> str:
     """Which factorisation takes which matrices, and why."""
     return (
-        f"cholesky (multifrontal, our own) from {_SMALL:,} unknowns on, where it is 4 to 6 times as fast; superlu (SciPy) "
+        f"cholesky (multifrontal, our own) from {_SMALL:,} unknowns on, 4 to 6 times as fast; superlu (SciPy) "
         "below, where compilation would not pay, and for matrices that are not positive definite"
     )
 
