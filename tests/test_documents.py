@@ -90,17 +90,23 @@ def test_every_python_block_of_contributing_has_a_name_and_is_run_by_a_test():
         assert (ROOT / name).is_file()
 
 
-def test_the_project_file_of_contributing_names_its_entry_point():
-    project = tomllib.loads(source("pyproject.toml"))["project"]
-    assert project["entry-points"] == {"modalshell": {"scaled": "toy_record"}}
+def test_the_project_file_of_contributing_names_its_modules():
+    written = tomllib.loads(source("pyproject.toml"))
+    modules = {*written["tool"]["setuptools"]["py-modules"], *written["tool"]["setuptools"]["packages"]}
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    assert modules == {name.split("/")[0] for name in re.findall(r"^\*\*`(toy_\w+)", text, re.MULTILINE)}
+    assert set(written["project"]["entry-points"]["modalshell"].values()) <= modules
 
 
 def test_the_scene_of_readme_runs(folder):
     (block,) = blocks(README, "toml")
-    (folder / "scene.toml").write_text(block.replace("duration = 4.0", "duration = 0.2"), encoding="utf-8")
-    result = ms.run_scene(folder / "scene.toml", out=folder / "out")
-    assert result.outcome is ms.Outcome.COMPLETED
-    assert (folder / "out" / "scene.mp4").stat().st_size > 1000
+    (folder / "plate.toml").write_text(block, encoding="utf-8")
+    assert call("modalshell run plate.toml") == 0
+    assert (folder / "results" / "plate.png").stat().st_size > 1000
+    scene = ms.load_scene(folder / "plate.toml")
+    positions = ms.load_trajectory(folder / "results" / "plate.npz").positions[-1]
+    assert 1e-3 < positions[:, 2].max() < 5e-3
+    assert scene.build_shell().fields(positions).von_mises.max() > 1e7
 
 
 @pytest.mark.slow
