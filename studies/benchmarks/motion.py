@@ -5,7 +5,9 @@ On one thread, by the processor's clock.
 
 from __future__ import annotations
 
+import itertools
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -42,12 +44,12 @@ def measured(model: ModalModel, count: int, repeats: int) -> dict[str, Any]:
     state = ms.simulate(model, duration=0.5, dt=STEP, gravity=GRAVITY).positions[-1]
     moving = model.start_motion(state)
     stored = np.empty((count + 1, *shell.rest_positions.shape))
-    numbers = iter(np.resize(np.arange(count + 1), 10_000_000))
+    numbers = itertools.cycle(range(count + 1))
 
     def store() -> None:
         stored[next(numbers)] = state
 
-    calls = {
+    calls: dict[str, Callable[[], object]] = {
         "simulate": partial(ms.simulate, model, duration=count * STEP, dt=STEP, gravity=GRAVITY),
         "step": partial(model.step, moving, STEP, load, Damping()),
         "positions": partial(model.positions, moving),
