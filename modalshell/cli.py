@@ -173,8 +173,8 @@ def main(arguments: list[str] | None = None) -> None:
     except MemoryError as error:
         if debug:
             raise
-        told = f"{shortened(str(error))}; " if str(error) else ""
-        advice = f"{told}{gigabytes(available_memory())} are free: take a coarser mesh, fewer modes or frames"
+        known = f"{shortened(str(error))}; " if str(error) else ""
+        advice = f"{known}{gigabytes(available_memory())} are free: take a coarser mesh, fewer modes or frames"
         print(f"modalshell: out of memory: {advice}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:

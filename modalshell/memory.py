@@ -43,7 +43,7 @@ def available_memory() -> int:
 
 
 def gigabytes(size: float) -> str:
-    """A number of bytes in words."""
+    """A number of bytes as text."""
     return f"{size / 1e9:.3g} GB" if size >= 1e8 else f"{size / 1e6:.3g} MB"
 
 

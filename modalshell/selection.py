@@ -242,7 +242,7 @@ def _component(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
 def _numbered(name: str, labels: NDArray[np.int64], number: float) -> int:
     if not 0 <= number < len(labels) or number != int(number):
         raise _NoSuchPartError(
-            f"{name} must be a whole number below {len(labels)}, as there are so many (got {number:g})"
+            f"{name} must be a whole number below {len(labels)}, the number of them (got {number:g})"
         )
     return int(labels[int(number)])
 

@@ -1,4 +1,4 @@
-"""Speed-up of a sheet's steps against its size, beside the published ones (reads the study ``spring_sheet_speed``)."""
+"""Speed-up of a sheet's steps against its size, with published ones (reads the study ``spring_sheet_speed``)."""
 
 from __future__ import annotations
 

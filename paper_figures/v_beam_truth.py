@@ -1,4 +1,4 @@
-"""Drops of V-beams under growing gravity: models of both energies beside finite elements (``v_beam_truth``)."""
+"""Drops of V-beams under growing gravity: models of both energies against finite elements (``v_beam_truth``)."""
 
 from __future__ import annotations
 

@@ -2,13 +2,13 @@
 
 A square sheet of particles, springs along the edges and across the hinges of its triangles, held along one side, falls
 under gravity. A frame of 1/30 s is three steps of implicit Euler, linearised once a step [baraff1998] and solved by ten
-iterations of conjugate gradients, as in the published program that this is held against. Of that program two numbers
+iterations of conjugate gradients, as in the published program that this is compared with. Of that program two numbers
 are taken: 125 s a frame with 160,000 particles on 4 threads, and up to 95 % of the time for the update of the matrix;
 sizes, steps and iterations are its own, its machine and its springs are not known, so its number is a mark, no race.
 
-Ten iterations are a budget, not a solution: the residual that they leave is told, over the load and momentum of a step,
-and how many iterations (and seconds) a residual of 1e-3 takes. The more particles share a sheet, the lighter each is,
-and the further ten iterations fall short. An explicit step of the same springs is timed beside, times the steps that
+Ten iterations are a budget, not a solution: the residual that they leave is reported, over the load and momentum of a
+step, and how many iterations (and seconds) a residual of 1e-3 takes. The more particles share a sheet, the lighter each
+is, and the further ten iterations fall short. An explicit step of the same springs is timed too, times the steps that
 its stability asks for in a frame.
 
 Run it alone with ``modalshell reproduce --only cloth_scaling``; times hold for the machine that it runs on.

@@ -223,7 +223,7 @@ def _scatter(surface: _Surface, vertices: int, rounds: int = 60) -> tuple[Floats
 
 
 def _flip(mesh: TriangleMesh) -> Ints:
-    """Return the faces after flipping the edges that are not Delaunay, none beside another."""
+    """Return the faces after flipping the edges that are not Delaunay, none next to another."""
     opposite = [angles(mesh.vertices[mesh.hinges[:, [apex, 0, 1]]])[:, 0] for apex in (2, 3)]
     excess = opposite[0] + opposite[1] - np.pi
     order = np.argsort(-excess, kind="stable")[: np.count_nonzero(excess > 1e-3)]

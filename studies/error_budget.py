@@ -3,7 +3,7 @@
 The method of 2007 takes modes of discrete shells (hinges) and warps them; its error was measured against the discrete
 shells themselves. Here the truth is shell theory (Isotropic shells) on the same mesh, and the error is parted: *hinges*
 is what calibrated discrete shells are off shell theory, *modes and warp* what MWTS on their modes is off the discrete
-shells. Beside it stand MWTS on modes of shell theory, which has no part of the hinges, and what the mesh leaves of
+shells. It is listed with MWTS on modes of shell theory, which has no part of the hinges, and what the mesh leaves of
 shell theory's answer (against cells of half the size). All are displacements in the mass norm, relative to those of the
 truth, at 0.2, 0.5 and all of a load under which the tip would move by half a length in linear theory: a quarter for the
 V-beam and a fortieth for the panel, which snap.
@@ -96,7 +96,7 @@ def load_of(shell: ms.Shell, how: str) -> np.ndarray:
 
 
 def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
-    """Errors of one shape on one mesh family, one row a load."""
+    """Errors of one shape on one mesh family, one row per load."""
     kind, poisson, how, most = SHAPES[name]
     mesh = shape(kind, family, across)
     stuff = sheet(kind, poisson)
@@ -150,7 +150,7 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
 
 
 def table(result: StudyResult) -> str:
-    """One row a shape, mesh and load, as a Markdown table."""
+    """One row per shape, mesh and load, as a Markdown table."""
     heads = ("mwts on hinges", "hinges", "modes and warp", "mwts on shell theory", "of the mesh")
     words = ("MWTS on hinges", "of that hinges", "of that modes and warp", "MWTS on shell theory", "the mesh")
     lines = ["Errors of displacement against shell theory [%]; parts add up as vectors:", ""]

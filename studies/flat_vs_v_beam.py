@@ -1,7 +1,7 @@
 """Paper Fig. 4: how a fold stiffens a beam. Flat and V-beams at flexure x1, x10, x100, by MWTS with 8 modes.
 
 A fold carries bending by its membrane, a flat beam by its flexure alone: the flat beam's drop falls with the flexural
-stiffness, the V-beam's hardly, until flexure is as stiff as the fold. Every MWTS shape is held against DS.
+stiffness, the V-beam's hardly, until flexure is as stiff as the fold. Every MWTS shape is compared with DS.
 
 Run it alone with ``modalshell reproduce --only flat_vs_v_beam``.
 """

@@ -1,7 +1,7 @@
 """Is the advice right? Random scenes, and loads at which nothing was measured for it.
 
 Shapes, materials, loads, and the error asked for are drawn from a seed. For each scene ``advise`` names a rung; it is
-right if at loads between its own the rung meets the asked error against DS solved anew from rest, and no rung with a
+right if at loads between its own the rung meets the asked error against DS solved again from rest, and no rung with a
 cheaper frame (by more than a near tie) does. Where it names none, none must meet both demands.
 
 Run it alone with ``modalshell reproduce --only held_out_advice``.
@@ -132,7 +132,7 @@ def checked(case: Case, error: float) -> dict[str, Any]:
 
 
 def table(result: StudyResult) -> str:
-    """One row a scene, and the count."""
+    """One row per scene, and the count."""
     lines = ["| scene | asked | advice | measured | held-out loads | snaps | cheaper rungs that meet it |"]
     lines.append("|---|---|---|---|---|---|---|")
     rows = result.findings["rows"]

@@ -1,7 +1,7 @@
 """Paper Fig. 3: a large mesh in real time, four modes, driven by moving its supports unevenly.
 
 A creature of 13,000 vertices stands on its open feet; the ground under it starts, stops and turns. MWTS with four modes
-(paper: 13,117 vertices, 18 s of preprocessing, 200 frames/s) answers every frame; LMA stands beside it. The study
+(paper: 13,117 vertices, 18 s of preprocessing, 200 frames/s) answers every frame; LMA is measured too. The study
 lists what preprocessing costs, part by part, and the rate of whole frames: load, modal step and positions.
 
 Run it alone with ``modalshell reproduce --only large_mesh``.

@@ -55,7 +55,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 
 def critical(strip: dict[str, float], energy: str, family: str) -> float | None:
-    """Gamma of the first bifurcation; None where there is none within the range."""
+    """Gamma of the first bifurcation; None if there is none within the range."""
     across = 4 if strip["width"] < 0.15 else 8 if strip["width"] < 0.3 else 16
     stretch = 2.0 / np.sqrt(3.0) if family == "equilateral" else 1.0
     cells = (round(across / strip["width"] / stretch), across)
@@ -71,7 +71,7 @@ def critical(strip: dict[str, float], energy: str, family: str) -> float | None:
 
 
 def table(result: StudyResult) -> str:
-    """One row a strip, energy and mesh, as a Markdown table."""
+    """One row per strip, energy and mesh, as a Markdown table."""
     lines = ["Critical Γ of strips of length 1:", ""]
     lines.append("| width | Poisson's ratio | energy | mesh | found | finite elements | off [%] | narrow strip |")
     lines.append("|---" * 8 + "|")

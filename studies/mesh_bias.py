@@ -101,7 +101,7 @@ def deviation(energy: str, mesh: ms.TriangleMesh, problem: str) -> float:
 
 
 def navier(x: np.ndarray, y: np.ndarray, terms: int = 61) -> np.ndarray:
-    """Deflection of the supported unit square with D = 1 under a load of 1, all told, at coordinates in [0, 1]."""
+    """Deflection of the supported unit square with D = 1 under a total load of 1, at coordinates in [0, 1]."""
     waves = np.arange(1, terms, 2)
     m, n = waves[:, None], waves[None, :]
     weights = 16.0 / (np.pi**6 * m * n * (m**2 + n**2) ** 2)

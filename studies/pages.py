@@ -24,7 +24,7 @@ def read_tables(text: str) -> list[Table]:
 
 
 def number(cell: str) -> float:
-    """First number of a cell such as "12,102" or "-3.1 %"; ValueError where there is none."""
+    """First number of a cell such as "12,102" or "-3.1 %"; ValueError if there is none."""
     found = re.search(r"[-+]?\d[\d,]*(\.\d+)?(e[-+]?\d+)?", cell)
     if found is None:
         raise ValueError(f"no number in {cell!r}")

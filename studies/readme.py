@@ -79,7 +79,7 @@ SCENES = """
 modalshell run studies/scenes/leaf_wind.toml
 ```
 
-runs one. `modalshell reproduce --pages` writes the web pages anew. Download a page and open it: it moves without a
+runs one. `modalshell reproduce --pages` writes the web pages. Download a page and open it: it moves without a
 server or a network, in any browser with WebGL2. The flock's run makes [a film](../paper_figures/flock.mp4) and reports
 the largest error of its levels of detail in pixels.
 

@@ -140,7 +140,7 @@ def step_seconds(model: FullModel, answer: Any, gravity: float) -> float:
 
 
 def table(result: StudyResult) -> str:
-    """Table in Markdown: errors of each reference fold, and times, one row a load."""
+    """Table in Markdown: errors of each reference fold, and times, one row per load."""
     folds = result.findings["folds"]
     heads = " | ".join(f"error, fold {fold:g}" for fold in folds)
     lines = [f"| sheet | Γ | {heads} | static [s]: DS | springs | step [ms]: DS | springs |"]

@@ -1,7 +1,7 @@
 """Load-deflection paths through snaps: folded strips, a panel, a tape spring, the hinged roof and Lee's frame.
 
 Each path of equilibria is followed by arc length through its limit points, its stability counted at every point. Three
-are held against what is known of them:
+are compared with known results:
 
 * Lee's frame, a narrow strip of shell theory without Poisson effect, against the elastica (:mod:`elastica_frame`).
 * The hinged cylindrical roof under a load at its centre [sze2004, 3.8], with thicknesses of 12.7 and 6.35 mm: the thick
@@ -106,7 +106,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 
 def numbers_of(path: ms.EquilibriumPath) -> dict[str, Any]:
-    """What of a path is told: its curve, its events and its marks."""
+    """The reported data of a path: its curve, events and marks."""
     marks = Marks.of(path)
     return {
         "factors": path.factors,

@@ -1,8 +1,8 @@
 """Steps of a sheet of masses and springs: NumPy, compiled kernels, threads and devices, from 64^2 to 1024^2 masses.
 
 Every way takes the same Verlet steps of the same crumpled sheet (structural, shear and flexion springs, 12 a mass). How
-far each ends from NumPy's float64, over the largest displacement, is told. The ways take turns, so that all are timed
-under the same conditions.
+far each ends from NumPy's float64, over the largest displacement, is reported. The ways take turns, so that all are
+timed under the same conditions.
 The streaming bound is what the machine would do if springs cost nothing: two states read and one written a step, at the
 speed at which one core copies a large array. Small sheets stay in the caches and may pass it.
 

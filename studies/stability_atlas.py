@@ -13,7 +13,7 @@ through a named base point are mapped for every model with every integrator, and
 
 The static answer (on the mesh without needles) is the truth where the run is long enough to settle: where damping
 leaves 1/200 of a motion. Shorter runs, undamped ones, loads at which DS statics finds no answer and the rigid body are
-held against the same model at half the step, twice as many of them: that says nothing of the model, only of the step.
+compared with the same model at half the step, twice as many of them: that says nothing of the model, only of the step.
 
 Limits that have a theory are measured by bisection, see ``stability_limits``.
 
@@ -55,7 +55,7 @@ TOLERANCE = 0.1
 FEWEST, MOST = 40, 80
 """Steps of a run."""
 PATIENCE = 6
-"""Steps without convergence after which a run is given up."""
+"""Steps without convergence after which a run is aborted."""
 LEFT = 1.0 / 200.0
 AGREES = "agrees with half the step"
 OUTCOMES = (
@@ -114,7 +114,7 @@ def classify(trajectory: Trajectory, truth: np.ndarray | None, static: bool = Tr
 
 
 def follow(row: models.IntegratedModel, model: Model, scene: models.StripScene, dt: float, count: int) -> Trajectory:
-    """A run of ``count`` steps; given up once a few steps have not converged. ModalShellError where it is refused."""
+    """A run of ``count`` steps; aborted once a few steps have not converged. ModalShellError where it is refused."""
     damping = scene.rayleigh
     spins = row.kind == "rigid"
     gravity = None if spins else scene.gravity
@@ -386,7 +386,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 
 def table(result: StudyResult) -> str:
-    """Where each row works and what ends it, in words; then every limit that has a theory beside its measurement."""
+    """Where each row works and what ends it, as text; then every limit that has a theory, with its measurement."""
     return page(result)
 
 

@@ -74,7 +74,7 @@ def dies_out(step: Callable[[np.ndarray], np.ndarray], start: np.ndarray, count:
 
 
 def at_rest(model: ModalModel, gravity: np.ndarray) -> np.ndarray | None:
-    """Coordinates (m,) of the model's equilibrium, stable or not; None where there is none."""
+    """Coordinates (m,) of the model's equilibrium, stable or not; None if there is none."""
     answer = model.equilibrium(gravity=gravity)
     return answer.coordinates if answer.residual < 1e-6 else None
 
@@ -97,7 +97,7 @@ def settles(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping,
 
 
 def grows(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping) -> float:
-    """Rate [1/s] at which theory has small motion about the equilibrium grow; infinite where there is none."""
+    """Rate [1/s] at which theory has small motion about the equilibrium grow; infinite if there is none."""
     q = at_rest(model, gravity)
     if q is None:
         return np.inf
@@ -248,7 +248,7 @@ def _noise(shape: tuple[int, ...], held: np.ndarray) -> np.ndarray:
 
 
 def grid_of(shear: float, flexion: float, drag: float) -> SheetGrid:
-    """A pinned grid of 24 x 24 masses, its springs over the structural ones, its drag over its highest frequency."""
+    """A grid of 24 x 24 masses, some fixed: by stiffness over the structural one, and drag over frequency."""
     corners = np.zeros((24, 24), bool)
     corners[0, [0, -1]] = True
     grid = SheetGrid(

@@ -175,7 +175,7 @@ def first_frequency(ratio: float, fold: float) -> float:
 
 @cache
 def static_tip(ratio: float, gamma: float, fold: float) -> np.ndarray | None:
-    """Displacement (3,) [m] of the tip in the static answer of DS; None where there is none."""
+    """Displacement (3,) [m] of the tip in the static answer of DS; None if there is none."""
     shell = shell_of(ratio, 1.0, fold)
     answer = ms.DiscreteShell(shell).equilibrium(gravity=replace(BASE, gamma=gamma).gravity)
     return tip_displacement(answer.positions, shell.rest_positions) if answer.converged else None

@@ -1,4 +1,4 @@
-"""The page of the study ``stability_atlas``: what its maps and limits say, in words."""
+"""The page of the study ``stability_atlas``: explanation of its maps and limits."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ADVICE = """Before choosing a step:
 * MWTS and RSW take their modal force from the step before, or from a predicted middle. Long steps lose the equilibrium
   by that, the sooner the larger the load: where `studies.modal_steps.step_radius` passes one.
 * MWTS loses its equilibrium under large loads at any step, by flutter; damping puts it off. RSW does not.
-* Needles of an aspect of 1e5 have modes refused and DS not converged, MD-ROM and springs sooner; no step mends that, a
+* Needles of an aspect of 1e5 have modes refused and DS not converged, MD-ROM and springs sooner; no step avoids that, a
   better mesh does.
 * A flat sheet of springs has no bending stiffness at small angles and hangs as cloth does: the maps call that
   inaccurate whatever the step, and right only where the load outweighs the bending.
@@ -32,7 +32,7 @@ ADVICE = """Before choosing a step:
 
 
 def page(result: StudyResult) -> str:
-    """Where each row works and what ends it, in words; then every limit that has a theory beside its measurement."""
+    """Where each row works and what ends it, as text; then every limit that has a theory, with its measurement."""
     found = result.findings
     planes = {key: SimpleNamespace(**plane) for key, plane in found["slices"].items()}
     base, cells = (result.record["parameters"][key] for key in ("base", "cells"))

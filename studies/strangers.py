@@ -37,7 +37,7 @@ class Stranger(NamedTuple):
 
 
 def installed_files(per_package: int) -> list[Stranger]:
-    """Mesh files of the installed packages, at most so many of each, from as many of its folders as it has."""
+    """Mesh files of the installed packages, at most ``count`` of each, from as many of its folders as it has."""
     found = []
     known: set[tuple[str, int]] = set()
     for package in sorted(distributions(), key=lambda one: one.name.lower()):
@@ -67,7 +67,7 @@ def spread(items: Sequence[Any], count: int) -> list[Any]:
 
 
 def generated(folder: Path, per_package: int, only: str | None = None) -> list[Stranger]:
-    """Shapes that installed packages (``only`` one) generate, at most so many of each, written to ``folder`` as OBJ."""
+    """Shapes that installed packages (``only`` one) generate, at most ``per_package``, written to ``folder`` as OBJ."""
     found = []
     for package, shapes in GENERATORS.items():
         if only not in (None, package):

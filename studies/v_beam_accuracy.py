@@ -106,7 +106,7 @@ def snap_of(marks: Marks, gamma: float) -> dict[str, float | None] | None:
 
 
 def table(result: StudyResult) -> str:
-    """The findings as a Markdown table, one row a load."""
+    """The findings as a Markdown table, one row per load."""
     compared = [LINEAR, WARPED, ms.models()[TRUTH]]
     names = " | ".join(spec.name for spec in compared)
     lines = [f"| membrane | Γ | DS ridge tip [L] | LMA error | MWTS error | area: {names} | tangent |"]

@@ -1,4 +1,4 @@
-"""V-beams under their weight, every model of both bending energies beside finite elements, through the snap.
+"""V-beams under their weight, every model of both bending energies against finite elements, through the snap.
 
 The references are solid finite elements with geometric nonlinearity (``studies/finite_elements.json``): folds of 150
 and 120 degrees, gravity down (the free edges are compressed) and up, and a wider beam whose fold flattens between

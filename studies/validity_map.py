@@ -1,7 +1,7 @@
 """Which rung does a strip need? Errors of the ladder over fold angle, membrane stiffness and load, against DS.
 
 A strip, folded along its middle by more or less, hangs under growing gravity. For every fold (at one membrane
-stiffness) and for every membrane stiffness (at one fold) each rung's equilibrium is held against DS on the same mesh;
+stiffness) and for every membrane stiffness (at one fold) each rung's equilibrium is compared with DS on the same mesh;
 the map shows the cheapest rung that stays within 1, 5 and 20 % of its displacement. The path of equilibria of each
 strip is followed through its snap: bifurcation, limit point and the load from which states after the snap are stable
 are drawn. Beyond the snap no rung on rest modes is of use, and DS on a coarse mesh takes over.
@@ -49,7 +49,7 @@ RUNGS = tuple(
 )
 """Records below DS, cheapest first: those with a shape of their own, and with the bending that a flat strip needs.
 
-Rungs that are trained on motions are left out: every strip would be trained anew.
+Rungs that are trained on motions are left out: every strip would need its own training.
 """
 LADDER = tuple(spec.name for spec in RUNGS)
 
@@ -139,7 +139,7 @@ def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
 
 
 def table(result: StudyResult) -> str:
-    """Largest Gamma up to which each rung stays within each tolerance, one row a strip."""
+    """Largest Gamma up to which each rung stays within each tolerance, one row per strip."""
     found = result.findings
     lines = [
         "| strip | snap at Γ | bifurcation | limit | stable again | "

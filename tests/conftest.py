@@ -27,12 +27,14 @@ settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")  # the same examples in every run; others by --hypothesis-profile=default
 
 SLOW_STUDIES = {"held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "strangers_meshes", "tradeoff"}
+SLOW_STUDIES |= {"held_out_snaps"}
 SLOW_STUDIES |= {
     "cloth_scaling",
     "dancing_character",
     "error_budget",
     "large_deflection_benchmarks",
     "mesh_bias",
+    "obstacle_course",
     "snap",
 }
 SLOW_STUDIES |= {"plate_frequencies", "spring_sheet_speed", "v_beam_truth"}

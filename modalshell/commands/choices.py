@@ -40,12 +40,12 @@ class Ends:
     ----------
     held : ndarray of bool, shape (n,)
         One end of each connected part.
-    told : str
+    description : str
         Description for the user.
     """
 
     held: NDArray[np.bool_]
-    told: str
+    description: str
 
 
 def hold_one_end(mesh: TriangleMesh, gravity: Array) -> Ends:

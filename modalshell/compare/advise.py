@@ -130,12 +130,19 @@ def advise(
 
     Parameters
     ----------
+    scene : Scene, path or Shell
+        As for :func:`modalshell.tradeoff`.
     error : float
         Largest displacement error against DS over the load range, relative to how far DS moves.
     fps : float
         Frame rate [1/s] on this machine; a model must reach :data:`RATE_MARGIN` times as much.
-    scene, gravity, force, coarse, modes, loads, on_step
-        See :func:`modalshell.compare.tradeoff.tradeoff`.
+    gravity, force, coarse, modes, loads, on_step : optional
+        As for :func:`modalshell.tradeoff`.
+
+    Returns
+    -------
+    Advice
+        The advice, with all measurements.
     """
     wanted = checked_number("error", error, above=0.0)
     rate = checked_number("fps", fps, above=0.0, unit="1/s")
@@ -231,7 +238,7 @@ def _measured_text(measured: Tradeoff) -> list[str]:
     text = [
         f"Measured: static answers of {len(measured.rows)} rungs at {shares} of the load against DS on the same mesh "
         f"({len(case.shell.rest_positions)} vertices), and frames of {1000 * case.dt:.3g} ms in motion: their "
-        "counted work, the same on every machine, ranks the rungs; their median time is held against the frame rate."
+        "counted work, the same on every machine, ranks the rungs; their median time is compared with the frame rate."
     ]
     text += [f"{case.told[0].upper()}{case.told[1:]}."] if case.told else []
     if unknown := [f"{path.factors[k]:g}" for k in range(len(path.factors)) if k not in path.known]:

@@ -84,7 +84,7 @@ class Flock:
     flock_position : array_like, shape (3,)
         Where the flock belongs [m]: a boid without neighbours flies there.
     target : array_like, shape (3,), optional
-        Where all boids are drawn besides [m].
+        Point that attracts all boids [m].
     target_weight : float
         Weight of the target against the other rules; may be changed between steps, as may ``target``.
     bounds : array_like, shape (2, 3), optional

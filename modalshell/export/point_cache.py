@@ -13,7 +13,7 @@ from modalshell.motion import Trajectory
 
 
 def save_pc2(run: Trajectory, path: Path) -> Path:
-    """Write a PC2 file: one sample a frame from frame 0, little-endian float32, z up; the times are not in it."""
+    """Write a PC2 file: one sample per frame from frame 0, little-endian float32, z up; the times are not in it."""
     frames, vertices = run.positions.shape[:2]
 
     def write(file: IO[bytes]) -> None:

@@ -93,7 +93,7 @@ def _own(folder: Path) -> Path:
 
 
 def _writable(folder: Path) -> Path:
-    """``folder``, made if need be; OSError where nothing can be written to it."""
+    """``folder``, created if missing; OSError if it is not writable."""
     if not folder.is_absolute():
         raise FileNotFoundError(f"{folder} is no absolute path")
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -103,7 +103,7 @@ def _writable(folder: Path) -> Path:
 
 @functools.cache
 def cache_folder() -> Path | None:
-    """Where compiled kernels are kept; None where nothing can be written, and every process compiles anew.
+    """Where compiled kernels are kept; None where nothing can be written, and every process compiles again.
 
     Numba's own variable ``NUMBA_CACHE_DIR`` goes first, then the user's cache folder, then a temporary one.
     """

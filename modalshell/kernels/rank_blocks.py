@@ -10,7 +10,7 @@ def fill(starts, others, lower, blocks, weight, free, values):  # type: ignore[n
     """Write the blocks of every row into ``values`` (springs + rows, 3, 3), the diagonal one after the ``lower`` ones.
 
     Row i has ``weight[i] I`` plus the sum of its springs' ``a I + m m^T`` (``blocks``, see
-    :mod:`modalshell.kernels.spring_blocks`) on the diagonal and minus each beside it. Blocks that join a particle that
+    :mod:`modalshell.kernels.spring_blocks`) on the diagonal and minus each off it. Blocks that join a particle that
     is not ``free`` are 0, so that the matrix stays symmetric and leaves it alone.
     """
     for i in range(starts.size - 1):

@@ -10,7 +10,7 @@ with :math:`c_1 = \sin\phi/\phi`, :math:`c_2 = (1-\cos\phi)/\phi^2`, :math:`c_3 
 
 From :math:`\phi = 0` to 20 rad (modal states beyond 2 pi count as wound up), R, :math:`\tilde R` and their derivatives
 by w are within 1e-14 of those of w as it is stored, in the Frobenius norm and relative to it (of all 27 numbers for a
-derivative). Beyond, the rounding of :math:`\phi` itself is felt: within 4.5e-16 for every radian.
+derivative). Beyond, the rounding of :math:`\phi` itself dominates: within 4.5e-16 for every radian.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from modalshell.kernels.generated.flexure import (
 
 @njit(**OPTIONS)
 def colour_triangles(neighbours: Any, colours: Any) -> None:
-    """Colour triangles 0 and 1 so that few neighbours (T, 3; -1 where there is none) share theirs; colours start at -1.
+    """Colour triangles 0 and 1 so that few neighbours (T, 3; -1 for none) share theirs; colours start at -1.
 
     In order of the list each takes the colour that fewer of its neighbours have; then triangles change theirs as long
     as that parts more neighbours than it joins.

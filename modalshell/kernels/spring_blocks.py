@@ -146,7 +146,8 @@ def _move(first, last, factor, step, x):  # type: ignore[no-untyped-def]
 def forces(springs, zeta, drag, mass, x, v, load, out):  # type: ignore[no-untyped-def]
     """Write ``load - drag M v`` plus the force of springs and dashpots into ``out`` (n, 3).
 
-    ``springs`` are (starts, others, stiffness, rest, dashpot), ``zeta`` a dashpot's share of each stiffness besides.
+    ``springs`` are (starts, others, stiffness, rest, dashpot), ``zeta`` an additional dashpot as a fraction of each
+    stiffness.
     """
     n = mass.size
     for k in prange(PARTS):

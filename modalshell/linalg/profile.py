@@ -176,7 +176,8 @@ class ProfileAnalysis:
     matrix : csc_array, shape (N, N)
         A matrix with the pattern, both triangles stored.
     points : ndarray, shape (N / 3, d), optional
-        Where the 3 x 3 blocks are: orders along each axis are tried besides reverse Cuthill-McKee [george1981, 4.3].
+        Where the 3 x 3 blocks are: orders along each axis are tried in addition to reverse Cuthill-McKee [george1981,
+        4.3].
 
     Attributes
     ----------

@@ -61,7 +61,7 @@ class Loading:
         dead: Array,
         loads: Sequence[Load],
     ) -> Loading:
-        """The loads on a shell of vertex masses (n,) [kg] at ``rest`` (n, 3) [m], besides a dead one (n, 3) [N].
+        """The loads on a shell of vertex masses (n,) [kg] at ``rest`` (n, 3) [m], added to a dead one (n, 3) [N].
 
         LoadError where the forces of a load are of the wrong shape or not finite.
         """

@@ -288,7 +288,7 @@ class ModalModel(Model):
     def _slowed(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, matrix: Array
     ) -> MotionState:
-        """``state`` with modal forces ``-matrix (v - v_n)`` besides, taken at the step's end."""
+        """``state`` corrected by implicit modal forces ``-matrix (v - v_n)``."""
         if self._unit_step is None or self._unit_step[0] != (dt, damping):
             eigenvalues = self.basis.eigenvalues
             rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)

@@ -125,7 +125,7 @@ def equilibrium_path(
     ----------
     model : Model, Shell or EnergyFunction
         DS, of either energy, RSW, MD-ROM or another model with a potential; a shell stands for its DS.
-    gravity, force, loads
+    gravity, force, loads : optional
         The load at a factor of 1, as in :meth:`Model.equilibrium`; ``force`` (N,) of an EnergyFunction.
     until : float
         Load factor at which the path ends.
@@ -137,7 +137,7 @@ def equilibrium_path(
         What the steps are measured by. Load control ends at the first limit point, displacement control where the
         watched displacement turns back.
     watch : (selection, direction), optional
-        The displacement that is told: the mean of these vertices' along a direction. Without it the mean along the
+        The displacement to report: the mean of these vertices' along a direction. Without it the mean along the
         load, weighted by its forces. Weights (N,) of the unknowns of an EnergyFunction.
     steps : int
         Steps at least from ``begin`` to ``until``.

@@ -83,7 +83,7 @@ class ReducedTangent(ABC):
 
     @abstractmethod
     def moved(self, rates: Array, name: str) -> Array:
-        """Rates (n, 3, k) of the positions, of the coordinates' (r, k) and of what a parameter does besides."""
+        """Rates (n, 3, k) of the positions, of the coordinates' (r, k) and of a parameter itself."""
 
     @abstractmethod
     def gained(self, weights: Array, rates: Array, name: str) -> Array:

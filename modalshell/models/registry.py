@@ -43,8 +43,8 @@ class ModelSpec:
         Makes the model from what it ``needs``, in this order: the shell; a basis; a basis and loads (k, n, 3) [N] to
         train on; the shell and the same surface as a coarse shell; the same with a load (n, 3) [N] to train on.
         Its further parameters are the keys of a scene's ``[model]`` table, with their types and defaults, as
-        far as TOML can state them. A parameter ``count`` of modes is the key ``modes``, which models on a basis
-        have besides.
+        far as TOML can state them. A parameter ``count`` of modes is the key ``modes``; models on a basis have
+        that key too.
     needs : {"shell", "basis", "training", "coarse mesh", "coarse training"}
         What the builder takes.
     cost : float

@@ -21,7 +21,7 @@ class SpringSheet(FullModel):
     Springs along the edges resist stretch and shear as those of a discrete shell do, less the area energy. Springs
     across hinges resist bending only at second order: the energy of a *flat* sheet grows with the fourth power of the
     fold angle, so that it has no bending stiffness at rest, its bending modes have frequency zero, and no stiffness
-    fits more than one curvature; they add to the membrane besides. A sheet *curved* at rest is resisted by them at
+    fits more than one curvature; they also stiffen the membrane. A sheet *curved* at rest is resisted by them at
     first order, folding and unfolding alike. ``studies/sheet_vs_shell.py`` measures what that costs.
 
     Parameters
@@ -37,7 +37,7 @@ class SpringSheet(FullModel):
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
     iterations : int
         Largest number of conjugate-gradient iterations per step.
-    allow_unstable_step, step_tolerance, backend
+    allow_unstable_step, step_tolerance, backend : optional
         As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
     reference_fold : float
         Fold [rad] at which :func:`modalshell.springs.shell_springs` hold the hinges' energy.

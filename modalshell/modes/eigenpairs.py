@@ -340,7 +340,7 @@ def _check_rounding(shell: Shell, data: Array, values: Array, strain: Array) -> 
     false = _stiffness_of_rounding(shell, data)
     if elastic.size and false > _FALSE_STIFFNESS * elastic.min():
         raise SolverError(
-            f"rounding gives rigid motions a stiffness of {false:.3g} 1/s^2, beside a lowest eigenvalue of "
+            f"rounding gives rigid motions a stiffness of {false:.3g} 1/s^2, with a lowest eigenvalue of "
             f"{elastic.min():.3g} 1/s^2, so that modes may be wrong or missing; {_ILL_CONDITIONED}"
         )
 

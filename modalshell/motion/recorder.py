@@ -104,7 +104,7 @@ class Recorder:
     def resume(
         self, times: Array, energies: Array, residuals: Array, fault: Outcome | None, fault_time: float, seconds: float
     ) -> None:
-        """Go on after frames that were stored earlier: (F,), (F, 3), (F, k), their first fault, and their wall time."""
+        """Resume after stored frames: (F,), (F, 3), (F, k), their first fault, and their wall time."""
         self.times, self.energies, self.residuals = times.tolist(), list(energies), list(residuals)
         self.fault, self.fault_time = fault, fault_time
         self._watch, self._seconds_before = Stopwatch(), seconds

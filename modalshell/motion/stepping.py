@@ -231,7 +231,7 @@ class Motion:
         return {"now": self.state}
 
     def restore(self, arrays: dict[str, Array]) -> None:
-        """Go on from a :meth:`snapshot` of the same motion."""
+        """Resume from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.constraint_residuals = np.array(arrays["constraint_residuals"])
         states = [

@@ -50,7 +50,7 @@ plotter.close()
 print("modalshell-probe", "ok" if shown else "unseen")
 """
 _GRAPHICS_DEVICES = ("dri/renderD*", "nvidia[0-9]*", "dxg")
-"""Files under /dev of what runs OpenGL beside the processor: kernel drivers, NVIDIA's own, Windows' under WSL."""
+"""Files under /dev of devices that run OpenGL: kernel drivers, NVIDIA's own, Windows' under WSL."""
 _lock = threading.Lock()
 _told: set[tuple[str, ...]] = set()
 """Commands whose failure was warned of."""

@@ -167,7 +167,7 @@ def _checked_scalars(
         values = None if one is None else np.asarray(one, dtype=np.float64)
         expected = (frames, len(np.asarray(surface.vertices)))
         if values is not None and (values.shape != expected or not np.isfinite(values).all()):
-            raise OptionError(f"scalars must be finite numbers {expected}, one a frame and vertex (got {values.shape})")
+            raise OptionError(f"scalars must be finite, {expected}, one per frame and vertex (got {values.shape})")
         found.append(values)
     return found
 

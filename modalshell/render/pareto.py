@@ -109,7 +109,7 @@ def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
 
 
 def _write_texts(axes: Axes, panel: ParetoPanel) -> None:
-    """A text beside every point, at the first of a few places where it covers no other text, point or line."""
+    """A label next to every point, at the first of a few places where it covers no other text, point or line."""
     axes.figure.draw_without_rendering()  # type: ignore[union-attr]
     scale = 72.0 / axes.figure.dpi
     points = axes.transData.transform([[mark.x, mark.y] for mark in panel.marks]) * scale

@@ -16,7 +16,7 @@ from modalshell.render.content import View, checked_path
 from modalshell.render.views import draw_views
 
 SMALL = (480, 300)
-"""Pixels of a picture beside the numbers of an object."""
+"""Width of a picture next to the numbers of an object [pixels]."""
 
 
 @final

@@ -64,7 +64,7 @@ class EdgeTable:
     edges : ndarray of int, shape (E, 2)
         Vertex indices.
     left, right : ndarray of int, shape (E,)
-        Two of the faces beside each edge, the same face twice at the border.
+        Two of the faces at each edge, the same face twice at the border.
     drawn : ndarray of bool, shape (E,)
         Border edges and creases, which belong to the outline from every side.
     """

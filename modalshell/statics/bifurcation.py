@@ -107,7 +107,7 @@ def follow(
     """Follow the path from ``first`` until the load factor of ``span``, or until an event for which ``stop`` holds.
 
     A branch also ends where it comes to one of the points ``ends``, bifurcations of the path that it has left: through
-    them it would go on as its own mirror image, or come round again.
+    them it would continue as its own mirror image, or come round again.
     """
     trace = Trace()
     trace.add(first)
@@ -155,7 +155,7 @@ def events_between(
     """Limit points and bifurcations of the step from ``before`` to ``after``, from ``low`` on its way, in their order.
 
     At a limit point the path's direction of load turns back, and one eigenvalue changes its sign; whatever else the
-    number of negative eigenvalues changes by is due to bifurcations. Those that come in one step are told apart by
+    number of negative eigenvalues changes by is due to bifurcations. Those within one step are separated by
     halving it; where that fails they are said of its end.
     """
     start = low or before

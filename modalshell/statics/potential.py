@@ -65,9 +65,9 @@ class Potential(Problem[sps.csc_array]):
     quadratic : ndarray, optional
         Entries of Q on the shell's pattern.
     live : LiveLoads, optional
-        Loads besides b that change with x. Their stiffness enters the Hessian. Without a potential it is unsymmetric:
-        Newton's steps then take the whole of it, by an unsymmetric factorisation. Such a state is stable if the
-        symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
+        Loads in addition to b that change with x. Their stiffness enters the Hessian. Without a potential it is
+        unsymmetric: Newton's steps then take the whole of it, by an unsymmetric factorisation. Such a state is stable
+        if the symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
     keeps_factor : bool
         Whether a definite factor may serve later iterations, too, for conjugate gradients on their Hessians.
     """
@@ -235,7 +235,7 @@ class Potential(Problem[sps.csc_array]):
         """Residual that the rounding of positions alone leaves: each force by eps times its stiffness times ``|x|``.
 
         A stiff membrane under a light load (thin sheets with L/h of a thousand) cannot be balanced further in double
-        precision; :mod:`modalshell.statics.refine` goes on from there.
+        precision; :mod:`modalshell.statics.refine` continues from there.
         """
         if length > _STILL * self.shell.size:
             return 0.0

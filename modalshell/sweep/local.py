@@ -42,7 +42,7 @@ def run_locally(
     """Compute cases in ``workers`` processes; yield each result as it is ready.
 
     A case whose process dies is done again, up to three processes; one that takes longer than ``time_limit`` [s] is
-    given up. Closing the iterator, like the end of this process however it comes, ends the workers.
+    aborted. Closing the iterator, like the end of this process however it comes, ends the workers.
 
     Raises
     ------

@@ -161,7 +161,7 @@ class ViewSession:
         self.gravity = vector
 
     def set_model(self, name: str, modes: int | None = None) -> None:
-        """Go on with another model or number of modes, in the present shape as nearly as the model can take it.
+        """Continue with another model or number of modes, in the present shape as nearly as the model can take it.
 
         With the same modal model the motion continues as well; any other model starts from rest in that shape.
 
@@ -233,7 +233,7 @@ class ViewSession:
         return "; ".join([*parts, self.note] if self.note else parts)
 
     def _begin(self, motion: Motion) -> None:
-        """Take up a motion."""
+        """Restore a motion."""
         self._motion = motion
         self._owed = 0.0
         self.late, self.playing, self._diverged, self.note = False, False, False, ""

@@ -169,7 +169,7 @@ class WebViewer(BrowserPage):
         self._chosen = time.perf_counter()
 
     def _take_choice(self) -> None:
-        """Take up the model and modes chosen on the page."""
+        """Apply the model and modes chosen on the page."""
         chosen = self._state.model, round(self._state.modes)
         if chosen == (self._session.name, self._session.modes):
             return

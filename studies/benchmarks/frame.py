@@ -70,7 +70,7 @@ def benchmark(
     threads: Iterable[int] = (1, 2),
     memory_limit: float = 1e9,
 ) -> list[dict[str, Any]]:
-    """One row a case, its times interleaved; cases that need more than ``memory_limit`` bytes are left out.
+    """One row per case, its times interleaved; cases that need more than ``memory_limit`` bytes are left out.
 
     ``seconds_bound`` reads the frame's own modal data once on one thread, back to back as the frame is, so from the
     cache that they fit in. ``error`` is the largest distance to NumPy's float64 positions over the largest

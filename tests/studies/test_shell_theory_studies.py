@@ -9,7 +9,7 @@ import pytest
 
 from modalshell import flat_beam
 from modalshell.study import StudyResult
-from studies import both_energies, cantilever_master_curve, plate_frequencies
+from studies import both_energies, cantilever_master_curve, obstacle_course, plate_frequencies
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 PLATES = json.loads((DATA / "shell_theory.json").read_text(encoding="utf-8"))["plates"]
@@ -112,10 +112,28 @@ def test_symmetric_snap_of_a_v_beam(quick_study):
 
 def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
     rows = StudyResult.load(quick_study("large_deflection_benchmarks"), "large_deflection_benchmarks").findings["rows"]
-    tolerances = {"3.1": 0.01, "3.3": 0.02, "3.4": 0.06, "3.5": 0.06}
+    tolerances = {"3.1": 0.01, "3.2": 0.01, "3.3": 0.02, "3.4": 0.06, "3.5": 0.04}
     for row in rows:
         assert row["status"] == "converged"
         assert row["error"] < tolerances[row["problem"]]
+
+
+def test_obstacle_course_on_coarse_meshes(quick_study):
+    """Patch tests are exact; the others within 8 %, but what bends most within a cell or two on these meshes."""
+    rows = StudyResult.load(quick_study("obstacle_course"), "obstacle_course").findings["rows"]
+    coarse = {"pinched cylinder, equal cells": 0.19, "plate, clamped, 24 cells": 0.15}
+    exact = {"patch test, constant strain": 1e-9, "patch test, constant moments": 1e-3}
+    for row in rows:
+        assert abs(row["error"]) < exact.get(row["problem"], coarse.get(row["problem"], 0.08)), row
+
+
+@pytest.mark.parametrize("family", ["union-jack", "equilateral", "delaunay"])
+def test_octants_are_closed_by_planes_of_symmetry(family):
+    mesh = obstacle_course.octant(family, 6)
+    vertices = np.asarray(mesh.vertices)
+    np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1.0, rtol=1e-12)
+    assert mesh.area == pytest.approx(0.5 * np.pi, rel=0.03)
+    assert (np.abs(vertices[mesh.boundary_vertices]).min(axis=1) < 1e-12).all()
 
 
 def test_strips_buckle_sideways_where_finite_elements_do(quick_study):

@@ -21,7 +21,7 @@ _LEAST, _ONCE = np.int64(2), np.int64(1)
 _MOST, _SHORT = np.int64(40), np.int64(12)
 """And at most."""
 _STALLED = 6
-"""Iterations without halving the residual after which mixed Newton is given up."""
+"""Iterations without halving the residual after which mixed Newton is aborted."""
 _TURN = 1.0
 """Largest turn of a vertex in an iteration [rad]."""
 _DESCENT, _EASY = 150, 5
@@ -33,7 +33,7 @@ _LOOSE, _NEAR = 1e-3, 0.3
 _FIRST_MOVE = 0.05
 """Move of a free shell, in its sizes, that the first drag of a descent allows."""
 _FLOOR = 1e-3
-"""Share of the inertia of the displacement itself below which a residual is not held against the push."""
+"""Share of the inertia of the displacement itself below which a residual is not compared with the load."""
 _STRETCHING, _LINEARISED = np.int64(GAUSS_NEWTON), np.int64(MIXED)  # a plain integer is compiled in as a constant
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
@@ -330,7 +330,7 @@ def _descend(body, room, x, origin, inertia, push, viscous, scale, tolerance):  
 def implicit_step(body, room, origin, rates, load, dt, drag, resistances, tolerance):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
-    ``drag`` is damping by the mass [1/s]; ``resistances`` are the weights of that by the elements' rates, empty where
+    ``drag`` is damping by the mass [1/s]; ``resistances`` are the weights of that by the elements' rates, empty if
     there is none.
 
     Returns
