@@ -75,6 +75,7 @@ from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
+from modalshell.units import UnitSystem
 
 __version__ = "0.1.0"
 
@@ -146,6 +147,7 @@ __all__ = [
     "Tradeoff",
     "Trajectory",
     "TriangleMesh",
+    "UnitSystem",
     "WarpFrame",
     "Wind",
     "WorkerError",

@@ -94,7 +94,7 @@ def support_reactions(
         The shell.
     positions : array_like, shape (n, 3)
         Vertex positions in equilibrium [m].
-    gravity, force, loads
+    gravity, force, loads : optional
         The load, as in :meth:`Model.equilibrium`.
 
     Raises

@@ -1,4 +1,4 @@
-"""Paper Fig. 4: flat and V-beam, side by side, at flexure x1, x10 and x100 (reads the study ``flat_vs_v_beam``)."""
+"""Paper Fig. 4: flat and V-beam, each at flexure x1, x10 and x100 (reads the study ``flat_vs_v_beam``)."""
 
 from __future__ import annotations
 
@@ -7,26 +7,32 @@ from pathlib import Path
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.study import StudyResult
 
+COLORS = ("#c9dcf0", "#7fa8d6", "#3c6aa5")
+"""Of rising flexure."""
+
 
 def draw(results: Path, folder: Path) -> Path:
     """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
     result = StudyResult.load(results, "flat_vs_v_beam")
     views = []
-    for row in result.findings["rows"]:
-        name, factor = row["beam"], row["flexure_factor"]
-        positions = result.arrays[f"{name}_x{factor:g}_mwts"]
+    for name in dict.fromkeys(row["beam"] for row in result.findings["rows"]):
+        rows = [row for row in result.findings["rows"] if row["beam"] == name]
         faces = result.arrays[f"{name}_faces"]
         surfaces = [
-            ShadedSurface(positions, faces, color="#7fa8d6", edges=True),
-            ShadedSurface(result.arrays[f"{name}_rest"], faces, color="#999999", style="outline"),
-        ]
-        beam = "flat" if name == "flat" else f"V, {row['fold_degrees']:g}°"
+            ShadedSurface(
+                result.arrays[f"{name}_x{row['flexure_factor']:g}_mwts"], faces, color=color, edges=True,
+                label=f"flexure ×{row['flexure_factor']:g}",
+            )
+            for row, color in zip(rows, COLORS, strict=True)
+        ]  # fmt: skip
+        surfaces.append(ShadedSurface(result.arrays[f"{name}_rest"], faces, color="#999999", style="outline"))
+        warped, truth = (", ".join(f"{row[key]:.3f}" for row in rows) for key in ("mwts_tip_drop", "ds_tip_drop"))
         views.append(
             View(
                 surfaces,
-                title=f"{beam}, flexure ×{factor:g}",
-                subtitle=f"tip drop {row['mwts_tip_drop']:.3f} L (DS {row['ds_tip_drop']:.3f} L)",
+                title="flat" if name == "flat" else f"V, {rows[0]['fold_degrees']:g}°",
+                subtitle=f"tip drop {warped} L\n(DS {truth} L)",
                 camera=(0.55, -1.0, 0.35),
             )
         )
-    return draw_views(views, folder / "figure_4.png", columns=2, size=(1500, 1350))
+    return draw_views(views, folder / "figure_4.png", columns=2, size=(1500, 840), link_cameras=False)

@@ -60,7 +60,7 @@ GARMENTS = (
     Garment("hat", clothes.HAT, 0.0, "head", (1.67, 1.73), (), 0.45, 0.0006, 0.3, 16, (0.8, 0.004)),
     Garment(
         "torso", clothes.TORSO, 0.0, "chest", (1.36, 1.50),
-        ((1.08, "spine", "pelvis"), (0.97, "pelvis", "pelvis")), 4.0, 0.02, 0.3, 24, (1.2, 0.004),
+        ((1.10, "spine", "pelvis"), (1.02, "pelvis", "pelvis")), 4.0, 0.02, 0.3, 24, (1.2, 0.004),
     ),
     leg("left", 0.095),
     leg("right", -0.095),
@@ -192,7 +192,8 @@ def table(result: StudyResult) -> str:
         "frames a second. Displacement: the largest of a vertex in its shell's frame, of the shell's size. Area and "
         "edges: extremes over the dance, against rest. A knee is a smooth bend of few modes: cloth is pressed together "
         "behind it and stretched over it instead of creasing, as the edges say. Shells collide neither with each "
-        "other nor with the body (a raised thigh comes through the hem), and carry their weight at rest already."
+        "other nor with the body (the shirt ends where no raised thigh reaches it), and carry their weight at rest "
+        "already."
     )
     return "\n".join([*lines, "", remark])
 

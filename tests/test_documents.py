@@ -3,6 +3,7 @@
 import contextlib
 import doctest
 import importlib
+import inspect
 import os
 import pkgutil
 import re
@@ -17,11 +18,13 @@ import pytest
 from guide import CONTRIBUTING, PAGES, ROOT, blocks, commands, source
 
 import modalshell as ms
+from modalshell import springs
 from modalshell.cli import app, main
 
 README = ROOT / "README.md"
+VIEW = "modalshell view studies/scenes/leaf.toml"
 SHORTER = {
-    "modalshell view studies/scenes/leaf.toml": "modalshell view studies/scenes/leaf.toml --screenshot leaf.png",
+    VIEW: f"{VIEW} --screenshot leaf.png",
     "modalshell bench": "modalshell bench --only assembly",
     "python -m pytest": "python -m pytest --collect-only -q",
     "python -m studies.benchmarks.ranks --rows 256 --columns 256": "python -m studies.benchmarks.ranks --help",
@@ -88,25 +91,39 @@ def test_every_python_block_of_contributing_has_a_name_and_is_run_by_a_test():
         assert (ROOT / name).is_file()
 
 
-def test_the_project_file_of_contributing_names_its_entry_point():
-    project = tomllib.loads(source("pyproject.toml"))["project"]
-    assert project["entry-points"] == {"modalshell": {"scaled": "toy_record"}}
+def test_the_project_file_of_contributing_names_its_modules():
+    written = tomllib.loads(source("pyproject.toml"))
+    modules = {*written["tool"]["setuptools"]["py-modules"], *written["tool"]["setuptools"]["packages"]}
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    assert modules == {name.split("/")[0] for name in re.findall(r"^\*\*`(toy_\w+)", text, re.MULTILINE)}
+    assert set(written["project"]["entry-points"]["modalshell"].values()) <= modules
 
 
 def test_the_scene_of_readme_runs(folder):
     (block,) = blocks(README, "toml")
-    (folder / "scene.toml").write_text(block.replace("duration = 4.0", "duration = 0.2"), encoding="utf-8")
-    result = ms.run_scene(folder / "scene.toml", out=folder / "out")
-    assert result.outcome is ms.Outcome.COMPLETED
-    assert (folder / "out" / "scene.mp4").stat().st_size > 1000
+    (folder / "plate.toml").write_text(block, encoding="utf-8")
+    assert call("modalshell run plate.toml") == 0
+    assert (folder / "results" / "plate.png").stat().st_size > 1000
+    scene = ms.load_scene(folder / "plate.toml")
+    positions = ms.load_trajectory(folder / "results" / "plate.npz").positions[-1]
+    assert 1e-3 < positions[:, 2].max() < 5e-3
+    assert scene.build_shell().fields(positions).von_mises.max() > 1e7
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("folder")
 def test_commands_run():
     """In the documents' order, in one folder, since some read what others write."""
-    failed = {line: status for line in OWN if (status := call(SHORTER.get(line, line))) != 0}
+    failed = {line: status for line in OWN if line != VIEW and (status := call(SHORTER.get(line, line))) != 0}
     assert not failed
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("opengl")
+def test_the_command_of_the_viewer_runs(folder, monkeypatch):
+    monkeypatch.delenv("MODALSHELL_RENDERER")
+    assert call(SHORTER[VIEW]) == 0
+    assert (folder / "leaf.png").stat().st_size > 1000
 
 
 def test_commands_and_options_exist():
@@ -178,7 +195,8 @@ def checkout(tmp_path_factory):
 def in_shell(line, folder, **changes):
     """Run a line as a shell would, this Python's programs first; its output where it fails."""
     path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])
-    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(folder), "OPENBLAS_NUM_THREADS": "1", **changes}
+    found = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": found, "OPENBLAS_NUM_THREADS": "1", **changes}
     done = subprocess.run(line, shell=True, cwd=folder, env=environment, capture_output=True, text=True, timeout=1500)
     return done.returncode, done.stdout + done.stderr
 
@@ -226,6 +244,37 @@ def test_docstring_examples_run():
     results = [doctest.testmod(module, optionflags=doctest.NORMALIZE_WHITESPACE) for module in modules()]
     assert sum(result.attempted for result in results) >= 3
     assert sum(result.failed for result in results) == 0
+
+
+OPTIONAL_SECTIONS = {"SA01", "EX01", "ES01"}
+"""Codes of numpydoc for sections that a docstring may do without: See Also, Examples, an extended summary."""
+STYLE = {"PR08", "SS05"}
+"""A description may begin with a symbol, a summary with a noun that ends in s."""
+ONE_SENTENCE = {"PR01", "RT01"}
+"""Missing sections of parameters and results: methods of one sentence, and records, whose attributes say it."""
+
+
+def public():
+    """(name, whether all its parameters must be documented) of everything that users import, methods included."""
+    for module in (ms, springs):
+        for name in module.__all__:
+            value = getattr(module, name)
+            if inspect.ismodule(value) or not getattr(value, "__module__", "").startswith("modalshell"):
+                continue
+            yield f"{module.__name__}.{name}", inspect.isfunction(value)
+            for method in vars(value) if inspect.isclass(value) else ():
+                if not method.startswith("_") and inspect.isfunction(vars(value)[method]):
+                    yield f"{module.__name__}.{name}.{method}", False
+
+
+def test_public_docstrings_are_valid_numpydoc():
+    validate = pytest.importorskip("numpydoc.validate", reason="numpydoc is not installed (extra docs)").validate
+    wrong = []
+    for name, whole in public():
+        left_out = OPTIONAL_SECTIONS | STYLE | (set() if whole else ONE_SENTENCE)
+        if name != "modalshell.models":  # a function with the name of a folder, which numpydoc takes for that
+            wrong += [(name, *fault) for fault in validate(name)["errors"] if fault[0] not in left_out]
+    assert wrong == []
 
 
 @pytest.mark.slow

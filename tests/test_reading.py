@@ -161,8 +161,8 @@ def test_work_that_does_not_fit_is_refused_before_it_starts(monkeypatch, tmp_pat
 
 
 def test_long_work_is_announced():
-    with pytest.warns(ms.ModalShellWarning, match=r"60000 x 2 cells and a shell on it take about 7 s and 0\.96 GB"):
-        ms.flat_beam(cells=(60_000, 2))
+    with pytest.warns(ms.ModalShellWarning, match=r"160000 x 2 cells and a shell on it take about 5 s and 0\.864 GB"):
+        ms.flat_beam(cells=(160_000, 2))
 
 
 def test_packed_arrays_that_do_not_fit_are_refused(tmp_path, monkeypatch):

@@ -136,7 +136,7 @@ def path(
         begin = "" if one is found else f"branch {number}: "
         for kind, index, factor in one.events:
             print(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
-    for file in write_path(found, out, declared.name):
+    for file in write_path(found, out, declared.name, declared.require_shell().unit_system):
         print(file)
     end_with(found.outcome)
 

@@ -146,7 +146,13 @@ def tradeoff(
     ----------
     scene : Scene, path or Shell
         A scene or its file; of a scene in motion the load, or the largest inertial load of its moving supports, is
-        taken. Or a shell, with ``gravity`` (3,) [m/s^2] or ``force`` (n, 3) [N], and ``coarse`` meshes of its surface.
+        taken. Or a shell, with ``gravity`` or ``force``.
+    gravity : array_like, shape (3,), optional
+        Acceleration [m/s^2]; with a shell.
+    force : array_like, shape (n, 3), optional
+        Dead forces on the vertices [N]; with a shell.
+    coarse : sequence of TriangleMesh
+        Coarse meshes of the shell's surface; with a shell.
     modes : sequence of int
         Mode counts.
     loads : sequence of float
@@ -156,6 +162,11 @@ def tradeoff(
         with the same vertices in the same order. Rungs, DS among them, are then judged by it.
     on_step : callable, optional
         Called with the models done and their total.
+
+    Returns
+    -------
+    Tradeoff
+        Error and cost of every model.
 
     Raises
     ------

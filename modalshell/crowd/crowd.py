@@ -13,7 +13,7 @@ from modalshell.crowd.shell_crowd import LEVELS, ShellCrowd
 from modalshell.kernels import crowd as kernels
 from modalshell.kernels.frame import TILE
 from modalshell.modes import Basis
-from modalshell.reduction.warp_frame import WarpFrame
+from modalshell.reduction.warp_frame import WarpFrame, aligned_zeros
 from modalshell.typing import Array
 
 
@@ -81,8 +81,10 @@ class Crowd(ShellCrowd):
         by_row = padded.reshape(tiles, TILE, 4).transpose(0, 2, 1)
         self._rest = np.ascontiguousarray(by_row[:, :3].reshape(tiles, 3 * TILE), dtype=self.dtype)
         self._mass = np.ascontiguousarray(by_row[:, 3])
-        self._work = np.zeros((self.threads, kernels.work_size(self.dtype)), self.dtype)
-        self._force_work = self._work if double else np.zeros((self.threads, kernels.work_size(np.float64)))
+        self._work = aligned_zeros((self.threads, kernels.work_size(self.dtype)), self.dtype)
+        self._force_work = (
+            self._work if double else aligned_zeros((self.threads, kernels.work_size(np.float64)), np.dtype(np.float64))
+        )
 
     def _modal_forces(self, felt: Array) -> Array:
         force = np.asarray(felt @ self.modal_weights)

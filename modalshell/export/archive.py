@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 import zipfile
+from dataclasses import astuple
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,6 +19,7 @@ from modalshell.motion import Trajectory
 from modalshell.outcome import read_outcome
 from modalshell.reading import open_regular
 from modalshell.shell.fields import FIELDS, TENSORS
+from modalshell.units import SI, UnitSystem
 
 _FORMAT = 2
 """Version of the archive."""
@@ -40,6 +42,17 @@ _ZIP64_EXTRA = 20
 _STAMP = (1980, 1, 1, 0, 0, 0)
 """Of every member, so that equal trajectories make equal files."""
 
+_UNITS = {
+    "times": "s",
+    "positions": "m",
+    "rest": "m",
+    "energies": "J",
+    "constraint_residuals": "m or rad",
+    "seconds": "s of wall time",
+}
+"""Units of the arrays."""
+_SYSTEM = "unit_system"
+"""Names of the units of length, mass and time."""
 _NAMES = {"rest_positions": "rest"}
 """Attributes of a trajectory that are named otherwise in the file."""
 _SMALL = ("times", "energies", "constraint_residuals", "faces", "rest_positions")
@@ -52,6 +65,8 @@ def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
     for name in (*_SMALL, *_SCALARS):
         arrays[_NAMES.get(name, name)] = np.asarray(getattr(run, name))
     arrays |= {f"{_FIELD}{name}": values for name, values in run.fields.items()}
+    arrays["units"] = run.units.array(_UNITS | {f"{_FIELD}{name}": FIELDS[name] for name in run.fields})
+    arrays[_SYSTEM] = np.array(astuple(run.units))
     return write_atomically(path, lambda file: _write(file, arrays, run.positions))
 
 
@@ -103,6 +118,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
             names = [name for name in (*_SMALL, *_SCALARS) if mark == _FORMAT or name != "message"]
             values = {name: read_member(archive, _NAMES.get(name, name)) for name in names}
             fields = {name: read_member(archive, f"{_FIELD}{name}") for name in FIELDS if _holds(archive, name)}
+            units = _system(archive)
             positions = _mapped(file, archive, verify)
             checked = positions if _verifies(verify, positions.nbytes) else positions[:0]
         _check_shapes(values, positions)
@@ -121,12 +137,24 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         unconverged_steps=unconverged,
         seconds=seconds,
         fields=fields,
+        units=units,
         **arrays,
     )
 
 
 def _holds(archive: zipfile.ZipFile, name: str) -> bool:
     return f"{_FIELD}{name}.npy" in archive.namelist()
+
+
+def _system(archive: zipfile.ZipFile) -> UnitSystem:
+    """The units of an archive; SI in files of earlier versions."""
+    if f"{_SYSTEM}.npy" not in archive.namelist():
+        return SI
+    read_member(archive, "units")  # damaged ones are refused
+    names = read_member(archive, _SYSTEM)
+    if names.shape != (3,) or names.dtype.kind != "U":
+        raise ValueError(f"unit_system must be three names (got {names.dtype} {names.shape})")
+    return UnitSystem(*(str(name) for name in names))
 
 
 def _check_fields(fields: dict[str, NDArray[Any]], frames: int, triangles: int) -> None:

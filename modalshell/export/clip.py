@@ -1,13 +1,15 @@
 """Clips: a motion as one small ``.clip`` file that NumPy alone reads.
 
 A clip is an ``.npz`` archive (no pickle) of ``modalshell_clip`` (version), ``times`` (F,) [s], ``rest`` (n, 3) float32
-[m], ``faces`` (T, 3) uint32, ``shapes`` (K, n, 3) int16, ``scales`` (K,) [m], ``amplitudes`` (F, K) float32 and
-``error`` [m]. Frame f is ``rest + sum_k amplitudes[f, k] scales[k] shapes[k]``; z is up.
+[m], ``faces`` (T, 3) uint32, ``shapes`` (K, n, 3) int16, ``scales`` (K,) [m], ``amplitudes`` (F, K) float32,
+``error`` [m], ``units`` (names with their units, JSON) and ``unit_system`` (of length, mass and time). Frame f is
+``rest + sum_k amplitudes[f, k] scales[k] shapes[k]``; z is up.
 """
 
 from __future__ import annotations
 
 import os
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +20,10 @@ from modalshell.errors import FileFormatError
 from modalshell.export.compression import TOLERANCE, CompressedMotion, compress
 from modalshell.motion import Trajectory
 from modalshell.outcome import Outcome
+from modalshell.units import SI, UnitSystem
 
+_UNITS = {"times": "s", "rest": "m", "scales": "m", "amplitudes": "", "shapes": "", "error": "m"}
+"""Units of the arrays."""
 _FORMAT = 1
 """Version of the file."""
 
@@ -36,6 +41,10 @@ def save_clip(run: Trajectory, path: Path, tolerance: float = TOLERANCE) -> Path
         scales=motion.scales,
         amplitudes=motion.amplitudes,
         error=np.array(motion.error),
+        units=motion.units.array(
+            {"times": "s", "rest": "m", "scales": "m", "amplitudes": "", "shapes": "", "error": "m"}
+        ),
+        unit_system=np.array(astuple(motion.units)),
     )
 
 
@@ -60,13 +69,24 @@ def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:
             raise ValueError("its numbers must be finite")
         if faces.size and faces.max() >= len(rest):
             raise ValueError(f"faces must name vertices 0 to {len(rest) - 1}")
-        return CompressedMotion(times, rest, faces, shapes, scales, amplitudes, float(data["error"]))
+        units = UnitSystem(*map(str, data["unit_system"])) if "unit_system" in data else SI  # not in earlier files
+        return CompressedMotion(times, rest, faces, shapes, scales, amplitudes, float(data["error"]), units)
     except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
         raise FileFormatError(f"cannot read a clip from {Path(path)}: {shortened(str(error))}") from error
 
 
 def load_clip(path: str | os.PathLike[str]) -> Trajectory:
     """Read a clip as a trajectory: its frames, without energies or residuals.
+
+    Parameters
+    ----------
+    path : path
+        The ``.clip`` file.
+
+    Returns
+    -------
+    Trajectory
+        The decompressed frames.
 
     Raises
     ------
@@ -78,11 +98,12 @@ def load_clip(path: str | os.PathLike[str]) -> Trajectory:
         times=motion.times,
         positions=motion.positions(),
         outcome=Outcome.COMPLETED,
-        message=f"read from a clip, to {motion.error:.2e} m",
+        message=f"read from a clip, to {motion.error:.2e} {motion.units.length}",
         unconverged_steps=0,
         seconds=0.0,
         energies=np.zeros((len(motion.times), 3)),
         constraint_residuals=np.empty((len(motion.times), 0)),
         faces=motion.faces.astype(np.int64),
         rest_positions=motion.rest_positions.astype(float),
+        units=motion.units,
     )

@@ -14,6 +14,7 @@ from modalshell.errors import OptionError
 from modalshell.motion import Trajectory
 from modalshell.sharing import ReadOnlyArrays, read_only_copy
 from modalshell.typing import Array
+from modalshell.units import SI, UnitSystem
 
 TOLERANCE = 2e-4
 """Largest error of a vertex in a frame, as a share of the shell's size, unless another is asked for."""
@@ -42,6 +43,8 @@ class CompressedMotion(ReadOnlyArrays):
         Of the shapes in each frame.
     error : float
         Largest distance of a vertex from its place in the motion that was compressed [m].
+    units : UnitSystem
+        Units of the motion.
     """
 
     times: Array
@@ -51,6 +54,7 @@ class CompressedMotion(ReadOnlyArrays):
     scales: Array
     amplitudes: NDArray[np.float32]
     error: float
+    units: UnitSystem = SI
 
     def __post_init__(self) -> None:
         for name in ("times", "rest_positions", "faces", "shapes", "scales", "amplitudes"):
@@ -94,7 +98,9 @@ def compress(run: Trajectory, tolerance: float = TOLERANCE) -> CompressedMotion:
         shapes, scales, amplitudes = _rounded(frames, vectors[:, order[:count]])
         error = _error(frames, shapes, scales, amplitudes)
     faces = run.faces.astype(np.uint32)
-    return CompressedMotion(run.times, rest, faces, shapes.reshape(count, *rest.shape), scales, amplitudes, error)
+    return CompressedMotion(
+        run.times, rest, faces, shapes.reshape(count, *rest.shape), scales, amplitudes, error, run.units
+    )
 
 
 def _rounded(frames: Array, vectors: Array) -> tuple[NDArray[np.int16], Array, NDArray[np.float32]]:

@@ -132,8 +132,10 @@ def _add_arrays(surface: Any, run: Trajectory, index: int) -> None:
     from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray
 
     moved = run.positions[index] - run.rest_positions.astype(run.positions.dtype)
-    arrays = [("displacement", "m", moved, surface.GetPointData())]
-    arrays += [(name, FIELDS[name], run.fields[name][index], surface.GetCellData()) for name in run.fields]
+    arrays = [("displacement", run.units.of("m"), moved, surface.GetPointData())]
+    arrays += [
+        (name, run.units.of(FIELDS[name]), run.fields[name][index], surface.GetCellData()) for name in run.fields
+    ]
     for name, unit, values, place in arrays:
         array = _vtk_array(values)
         array.SetName(name)

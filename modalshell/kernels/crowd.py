@@ -1,9 +1,10 @@
 """Positions and modal forces of many instances of one shell, over tiles of vertices [choi2007].
 
-The modal data lie in tiles as for one frame (:mod:`modalshell.kernels.frame`). While a tile is in the first cache,
-32 instances take their turns at it, two at a time: what is read for one serves both, and sums and rotations stay in
-registers until positions are written. An instance's numbers do not depend on the others of its batch, but for the last
-bit where it takes the first place of a pair in one batch and the second in another.
+The modal data lie in tiles as for one frame (:mod:`modalshell.kernels.frame`). While half a tile is in the first cache,
+32 instances take their turns at it, two at a time: what is read for one serves both. The sums of a block are found
+first, its rotations then: the long chain of a rotation's operations would keep the sums of the next vertices waiting.
+Where the next pair's positions will go is fetched meanwhile. An instance's numbers do not depend on the others of its
+batch, but for the last bit where it takes the first place of a pair in one batch and the second in another.
 """
 
 from __future__ import annotations
@@ -17,7 +18,18 @@ from numpy.typing import NDArray
 
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.frame import HALF_DOUBLE, HALF_SINGLE, MIDDLE, THIRD_DOUBLE, THIRD_SINGLE, TILE
-from modalshell.kernels.packed import BYTES, any_above, larger, load, spread, store, store_triples, total
+from modalshell.kernels.packed import (
+    BYTES,
+    any_above,
+    larger,
+    load,
+    prefetch,
+    spread,
+    spread_from,
+    store,
+    store_triples,
+    total,
+)
 from modalshell.kernels.rotations import coefficients
 
 RIGID, LINEAR, WARPED = 0, 1, 2
@@ -25,6 +37,8 @@ RIGID, LINEAR, WARPED = 0, 1, 2
 
 CHUNK = 32
 """Instances that take turns at a tile; what a thread does at least."""
+BLOCK = 64
+"""Vertices of a tile whose modal data these find in the first cache."""
 
 _LIMIT = 2.0 * MIDDLE
 
@@ -40,8 +54,20 @@ def powers(dtype: Any) -> NDArray[Any]:
 
 
 def work_size(dtype: Any) -> int:
-    """Length of the buffer that one thread needs: six rows of a tile, or one packed vertex."""
-    return max(6 * TILE, 3 * BYTES // int(np.dtype(dtype).itemsize))
+    """Length of the buffer that one thread needs: six rows of a tile or twelve of a block, and one packed vertex."""
+    return max(6 * TILE, 12 * BLOCK) + 3 * BYTES // int(np.dtype(dtype).itemsize)
+
+
+@_inline
+def _two_terms(powers, at, s):  # type: ignore[no-untyped-def]
+    """``c0 + c1 s``, c0 at ``at`` in ``powers``, c1 before it."""
+    return spread_from(powers, at) + s * spread_from(powers, at - 1)
+
+
+@_inline
+def _four_terms(powers, at, s, s2):  # type: ignore[no-untyped-def]
+    """``c0 + c1 s + c2 s^2 + c3 s^3``, c0 at ``at`` in ``powers``, the others before it."""
+    return _two_terms(powers, at, s) + s2 * _two_terms(powers, at - 2, s)
 
 
 def _coefficients(squared: Any, powers: Any) -> Any:
@@ -52,18 +78,28 @@ def _coefficients(squared: Any, powers: Any) -> Any:
 @overload(_coefficients, jit_options={"forceinline": True})
 def _packed_coefficients(squared, powers):  # type: ignore[no-untyped-def] # noqa: ARG001
     single = squared.scalar == types.float32
-    halves, thirds = (len(HALF_SINGLE), len(THIRD_SINGLE)) if single else (len(HALF_DOUBLE), len(THIRD_DOUBLE))
+    halves = len(HALF_SINGLE) if single else len(HALF_DOUBLE)
+    last = halves + (len(THIRD_SINGLE) if single else len(THIRD_DOUBLE))
 
-    def evaluate(squared, powers):  # type: ignore[no-untyped-def]
-        s = squared - spread(powers[0])
-        half, third = spread(powers[1]), spread(powers[1 + halves])
-        for k in range(1, halves):
-            half = half * s + spread(powers[1 + k])
-        for k in range(1, thirds):
-            third = third * s + spread(powers[1 + halves + k])
-        return half * half, third
+    # By Estrin's scheme: sums of two and of four terms do not wait for one another, as all of Horner's do.
+    def in_double(squared, powers):  # type: ignore[no-untyped-def]
+        s = squared - spread_from(powers, 0)
+        s2 = s * s
+        s4 = s2 * s2
+        high = _two_terms(powers, halves - 8, s)
+        half = _four_terms(powers, halves, s, s2) + s4 * (_four_terms(powers, halves - 4, s, s2) + s4 * high)
+        high = _four_terms(powers, last - 8, s, s2)
+        return half * half, _four_terms(powers, last, s, s2) + s4 * (_four_terms(powers, last - 4, s, s2) + s4 * high)
 
-    return evaluate
+    def in_single(squared, powers):  # type: ignore[no-untyped-def]
+        s = squared - spread_from(powers, 0)
+        s2 = s * s
+        s4 = s2 * s2
+        high = _two_terms(powers, halves - 4, s) + s2 * spread_from(powers, halves - 6)
+        half = _four_terms(powers, halves, s, s2) + s4 * high
+        return half * half, _four_terms(powers, last, s, s2) + s4 * _four_terms(powers, last - 4, s, s2)
+
+    return in_single if single else in_double
 
 
 @_inline
@@ -81,16 +117,25 @@ def _turned(x, y, z, wx, wy, wz, linear, quadratic):  # type: ignore[no-untyped-
 def _placed(x, y, z, poses, at):  # type: ignore[no-untyped-def]
     """``R v + t`` with R, row by row, and t from ``at`` on in ``poses``."""
     return (
-        spread(poses[at]) * x + spread(poses[at + 1]) * y + spread(poses[at + 2]) * z + spread(poses[at + 9]),
-        spread(poses[at + 3]) * x + spread(poses[at + 4]) * y + spread(poses[at + 5]) * z + spread(poses[at + 10]),
-        spread(poses[at + 6]) * x + spread(poses[at + 7]) * y + spread(poses[at + 8]) * z + spread(poses[at + 11]),
+        spread_from(poses, at) * x
+        + spread_from(poses, at + 1) * y
+        + spread_from(poses, at + 2) * z
+        + spread_from(poses, at + 9),
+        spread_from(poses, at + 3) * x
+        + spread_from(poses, at + 4) * y
+        + spread_from(poses, at + 5) * z
+        + spread_from(poses, at + 10),
+        spread_from(poses, at + 6) * x
+        + spread_from(poses, at + 7) * y
+        + spread_from(poses, at + 8) * z
+        + spread_from(poses, at + 11),
     )
 
 
 @_inline
 def _two_sums(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
     """``sum_k q_k modal_k`` of three rows from ``at`` on, for the coordinates from ``a`` and from ``b`` on in ``q``."""
-    qa, qb = spread(q[a]), spread(q[b])
+    qa, qb = spread_from(q, a), spread_from(q, b)
     row = load(modal, at)
     ax, bx = qa * row, qb * row
     row = load(modal, at + TILE)
@@ -99,7 +144,7 @@ def _two_sums(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
     az, bz = qa * row, qb * row
     for k in range(1, modes):
         at += 6 * TILE
-        qa, qb = spread(q[a + k]), spread(q[b + k])
+        qa, qb = spread_from(q, a + k), spread_from(q, b + k)
         row = load(modal, at)
         ax, bx = ax + qa * row, bx + qb * row
         row = load(modal, at + TILE)
@@ -112,7 +157,7 @@ def _two_sums(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
 @_inline
 def _two_sums_of_six(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
     """:func:`_two_sums` of six rows: twelve sums at once hide more of each other's latency than twice six."""
-    qa, qb = spread(q[a]), spread(q[b])
+    qa, qb = spread_from(q, a), spread_from(q, b)
     row = load(modal, at)
     ax, bx = qa * row, qb * row
     row = load(modal, at + TILE)
@@ -127,7 +172,7 @@ def _two_sums_of_six(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
     aw, bw = qa * row, qb * row
     for k in range(1, modes):
         at += 6 * TILE
-        qa, qb = spread(q[a + k]), spread(q[b + k])
+        qa, qb = spread_from(q, a + k), spread_from(q, b + k)
         row = load(modal, at)
         ax, bx = ax + qa * row, bx + qb * row
         row = load(modal, at + TILE)
@@ -141,6 +186,20 @@ def _two_sums_of_six(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
         row = load(modal, at + 5 * TILE)
         aw, bw = aw + qa * row, bw + qb * row
     return ax, ay, az, au, av, aw, bx, by, bz, bu, bv, bw
+
+
+@_inline
+def _keep(work, at, x, y, z):  # type: ignore[no-untyped-def]
+    """Write x, y and z to rows of a block, the first at ``at``."""
+    store(work, at, x)
+    store(work, at + BLOCK, y)
+    store(work, at + 2 * BLOCK, z)
+
+
+@_inline
+def _kept(work, at):  # type: ignore[no-untyped-def]
+    """What :func:`_keep` has written."""
+    return load(work, at), load(work, at + BLOCK), load(work, at + 2 * BLOCK)
 
 
 @_kernel
@@ -180,48 +239,66 @@ def crowd_positions(begin, end, level, order, modal, rest, q, powers, poses, wor
         last = min((chunk + 1) * CHUNK, order.size)
         for tile in range(modal.shape[0]):
             size = min(TILE, vertices - tile * TILE)
-            for pair in range(chunk * CHUNK, last, 2):
-                a, b = order[pair], order[min(pair + 1, last - 1)]
-                worst_a = worst_b = spread(limit)
-                for j in range(0, size, lanes):
-                    at = 3 * tile * TILE + j
-                    x, y, z = load(flat_rest, at), load(flat_rest, at + TILE), load(flat_rest, at + 2 * TILE)
-                    ax, ay, az, bx, by, bz = x, y, z, x, y, z
-                    if level != RIGID:
-                        at = 6 * tile * modes * TILE + j
-                        if level == LINEAR:
-                            ax, ay, az, bx, by, bz = _two_sums(flat_modal, at, flat_q, a * modes, b * modes, modes)
-                        else:
+            for begun in range(0, size, BLOCK):
+                ended = min(begun + BLOCK, size)
+                for pair in range(chunk * CHUNK, last, 2):
+                    a, b = order[pair], order[min(pair + 1, last - 1)]
+                    worst_a = worst_b = spread(limit)
+                    next_a, next_b = order[min(pair + 2, last - 1)], order[min(pair + 3, last - 1)]
+                    if level == WARPED:
+                        for j in range(begun, ended, lanes):
+                            at, k = 6 * tile * modes * TILE + j, j - begun
                             ax, ay, az, au, av, aw, bx, by, bz, bu, bv, bw = _two_sums_of_six(
                                 flat_modal, at, flat_q, a * modes, b * modes, modes
                             )
-                            squared_a, squared_b = au * au + av * av + aw * aw, bu * bu + bv * bv + bw * bw
-                            worst_a, worst_b = larger(squared_a, worst_a), larger(squared_b, worst_b)
-                            second_a, third_a = _coefficients(squared_a, powers)
-                            second_b, third_b = _coefficients(squared_b, powers)
-                            ax, ay, az = _turned(ax, ay, az, au, av, aw, second_a, third_a)
-                            bx, by, bz = _turned(bx, by, bz, bu, bv, bw, second_b, third_b)
-                        ax, ay, az, bx, by, bz = ax + x, ay + y, az + z, bx + x, by + y, bz + z
-                    if moved:
-                        ax, ay, az = _placed(ax, ay, az, flat_poses, 12 * a)
-                        bx, by, bz = _placed(bx, by, bz, flat_poses, 12 * b)
-                    to_a, to_b = 3 * (a * vertices + tile * TILE + j), 3 * (b * vertices + tile * TILE + j)
-                    if j + lanes <= size:
-                        store_triples(flat, to_a, ax, ay, az)
-                        store_triples(flat, to_b, bx, by, bz)
-                    else:
-                        store_triples(work, 0, ax, ay, az)
-                        for i in range(3 * (size - j)):
-                            flat[to_a + i] = work[i]
-                        store_triples(work, 0, bx, by, bz)
-                        for i in range(3 * (size - j)):
-                            flat[to_b + i] = work[i]
-                if any_above(worst_a, limit):
-                    start = 3 * (a * vertices + tile * TILE)
-                    _wound_up(tile, size, modal, rest, q[a], poses[a : a + 1].ravel(), flat[start:])
-                if any_above(worst_b, limit):
-                    start = 3 * (b * vertices + tile * TILE)
-                    _wound_up(tile, size, modal, rest, q[b], poses[b : b + 1].ravel(), flat[start:])
+                            _keep(work, k, ax, ay, az)
+                            _keep(work, k + 3 * BLOCK, au, av, aw)
+                            _keep(work, k + 6 * BLOCK, bx, by, bz)
+                            _keep(work, k + 9 * BLOCK, bu, bv, bw)
+                    for j in range(begun, ended, lanes):
+                        for part in range(0, 3 * lanes, lanes):
+                            prefetch(flat, 3 * (next_a * vertices + tile * TILE + j) + part)
+                            prefetch(flat, 3 * (next_b * vertices + tile * TILE + j) + part)
+                        at = 3 * tile * TILE + j
+                        x, y, z = load(flat_rest, at), load(flat_rest, at + TILE), load(flat_rest, at + 2 * TILE)
+                        ax, ay, az, bx, by, bz = x, y, z, x, y, z
+                        if level != RIGID:
+                            at = 6 * tile * modes * TILE + j
+                            if level == LINEAR:
+                                ax, ay, az, bx, by, bz = _two_sums(flat_modal, at, flat_q, a * modes, b * modes, modes)
+                            else:
+                                k = j - begun
+                                ax, ay, az = _kept(work, k)
+                                au, av, aw = _kept(work, k + 3 * BLOCK)
+                                bx, by, bz = _kept(work, k + 6 * BLOCK)
+                                bu, bv, bw = _kept(work, k + 9 * BLOCK)
+                                squared_a, squared_b = au * au + av * av + aw * aw, bu * bu + bv * bv + bw * bw
+                                worst_a, worst_b = larger(squared_a, worst_a), larger(squared_b, worst_b)
+                                second_a, third_a = _coefficients(squared_a, powers)
+                                second_b, third_b = _coefficients(squared_b, powers)
+                                ax, ay, az = _turned(ax, ay, az, au, av, aw, second_a, third_a)
+                                bx, by, bz = _turned(bx, by, bz, bu, bv, bw, second_b, third_b)
+                            ax, ay, az, bx, by, bz = ax + x, ay + y, az + z, bx + x, by + y, bz + z
+                        if moved:
+                            ax, ay, az = _placed(ax, ay, az, flat_poses, 12 * a)
+                            bx, by, bz = _placed(bx, by, bz, flat_poses, 12 * b)
+                        to_a, to_b = 3 * (a * vertices + tile * TILE + j), 3 * (b * vertices + tile * TILE + j)
+                        if j + lanes <= size:
+                            store_triples(flat, to_a, ax, ay, az)
+                            store_triples(flat, to_b, bx, by, bz)
+                        else:
+                            store_triples(work, 12 * BLOCK, ax, ay, az)
+                            for i in range(3 * (size - j)):
+                                flat[to_a + i] = work[12 * BLOCK + i]
+                            store_triples(work, 12 * BLOCK, bx, by, bz)
+                            for i in range(3 * (size - j)):
+                                flat[to_b + i] = work[12 * BLOCK + i]
+                    if any_above(worst_a, limit):
+                        start = 3 * (a * vertices + tile * TILE)
+                        _wound_up(tile, size, modal, rest, q[a], poses[a : a + 1].ravel(), flat[start:])
+                    if any_above(worst_b, limit):
+                        start = 3 * (b * vertices + tile * TILE)
+                        _wound_up(tile, size, modal, rest, q[b], poses[b : b + 1].ravel(), flat[start:])
 
 
 @_kernel

@@ -16,13 +16,21 @@ import operator
 from typing import Any
 
 import llvmlite.binding
+import numba
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, Signature, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-BYTES = 64 if llvmlite.binding.get_host_cpu_features().get("avx512f") else 32
-"""Size of a packed number; the kernels are compiled, and their cache is kept, for one kind of processor."""
+_features = numba.config.CPU_FEATURES  # type: ignore[attr-defined]
+if _features is None:
+    _features = llvmlite.binding.get_host_cpu_features().flatten()
+BYTES = 64 if "+avx512f" in _features.split(",") else 32
+"""Size of a packed number; the kernels are compiled, and their cache is kept, for one kind of processor.
+
+That is this machine's, or the one of numba's ``NUMBA_CPU_NAME`` and ``NUMBA_CPU_FEATURES``.
+"""
 
 _intrinsic: Any = intrinsic  # its annotations count the typing context as an argument of the call
 
@@ -118,6 +126,23 @@ def store_triples(typing, array, index, x, y, z):  # type: ignore[no-untyped-def
 
 
 @_intrinsic
+def prefetch(typing, array, index):  # type: ignore[no-untyped-def]
+    """Fetch a cache line that will be written to: that of number ``index`` of a flat array."""
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        byte = ir.IntType(8).as_pointer()
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], ir.IntType(8))
+        word = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+        name = "llvm.prefetch.p0i8"
+        function = cgutils.get_or_insert_function(builder.module, kind, name)  # type: ignore[no-untyped-call]
+        builder.call(function, [pointer, word(1), word(3), word(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp), code
+
+
+@_intrinsic
 def spread(typing, scalar):  # type: ignore[no-untyped-def]
     """The same number everywhere."""
     kind = Packed(scalar)
@@ -126,6 +151,19 @@ def spread(typing, scalar):  # type: ignore[no-untyped-def]
         return _spread(builder, args[0], context.get_value_type(kind))
 
     return kind(scalar), code
+
+
+@_intrinsic
+def spread_from(typing, array, index):  # type: ignore[no-untyped-def]
+    """Number ``index``, at least 0, of a flat array everywhere."""
+    kind = Packed(array.dtype)
+
+    def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        vector = context.get_value_type(kind)
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], vector.element)
+        return _spread(builder, builder.load(pointer), vector)
+
+    return kind(array, types.intp), code
 
 
 def _spread(builder: Any, scalar: Any, vector: Any) -> Any:

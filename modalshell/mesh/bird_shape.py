@@ -46,6 +46,11 @@ def paper_bird(
         Rise of the wings above the horizontal [degrees], in (0, 90].
     cells : (int, int)
         Cells along the body, and from keel to wing tip (at least 2), shared out by length.
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
     """
     long, side, reach = check_size(length, "length"), check_size(body, "body"), check_size(wing, "wing")
     half_opening = 0.5 * np.radians(check_angle(opening, "opening", 180.0))

@@ -46,6 +46,11 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     path : path
         The file; its suffix names the format. Coordinates are taken as metres.
 
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
+
     Raises
     ------
     MeshError
@@ -120,6 +125,18 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
 
     OBJ, OFF and PLY keep every bit of the coordinates; STL and GLB hold float32 by their definition, and STL forgets
     the numbering of the vertices.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        The mesh.
+    path : path
+        The file; its suffix selects the format.
+
+    Raises
+    ------
+    MeshError
+        For another suffix, or if the file cannot be written.
     """
     checked_kind("mesh", mesh, TriangleMesh)
     file = Path(path)

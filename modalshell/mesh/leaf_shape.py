@@ -45,6 +45,11 @@ def leaf(
         Cells along the midrib (at least 4) and across the widest part (even); fewer across where the leaf is narrower.
     family : str
         Mesh family, as in `flat_beam`; a narrowing leaf keeps its lattice only where neighbouring columns are equal.
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
     """
     check_size(length, "length")
     half_fold = 0.5 * np.radians(check_angle(fold, "fold", 180.0))

@@ -28,6 +28,11 @@ def flat_beam(
         Cells along and across.
     family : str
         Mesh family: "alternating", "equilateral", "union-jack", "lloyd", "delaunay" or "right".
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
     """
     points, faces = rectangle(length, width, cells, family)
     return TriangleMesh(np.column_stack((points[:, 0], points[:, 1] - 0.5 * width, np.zeros(len(points)))), faces)
@@ -36,7 +41,18 @@ def flat_beam(
 def sheet(
     *, length: float = 1.0, width: float = 1.0, cells: Sequence[int] = (20, 20), family: str = "alternating"
 ) -> TriangleMesh:
-    """Flat sheet in the xy plane, laid out as `flat_beam`, square by default."""
+    """Flat sheet in the xy plane, square by default.
+
+    Parameters
+    ----------
+    length, width, cells, family : optional
+        As for :func:`flat_beam`.
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
+    """
     return flat_beam(length=length, width=width, cells=cells, family=family)
 
 
@@ -63,6 +79,11 @@ def v_beam(
     family : str
         Mesh family of `flat_beam`. "equilateral", "lloyd" and "delaunay" mesh one flange and mirror it; the others
         are the lattice of the developed sheet.
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
     """
     points, faces = developed_halves(length, width, cells, family)
     half_fold = 0.5 * np.radians(check_angle(fold, "fold", 180.0))
@@ -92,6 +113,11 @@ def cylinder_panel(
         Cells along x and along the arc.
     family : str
         Mesh family of the developed sheet, as in `flat_beam`.
+
+    Returns
+    -------
+    TriangleMesh
+        The mesh.
     """
     opening = check_angle(angle, "angle", 360.0)
     if opening == 360.0:

@@ -260,7 +260,7 @@ class Model(ABC):
         return None
 
     def remark(self, state: MotionState) -> str:
-        """What is to be said of the range in which a state is good, or of what found it; "" for nothing."""
+        """Message about the validity of a state, or about the method that found it; "" if there is none."""
         return ""
 
     def is_saddle(self, state: MotionState) -> bool:

@@ -76,6 +76,11 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
         Stiffnesses for ``mesh``; without it those of ``shell``, which must then be single numbers, or functions of an
         :class:`Isotropic`. The shear stiffness of a :class:`Material`, a force, is scaled by edge length.
 
+    Returns
+    -------
+    Shell
+        The coarse shell.
+
     Raises
     ------
     OptionError

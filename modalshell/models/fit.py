@@ -93,13 +93,18 @@ def fit(
         (L, 3).
     factors : array_like, shape (L,), optional
         Shares of the load at which positions were measured, in their order: a load-deflection curve.
-    gravity, force, loads
+    gravity, force, loads : optional
         The load, as in :meth:`modalshell.Model.equilibrium`.
     frequencies : array_like, shape (m,), optional
         Measured natural frequencies [Hz] in place of positions: those of the lowest modes that are no rigid motion, in
         their order; NaN for those that were not measured.
     confidence : float
         Level of the intervals.
+
+    Returns
+    -------
+    Fit
+        The constants, with confidence intervals.
 
     Raises
     ------

@@ -128,7 +128,7 @@ class HybridStress(Model):
         ----------
         shell : Shell
             The shell.
-        gravity, force, loads
+        gravity, force, loads : optional
             The load about which to train, as in :meth:`equilibrium`.
         coarse : Shell, optional
             A coarse shell of the same surface, which is reduced; by default ``shell`` itself.

@@ -17,7 +17,7 @@ from modalshell.reduction.assumed_stress_step import implicit_step
 from modalshell.shell import Shell
 from modalshell.typing import Array, Progress
 
-_LOADED, _RELEASED, _DT = 30, 15, 1.0 / 30.0
+LOADED, RELEASED, DT = 30, 15, 1.0 / 30.0
 """Frames under the load and after it, and their length [s]."""
 _SIZES = (0.5, 1.2)
 _AROUND = np.radians(30.0)
@@ -88,7 +88,7 @@ def train(coarse: Shell, load: Array, modes: int, motions: int, seed: int, on_st
     total = motions + _HELD_OUT
     runs = []
     for done in range(total):
-        runs.append(_motion(model, _random_load(coarse, load, rng), _random_damping(rng)))
+        runs.append(motion_under(model, random_load(coarse, load, rng), random_damping(rng)))
         if on_step is not None:
             on_step(done + 1, total)
     found, reduced = _reduce(coarse, [frames for _, _, frames in runs[:motions]], modes)
@@ -125,7 +125,7 @@ def _evened(snapshots: Array, weight: Array) -> Array:
     return np.asarray(snapshots / np.maximum(sizes, _LEAST * sizes.max()) ** _EVEN)
 
 
-def _random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
+def random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
     """Random loads: rotated (half of them by at most 30 degrees), scaled, and a third of them with a point force."""
     given = load.sum(axis=0)
     size = float(np.linalg.norm(given))
@@ -148,17 +148,17 @@ def _random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
     return turned * rng.uniform(*_SIZES)
 
 
-def _random_damping(rng: np.random.Generator) -> Damping:
+def random_damping(rng: np.random.Generator) -> Damping:
     """Damping by the mass and, half of the time, by the stiffness."""
     drag, viscosity = rng.uniform(*_DRAG), np.exp(rng.uniform(*np.log(_VISCOSITY)))
     return Damping(drag, viscosity if rng.random() < 0.5 else 0.0)
 
 
-def _motion(model: CoarseDiscreteShell, load: Array, damping: Damping) -> tuple[Array, Damping, Array]:
+def motion_under(model: CoarseDiscreteShell, load: Array, damping: Damping) -> tuple[Array, Damping, Array]:
     """The load, the damping and the frames (f, k, 3) of a motion under the load and after it."""
     state, frames = model.start_motion(), [np.array(model.coarse.shell.rest_positions)]
-    for frame in range(_LOADED + _RELEASED):
-        state, solved = model.step(state, _DT, load if frame < _LOADED else np.zeros_like(load), damping)
+    for frame in range(LOADED + RELEASED):
+        state, solved = model.step(state, DT, load if frame < LOADED else np.zeros_like(load), damping)
         if not solved or not np.isfinite(state.coordinates).all():
             raise SolverError("a training motion of the coarse shell failed: train about a smaller load")
         frames.append(state.coordinates)
@@ -178,12 +178,12 @@ def _held_out(
     z = np.zeros_like(push)
     rates, frames, unseen = np.zeros_like(z), [], 0.0
     factors = damping.mass_factor, damping.stiffness_factor
-    for frame in range(_LOADED + _RELEASED):
-        force = push if frame < _LOADED else np.zeros_like(push)
-        moved, solved, energy, seen, _ = implicit_step(reduced, z, rates, force, _DT, *factors, 1e-3)
+    for frame in range(LOADED + RELEASED):
+        force = push if frame < LOADED else np.zeros_like(push)
+        moved, solved, energy, seen, _ = implicit_step(reduced, z, rates, force, DT, *factors, 1e-3)
         if not solved:
             return 1.0, unseen
-        rates, z = (moved - z) / _DT, moved
+        rates, z = (moved - z) / DT, moved
         x = coarse.rest_positions + (found.basis @ z).reshape(-1, 3)
         unseen = max(unseen, found.unseen(coarse, x, energy, seen))
         frames.append(x)

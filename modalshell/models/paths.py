@@ -125,7 +125,7 @@ def equilibrium_path(
     ----------
     model : Model, Shell or EnergyFunction
         DS, of either energy, RSW, MD-ROM or another model with a potential; a shell stands for its DS.
-    gravity, force, loads
+    gravity, force, loads : optional
         The load at a factor of 1, as in :meth:`Model.equilibrium`; ``force`` (N,) of an EnergyFunction.
     until : float
         Load factor at which the path ends.

@@ -37,7 +37,7 @@ class SpringSheet(FullModel):
         of particles (:class:`modalshell.springs.ImplicitSprings`), each step from the last one's answer.
     iterations : int
         Largest number of conjugate-gradient iterations per step.
-    allow_unstable_step, step_tolerance, backend
+    allow_unstable_step, step_tolerance, backend : optional
         As for :class:`FullModel`; ``step_tolerance`` is also the residual at which conjugate gradients stop.
     reference_fold : float
         Fold [rad] at which :func:`modalshell.springs.shell_springs` hold the hinges' energy.

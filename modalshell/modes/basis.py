@@ -35,6 +35,7 @@ from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
 from modalshell.supports import SUPPORTS, Clamp, Support
 from modalshell.typing import Array
+from modalshell.units import SI
 
 _SHOWN_SHARE = 0.15
 """Largest displacement in a picture of a mode, over the shell's size."""
@@ -42,6 +43,12 @@ _STRIP = 8
 """Mode shapes that a notebook shows of a basis."""
 _FORMAT = 1
 """Version of the saved file."""
+_UNITS = {"vertices": "m", "eigenvalues": "1/s^2", "modes": "1/sqrt(kg)", "rotations": "1/(m sqrt(kg))"}
+_CONSTANTS: dict[type, dict[str, str]] = {
+    Material: {"stretch": "N/m", "shear": "N", "flexure": "N m", "density": "kg/m^2"},
+    Isotropic: {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"},
+}
+"""Units of the saved arrays, and of the constants of materials."""
 _COPIES, _RIGID_COPIES = 6, 6
 """Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
@@ -142,6 +149,7 @@ class Basis(ReadOnlyArrays):
             rigid_modes=np.array(self.rigid_modes),
             residual=np.array(self.residual),
             backend=np.array(self.backend),
+            units=SI.array(_UNITS | _CONSTANTS[type(material)]),
         )
 
     def page(
@@ -161,7 +169,7 @@ class Basis(ReadOnlyArrays):
         ----------
         path : str or path, optional
             HTML file to write.
-        title, gravity, force, damping, dt, reduced
+        title, gravity, force, damping, dt, reduced : optional
             See :func:`modalshell.page.modal_page`.
 
         Raises

@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, RotationSpline
 
 from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_number, checked_times, checked_vectors
@@ -78,6 +78,15 @@ def turn_rates(vector: Array, first: Array, second: Array) -> tuple[Array, Array
     return rate[0], along[0] - slope[0] @ first
 
 
+def _jumps(vectors: Array) -> bool:
+    """Whether rotation vectors (k, 3) [rad] change to another one of their rotation: their quaternions change sign."""
+    angles = np.linalg.norm(vectors, axis=1)
+    half = 0.5 * angles[:, None]
+    axes = np.divide(vectors, angles[:, None], out=np.zeros_like(vectors), where=angles[:, None] > 0.0)
+    quaternions = np.hstack([np.sin(half) * axes, np.cos(half)])
+    return bool((np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0).any())
+
+
 @final
 class SupportPath:
     """A path of the supports through keyframes: a cubic spline of the translation, and of the rotation vector.
@@ -115,7 +124,7 @@ class SupportPath:
         # Clamped ends: the supports start and stop at rest.
         moved = checked_vectors("translations", translations, shape, OptionError)
         self._translation = CubicSpline(self.times, moved, bc_type="clamped")
-        self._rotation: CubicSpline | None = None
+        self._rotation: CubicSpline | RotationSpline | None = None
         if rotation_vectors is not None:
             turned = checked_vectors("rotation_vectors", rotation_vectors, shape, OptionError)
             self._rotation = CubicSpline(self.times, turned, bc_type="clamped")
@@ -135,6 +144,9 @@ class SupportPath:
         stopped within the samples there, by accelerations that fall off by a factor 2 + sqrt(3) a sample, and the shell
         reacts to them: give a function that rests at its ends, or let ``duration`` reach some ten samples beyond the
         end of the simulation.
+
+        Rotation vectors of most programs jump where the angle passes pi. Such rotations are followed by a spline of
+        their own, less than half a turn from sample to sample, which is not brought to rest at the ends.
         """
         duration = checked_number("duration", duration, above=0.0, unit="s")
         step = checked_number("step", step, above=0.0, at_most=duration, unit="s")
@@ -142,7 +154,10 @@ class SupportPath:
         times = np.linspace(0.0, duration, count + 1)
         poses = [path(float(time)) for time in times]
         moved, turned = (np.array([pose[k] for pose in poses], dtype=np.float64) for k in (0, 1))
-        return cls(times, moved, turned, pivot=pivot)
+        made = cls(times, moved, turned, pivot=pivot)
+        if _jumps(turned):
+            made._rotation = RotationSpline(times, Rotation.from_rotvec(turned))
+        return made
 
     def at(self, time: float) -> Pose:
         """Pose of the supports at ``time`` [s]."""
@@ -151,7 +166,11 @@ class SupportPath:
         moving = self.times[0] <= time <= self.times[-1]
         none = np.zeros(3)
         rotation, rate, turning = np.eye(3), none, none
-        if self._rotation is not None:
+        if isinstance(self._rotation, RotationSpline):
+            rotation = self._rotation(inside).as_matrix()
+            if moving:
+                rate, turning = self._rotation(inside, 1), self._rotation(inside, 2)
+        elif self._rotation is not None:
             vector = self._rotation(inside)
             rotation = Rotation.from_rotvec(vector).as_matrix()
             if moving:

@@ -20,6 +20,7 @@ from modalshell.outcome import Outcome
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.shell import Shell
 from modalshell.typing import Array, Progress
+from modalshell.units import SI, UnitSystem
 
 WRITERS: dict[str, Callable[[Any, Path, Progress | None], Path]] = {}
 """What writes a trajectory, by the suffix of the file; the package ``export`` fills it."""
@@ -60,6 +61,8 @@ class Trajectory:
         Vertex positions at rest [m].
     fields : dict of ndarray
         Fields of the triangles by name, as of :class:`modalshell.ShellFields`: tensors (F, T, 3), scalars (F, T).
+    units : UnitSystem
+        Units of all numbers but ``seconds``: SI unless the scene names others.
     """
 
     times: Array
@@ -73,6 +76,7 @@ class Trajectory:
     faces: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
     rest_positions: Array = field(default_factory=lambda: np.empty((0, 3)))
     fields: dict[str, Array] = field(default_factory=dict)
+    units: UnitSystem = SI
 
     @property
     def status(self) -> str:
@@ -125,7 +129,11 @@ class Trajectory:
         for frame in np.linspace(0, len(self.times) - 1, count).round().astype(int):
             moved = np.linalg.norm(self.positions[frame] - self.rest_positions, axis=1)
             shape = ShadedSurface(
-                self.positions[frame], self.faces, scalars=moved, label="displacement [m]", smooth=True
+                self.positions[frame],
+                self.faces,
+                scalars=moved,
+                label=f"displacement [{self.units.of('m')}]",
+                smooth=True,
             )
             views.append(View([shape, rest], title=f"{self.times[frame]:.4g} s"))
         return Picture.of_views(views, size=size)

@@ -56,8 +56,8 @@ class WarpFrame:
         points = basis.shell.rest_positions
         self.vertices = len(points)
         tiles = -(-self.vertices // TILE)
-        self._modal = _aligned_zeros((tiles, self.count, 6 * TILE), self.dtype)
-        self._rest = _aligned_zeros((tiles, 3 * TILE), self.dtype)
+        self._modal = aligned_zeros((tiles, self.count, 6 * TILE), self.dtype)
+        self._rest = aligned_zeros((tiles, 3 * TILE), self.dtype)
         modal, rest = self._modal.reshape(tiles, self.count, 6, TILE), self._rest.reshape(tiles, 3, TILE)
         modes, rotations = (a.reshape(-1, 3, self.count) for a in (basis.modes, basis.rotations))
         for tile in range(tiles):
@@ -72,7 +72,7 @@ class WarpFrame:
         self.__dict__.update(state)
         for name in ("_modal", "_rest"):
             stored = state[name]
-            aligned = self.__dict__[name] = _aligned_zeros(stored.shape, stored.dtype)
+            aligned = self.__dict__[name] = aligned_zeros(stored.shape, stored.dtype)
             aligned[:] = stored
 
     @property
@@ -121,10 +121,10 @@ class WarpFrame:
 
 
 def _scratch(count: int, threads: int, dtype: np.dtype[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-    return np.zeros(count, dtype), _aligned_zeros((threads, WORK), dtype)
+    return np.zeros(count, dtype), aligned_zeros((threads, WORK), dtype)
 
 
-def _aligned_zeros(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+def aligned_zeros(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Zeros that begin at a cache line, so that no packed read touches two."""
     size = int(np.prod(shape)) * dtype.itemsize
     raw = np.zeros(size + _ALIGNMENT, np.uint8)

@@ -11,13 +11,14 @@ from modalshell.models.paths import EquilibriumPath
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.render.load_paths import MARKERS, path_curves
+from modalshell.units import SI, UnitSystem
 
 _COLORS = ("#2b5fc8", "#d98200", "#7b2d8e", "#2f9e44", "#c8322b")
 _MOST = 11
 """Marked points that are pictured at most, the beginning and the end not counted."""
 
 
-def write_path(path: EquilibriumPath, folder: Path, name: str) -> list[Path]:
+def write_path(path: EquilibriumPath, folder: Path, name: str, units: UnitSystem = SI) -> list[Path]:
     """Write ``NAME_path.npz``, ``NAME_path.png`` and ``NAME_path_shapes.png`` into ``folder``; return the paths."""
     arrays = {}
     for number, one in enumerate([path, *path.branches]):
@@ -26,7 +27,9 @@ def write_path(path: EquilibriumPath, folder: Path, name: str) -> list[Path]:
             arrays[f"{begin}{key}"] = getattr(one, key)
         arrays[f"{begin}event_kinds"] = np.array([event.kind for event in one.events], dtype="U16")
         arrays[f"{begin}event_points"] = np.array([event[1] for event in one.events], dtype=np.int64)
-    written = [write_npz(folder / f"{name}_path.npz", **arrays)]
+    quantities = {"displacements": "m", "positions": "m"}
+    told = units.array({key: quantities.get(key.rsplit("_", 1)[-1], "") for key in arrays})
+    written = [write_npz(folder / f"{name}_path.npz", units=told, **arrays)]
     curves: list[Curve] = []
     for number, one in enumerate([path, *path.branches]):
         label = "path" if one is path else f"branch {number}"
@@ -38,7 +41,9 @@ def write_path(path: EquilibriumPath, folder: Path, name: str) -> list[Path]:
             place = next((one, e[1]) for one in [path, *path.branches] for e in one.events if e.kind == kind)
             x, y = place[0].displacements[place[1]], place[0].factors[place[1]]
             curves.append(Curve([x], [y], kind, "black", marker=marker))
-    panel = Panel(curves, f"{name}: stable parts solid, unstable ones dashed", "displacement [m]", "load factor")
+    panel = Panel(
+        curves, f"{name}: stable parts solid, unstable ones dashed", f"displacement [{units.of('m')}]", "load factor"
+    )
     written.append(draw_curves([panel], folder / f"{name}_path.png"))
     if path.mesh is not None:
         written.append(_draw_shapes(path, folder / f"{name}_path_shapes.png"))

@@ -31,9 +31,12 @@ from modalshell.scene.read import located
 from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
 from modalshell.typing import Progress
+from modalshell.units import SI
 
 _BIRD_BYTES, _DRAWN_BYTES = 60, 240
 """Bytes per vertex of each bird, in stepping and in drawing."""
+_UNITS = {"time": "s", "positions": "m", "accelerations": "m/s^2", "coordinates": "m sqrt(kg)"}
+"""Units of the arrays."""
 _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "levels")
 
 
@@ -152,7 +155,7 @@ class FlockRun(SceneRun[FlightResult]):
 
         self._report = self._draw(formats, advance)
         arrays = {name: self._records[name] for name in _KEPT} | {"faces": np.asarray(self.shell.mesh.faces)}
-        write_npz(self.path("npz"), **arrays)
+        write_npz(self.path("npz"), units=SI.array({name: _UNITS.get(name, "") for name in arrays}), **arrays)
         del self._records  # mapped, and about to be deleted
 
     def record(self) -> dict[str, Any]:

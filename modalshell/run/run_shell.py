@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
@@ -20,7 +20,7 @@ from modalshell.motion.recorder import Recorder, step_count, take_steps
 from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import write_results
+from modalshell.run.results import Look, write_results
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.read import located
 from modalshell.scene.tables import MotionTable
@@ -108,18 +108,19 @@ class ShellRun(SceneRun[SceneResult]):
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
         if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
             run = run.with_remark(ADVICE)
-        self._take(run)
+        self._take(replace(run, units=scene.unit_system))
         return resumed
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
-        write_results(self._trajectory, self.folder, self.name, formats, color=self._scene.output.color)
+        write_results(self._trajectory, self.folder, self.name, formats, look=Look(color=self._scene.output.color))
 
     def record(self) -> dict[str, Any]:
         """How the motion ended, and its wall time."""
         run = self._trajectory
         color = self._scene.output.color
         told: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
+        told["units"] = {"seconds": "s of wall time"} | asdict(run.units)
         return told | {"color": color} if color else told
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:

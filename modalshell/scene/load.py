@@ -33,6 +33,11 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     path : path
         A TOML file with the tables of :mod:`modalshell.scene.tables`.
 
+    Returns
+    -------
+    Scene
+        A scene of one shell, or of a flock.
+
     Raises
     ------
     SceneError

@@ -47,6 +47,7 @@ from modalshell.shell import Shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
 from modalshell.typing import Array
+from modalshell.units import SI, UnitSystem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,6 +213,11 @@ class ShellScene(Scene):
         worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
         moved = f"the load is that of the moving supports when it is largest, at {times[worst]:.3g} s"
         return effective[worst], "; ".join(part for part in (moved, note) if part)
+
+    @property
+    def unit_system(self) -> UnitSystem:
+        """Units of the scene's numbers, and of its results."""
+        return SI if self.units is None else UnitSystem(self.units.length, self.units.mass, self.units.time)
 
     def build_loading(self, shell: Shell) -> tuple[SupportPath | None, Array | None, list[Load], list[Constraint]]:
         """Build path of the supports, dead forces (n, 3) [N] without gravity, loads and constraints on ``shell``.

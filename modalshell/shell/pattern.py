@@ -13,6 +13,9 @@ from modalshell.brief import brief
 from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 
+_AT_A_TIME = 100_000
+"""Elements whose blocks are looked up at a time."""
+
 
 @dataclass(frozen=True)
 class InternalUnknowns:
@@ -62,8 +65,9 @@ class SparsePattern:
         Positions of the diagonal entries.
     free_indptr, free_indices : ndarray of int32
         CSR structure of the part that belongs to the free unknowns, and to the internal ones after them.
-    free_entries : ndarray of int64, or csr_array
-        Positions of its entries in the whole matrix; or the matrix that maps the whole's entries to them.
+    free_entries : ndarray of bool or of int64, or csr_array
+        Which entries of the whole matrix are its entries, or their positions; or the matrix that maps the whole's
+        entries to them.
     internal : InternalUnknowns, optional
         Internal unknowns of the energy.
     """
@@ -74,7 +78,7 @@ class SparsePattern:
     diagonal: Index
     free_indptr: NDArray[np.int32]
     free_indices: NDArray[np.int32]
-    free_entries: Index | sps.csr_array
+    free_entries: Index | NDArray[np.bool_] | sps.csr_array
     internal: InternalUnknowns | None = None
 
     @property
@@ -170,61 +174,83 @@ def build_pattern(
     list of ndarray of int64, shape (elements, vertices, vertices)
         For each pair of an element's vertices, where its 3 x 3 block begins in the CSR values; -1 where it has none.
     """
-    keys = [np.arange(vertex_count, dtype=np.int64) * (vertex_count + 1)]
-    for stencil in stencils:
-        inside = (stencil >= 0) & (stencil < vertex_count)
-        pairs = stencil[:, :, None] * vertex_count + stencil[:, None, :]
-        keys.append(pairs[inside[:, :, None] & inside[:, None, :]])
-    unique = np.unique(np.concatenate(keys))
-    block_rows, block_columns = np.divmod(unique, vertex_count)
-    degrees = np.bincount(block_rows, minlength=vertex_count)
-    block_starts = np.concatenate([[0], np.cumsum(degrees)])
-    strides = (3 * degrees).astype(np.int64)
-
-    indptr = np.concatenate([[0], np.cumsum(np.repeat(strides, 3))]).astype(np.int32)
-    # Row 3v + i lists the columns 3c, 3c + 1, 3c + 2 of every neighbour c of v.
-    row_columns = (3 * block_columns[:, None] + np.arange(3)).ravel()
-    starts = 3 * block_starts
-    rows = np.repeat(np.arange(vertex_count), 3)
-    offsets = np.arange(indptr[-1], dtype=np.int64) - np.repeat(indptr[:-1].astype(np.int64), np.diff(indptr))
-    indices = row_columns[np.repeat(starts[rows], np.diff(indptr)) + offsets].astype(np.int32)
-
-    slots = []
-    for stencil in stencils:
-        pair_keys = stencil[:, :, None] * vertex_count + stencil[:, None, :]
-        inside = (stencil >= 0) & (stencil < vertex_count)
-        position = np.searchsorted(unique, pair_keys)
-        row = np.broadcast_to(np.where(inside, stencil, 0)[:, :, None], position.shape)
-        slot = 9 * block_starts[row] + 3 * (position - block_starts[row])
-        slots.append(np.ascontiguousarray(np.where(inside[:, :, None] & inside[:, None, :], slot, -1)))
-
-    numbers = sps.csr_array(
-        (np.arange(1, indices.size + 1, dtype=np.int64), indices, indptr), shape=(3 * vertex_count, 3 * vertex_count)
-    )
-    if internal is not None:
-        numbers = _bordered(numbers, internal)
-    extra = 0 if internal is None else internal.count
-    free_entries: Index | sps.csr_array
-    if unknowns.matrix is None:
-        free_unknowns = np.concatenate(
-            [unknowns.values(np.arange(3 * vertex_count)), 3 * vertex_count + np.arange(extra)]
-        )
-        part = numbers[free_unknowns][:, free_unknowns].tocsr()
-        part.sort_indices()
-        free_entries = part.data - 1
+    starts, columns = _blocks(vertex_count, stencils)
+    degrees = np.diff(starts)
+    strides = 3 * degrees.astype(np.int64)
+    rows = np.repeat(np.arange(vertex_count, dtype=np.int32), degrees)
+    free_entries: Index | NDArray[np.bool_] | sps.csr_array
+    if unknowns.matrix is None and internal is None:
+        free = np.zeros(3 * vertex_count, dtype=bool)
+        free[unknowns.values(np.arange(3 * vertex_count))] = True
+        kept = free[3 * rows] & free[3 * columns]
+        whole = _expanded(starts, columns, kept)
+        free_entries = whole.data
+        number = np.cumsum(free[::3], dtype=np.int32) - 1
+        before = np.concatenate([np.zeros(1, np.int32), np.cumsum(kept, dtype=np.int32)])[starts]
+        part = _expanded(before[np.append(free[::3], True)], number[columns[kept]], kept[kept])
     else:
-        part, free_entries = _mapped(numbers, unknowns.matrix, extra)
+        whole = _expanded(starts, columns, np.ones(columns.size, dtype=bool))
+        whole.data = np.arange(1, whole.nnz + 1, dtype=np.int64)
+        numbers = whole if internal is None else _bordered(whole, internal)
+        extra = 0 if internal is None else internal.count
+        if unknowns.matrix is None:
+            inner = 3 * vertex_count + np.arange(extra)
+            free_unknowns = np.concatenate([unknowns.values(np.arange(3 * vertex_count)), inner])
+            part = numbers[free_unknowns][:, free_unknowns].tocsr()
+            part.sort_indices()
+            free_entries = part.data - 1
+        else:
+            part, free_entries = _mapped(numbers, unknowns.matrix, extra)
+
+    # A block begins at the entries of the rows before it, and after those of the blocks before it in its first row.
+    begins = 6 * starts[rows].astype(np.int64) + 3 * np.arange(columns.size)
+    positions = sps.csr_matrix((np.arange(columns.size, dtype=np.int32), columns, starts), (vertex_count, vertex_count))
+    on_diagonal = begins[columns == rows]
     pattern = SparsePattern(
-        indptr=indptr,
-        indices=indices,
+        indptr=whole.indptr,
+        indices=whole.indices,
         strides=strides,
-        diagonal=np.flatnonzero(indices == np.repeat(np.arange(indptr.size - 1), np.diff(indptr))),
-        free_indptr=part.indptr.astype(np.int32),
-        free_indices=part.indices.astype(np.int32),
+        diagonal=(on_diagonal[:, None] + np.arange(3) * (strides[:, None] + 1)).ravel(),
+        free_indptr=part.indptr.astype(np.int32, copy=False),
+        free_indices=part.indices.astype(np.int32, copy=False),
         free_entries=free_entries,
         internal=internal,
     )
-    return pattern, slots
+    return pattern, [_slots(stencil, positions, begins) for stencil in stencils]
+
+
+def _blocks(vertex_count: int, stencils: Sequence[Index]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Row starts and columns of all pairs of vertices that share an element, and of the diagonal."""
+    pairs = sps.csr_array(sps.eye_array(vertex_count, dtype=bool, format="csr"))
+    for stencil in stencils:
+        inside = (stencil >= 0) & (stencil < vertex_count)
+        ends = np.concatenate([[0], np.cumsum(inside.sum(axis=1))]).astype(np.int32)
+        vertices = stencil[inside].astype(np.int32)
+        shape = len(stencil), vertex_count
+        elements = sps.csr_array((np.ones(vertices.size, dtype=bool), vertices, ends), shape=shape)
+        pairs = sps.csr_array(pairs + elements.T.tocsr() @ elements)
+    pairs.sort_indices()
+    return pairs.indptr.astype(np.int32, copy=False), pairs.indices.astype(np.int32, copy=False)
+
+
+def _expanded(starts: NDArray[np.int32], columns: NDArray[np.int32], values: NDArray[np.bool_]) -> sps.csr_array:
+    """CSR matrix of 3 x 3 blocks, all entries of a block with one value."""
+    size = 3 * (starts.size - 1)
+    blocks = np.repeat(values, 9).reshape(-1, 3, 3)
+    return sps.csr_array(sps.bsr_array((blocks, columns, starts), shape=(size, size)))
+
+
+def _slots(stencil: Index, positions: sps.csr_matrix, begins: Index) -> Index:
+    """Where the blocks of each element begin (elements, vertices, vertices), -1 where there is none."""
+    count, width = stencil.shape
+    slots = np.full((count, width, width), -1)
+    for first in range(0, count, _AT_A_TIME):
+        some = stencil[first : first + _AT_A_TIME]
+        inside = (some >= 0) & (some < positions.shape[0])
+        rows, columns = np.broadcast_arrays(some[:, :, None], some[:, None, :])
+        both = inside[:, :, None] & inside[:, None, :]
+        slots[first : first + _AT_A_TIME][both] = begins[positions[rows[both], columns[both]].A1]
+    return slots
 
 
 def _mapped(numbers: sps.csr_array, matrix: sps.csr_array, extra: int) -> tuple[sps.csr_array, sps.csr_array]:

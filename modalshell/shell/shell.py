@@ -32,8 +32,8 @@ from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 from modalshell.typing import Array, Index
 
-_VERTEX_BYTES = 8_000
-"""Memory of the assembly of the stiffness pattern [bytes]."""
+_VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 19_000
+"""Memory of the assembly of the stiffness pattern, and of that with fold shares [bytes]."""
 
 
 class Shell(ReadOnlyArrays):
@@ -100,7 +100,8 @@ class Shell(ReadOnlyArrays):
         self.material = material
         self.rest_positions: Array = np.asarray(mesh.vertices)
         count = len(mesh.vertices)
-        demand_memory(f"a shell of {count} vertices", _VERTEX_BYTES * count, "take a coarser mesh")
+        each = _SPLIT_VERTEX_BYTES if isinstance(material, Isotropic) else _VERTEX_BYTES
+        demand_memory(f"a shell of {count} vertices", each * count, "take a coarser mesh")
         clamp = held_vertices(clamped, count)
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
@@ -291,7 +292,7 @@ class Shell(ReadOnlyArrays):
         ----------
         positions : array_like, shape (n, 3)
             Vertex positions in equilibrium [m].
-        gravity, force, loads
+        gravity, force, loads : optional
             The load, as in :meth:`Model.equilibrium`.
 
         Raises
@@ -321,7 +322,7 @@ class Shell(ReadOnlyArrays):
 
         Parameters
         ----------
-        positions, gravity, force, loads
+        positions, gravity, force, loads : optional
             As for :meth:`reactions`.
 
         Raises

@@ -74,6 +74,11 @@ def shell_springs(shell: Shell, reference_fold: float = REFERENCE_FOLD) -> Sprin
     reference_fold : float
         [rad], in (0, pi/2].
 
+    Returns
+    -------
+    Springs
+        The springs.
+
     Raises
     ------
     MaterialError

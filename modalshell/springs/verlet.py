@@ -32,10 +32,12 @@ class GridVerlet(VerletSheet):
         The sheet; without dashpots.
     dtype : {float64, float32}
         Precision of the state and the arithmetic.
-    start, velocity : array_like, shape (rows * columns, 3), optional
-        Positions [m], by default at rest, and velocities [m/s], by default zero. Pinned masses do not move.
+    start : array_like, shape (rows * columns, 3), optional
+        Positions [m]; by default at rest.
     threads : int, optional
         Number of threads; by default one or all of numba's, whichever is faster. The results do not depend on it.
+    velocity : array_like, shape (rows * columns, 3), optional
+        Velocities [m/s]; by default zero. Pinned masses do not move.
     allow_unstable_step : bool
         Whether steps may be longer than the stable one.
 

@@ -82,8 +82,13 @@ def buckling_factors(
         A shell that its supports hold.
     count : int
         Number of factors k at most.
-    gravity, force, loads
+    gravity, force, loads : optional
         The load, as in :meth:`Model.equilibrium`; loads of time count as they are at time 0.
+
+    Returns
+    -------
+    Buckling
+        Load factors and mode shapes.
 
     Raises
     ------

@@ -26,6 +26,7 @@ from modalshell.sweep.summary import (
     refuse_parquet_without_pyarrow,
     run_rows,
     summary_rows,
+    unit_rows,
     write_csv,
     write_parquet,
 )
@@ -47,7 +48,8 @@ class SweepResult:
     rows : list of dict
         The summary: a row for each case in the order of the grid, the last axis first; None where there is no value.
     files : list of Path
-        ``NAME_sweep.csv``, the requested formats, and ``NAME_sweep_runs.csv``.
+        ``NAME_sweep.csv``, the requested formats, ``NAME_sweep_runs.csv``, and the units of the summary's columns in
+        ``NAME_sweep_units.csv``.
     computed, stored : int
         Cases that were computed now, and that were there from before; each truth counts as one.
     note : str
@@ -178,15 +180,18 @@ def _write(
 ) -> tuple[list[Path], list[SummaryRow], str]:
     stem, note = f"{sweep.name}_sweep", ""
     rows = summary_rows(plan, [axis.key for axis in sweep.axes], found)
+    units = unit_rows(rows, sweep.scene)
     files = [write_csv(folder / f"{stem}.csv", rows)]
     if "parquet" in sweep.output.formats:
         files.append(write_parquet(folder / f"{stem}.parquet", rows))
     if "png" in sweep.output.formats:
         picture = folder / f"{stem}.png"
-        note = draw_summary(rows, sweep.axes, value, picture, sweep.name)
+        named = {row["column"]: row["unit"] for row in units}
+        note = draw_summary(rows, sweep.axes, value, picture, sweep.name, named)
         if note:
             picture.unlink(missing_ok=True)  # one of an earlier sweep would be taken for this one's
         else:
             files.append(picture)
     files.append(write_csv(folder / f"{stem}_runs.csv", run_rows(plan, found)))
+    files.append(write_csv(folder / f"{stem}_units.csv", units))
     return files, rows, note

@@ -10,7 +10,7 @@ out of curves and grey in maps.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,13 +28,13 @@ Chosen = dict[int, int]
 """Index of a value by the place of its axis."""
 
 _LABELS = {
-    "displacement": "largest displacement [m]",
-    "peak_displacement": "peak displacement [m]",
+    "displacement": "largest displacement",
+    "peak_displacement": "peak displacement",
     "error": "relative displacement error",
     "area_change": "relative change of area",
-    "kinetic_energy": "kinetic energy [J]",
-    "elastic_energy": "elastic energy [J]",
-    "load_potential": "potential of the load [J]",
+    "kinetic_energy": "kinetic energy",
+    "elastic_energy": "elastic energy",
+    "load_potential": "potential of the load",
 }
 _COLORS = ("#2b5fc8", "#c8322b", "#2f9e44", "#d98200", "#7b2d8e", "#17a2b8", "#8c564b", "#777777")
 _RANGES = ("#440154", "#414487", "#2a788e", "#22a884", "#7ad151", "#fde725")
@@ -46,7 +46,9 @@ _WIDE = 30.0
 """Ratio of largest to smallest from which an axis is logarithmic."""
 
 
-def draw_summary(rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, path: Path, title: str) -> str:
+def draw_summary(
+    rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, path: Path, title: str, units: Mapping[str, str]
+) -> str:
     """Draw ``value`` over the axes into a PNG.
 
     Returns
@@ -65,9 +67,11 @@ def draw_summary(rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, p
     numeric = [(along, place) for along, place in lengths if along is not None]
     wide = sorted(numeric, key=lambda item: -len(item[0]))  # stable: the first in the file where they tie
     if len(wide) > 1 and len(wide[1][0]) > 3:
-        return _draw_map(table, axes, sorted(wide[:2], key=lambda item: item[1]), _label(value), known, path, title)
+        return _draw_map(
+            table, axes, sorted(wide[:2], key=lambda item: item[1]), _label(value, units), known, path, title
+        )
     along, place = wide[0] if wide else (np.arange(1.0, len(axes[-1].values) + 1.0), len(axes) - 1)
-    return _draw_curves(table, axes, (along, place), _label(value), known, path, title, named=not wide)
+    return _draw_curves(table, axes, (along, place), _label(value, units), known, path, title, named=not wide)
 
 
 def _draw_curves(
@@ -211,8 +215,9 @@ def _text(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _label(value: str) -> str:
-    return _LABELS.get(value, value.replace("_", " "))
+def _label(value: str, units: Mapping[str, str]) -> str:
+    unit = units.get(value, "1")
+    return _LABELS.get(value, value.replace("_", " ")) + (f" [{unit}]" if unit != "1" else "")
 
 
 def _axis_label(axis: Axis) -> str:

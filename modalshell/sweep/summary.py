@@ -17,8 +17,25 @@ from modalshell.errors import ModalShellError, OptionError
 from modalshell.measure import displacement_error
 from modalshell.sweep.case import CaseResult, Measures
 from modalshell.sweep.plan import Plan
+from modalshell.units import UnitSystem
 
 SummaryRow = dict[str, Any]
+
+_UNITS = {
+    "displacement": "m",
+    "peak_displacement": "m",
+    "kinetic_energy": "J",
+    "elastic_energy": "J",
+    "load_potential": "J",
+    **{f"mesh.{name}": "m" for name in ("length", "width", "height", "radius")},
+    "mesh.fold": "deg",
+    "material.young": "Pa",
+    "material.thickness": "m",
+    "loads.gravity": "m/s^2",
+    "motion.duration": "s",
+    "motion.dt": "s",
+}
+"""Units of measures and of axes; the rest are plain numbers or texts."""
 
 MEASURES = Measures.__struct_fields__
 """Columns of every summary; "error" is added if there is a reference."""
@@ -51,6 +68,14 @@ def run_rows(plan: Plan, found: Mapping[str, CaseResult]) -> list[SummaryRow]:
         info = found[digest].info
         rows.append({"digest": digest} | msgspec.structs.asdict(info) | {"warnings": " | ".join(info.warnings)})
     return rows
+
+
+def unit_rows(rows: Sequence[SummaryRow], scene: Mapping[str, Any]) -> list[SummaryRow]:
+    """The unit of each column of the summary of a ``scene``'s cases; "1" for plain numbers and texts."""
+    units = UnitSystem(**scene.get("units", {}))
+    sheet = "kg/m^2" if "stretch" in scene["material"] else "kg/m^3"
+    told = {key: (_UNITS | {"material.density": sheet}).get(key, "") for key in rows[0]}
+    return [{"column": key, "unit": unit} for key, unit in units.labels(told).items()]
 
 
 def _error(result: CaseResult, truth: CaseResult, mesh: Any) -> float | None:

@@ -1,8 +1,12 @@
 """Crowds: a batch against single runs, levels of detail and what they show, threads, wing beats, the paper bird."""
 
+import os
 import platform
 import re
+import subprocess
+import sys
 
+import llvmlite.binding
 import numpy as np
 import pytest
 from numba import njit
@@ -111,7 +115,7 @@ def test_what_is_not_finite_shows(basis):
 def test_the_kernels_are_packed():
     """All multiplications of a pair of instances are, and no array is counted in the loops."""
     kernel = njit(error_model="numpy")(kernels.crowd_positions.py_func)
-    shapes = ((1, 1, 6 * 128), (1, 3 * 128), (1, 1), 30, (1, 12), 6 * 128, (1, 1, 3))
+    shapes = ((1, 1, 6 * 128), (1, 3 * 128), (1, 1), 30, (1, 12), kernels.work_size(np.float64), (1, 1, 3))
     kernel(0, 1, 2, np.zeros(1, np.int64), *(np.zeros(shape) for shape in shapes))
     text = "".join(kernel.inspect_asm().values())
     register = "zmm" if BYTES == 64 else "ymm"
@@ -253,3 +257,42 @@ def test_refuses(basis):
         ms.Crowd(basis, 2, damping=(-1.0, 0.0))
     with pytest.raises(ms.OptionError, match="dtype"):
         ms.Crowd(basis, 2, dtype=np.int64)
+
+
+NARROW = """
+import sys
+import numpy as np
+import modalshell as ms
+from modalshell.kernels import packed
+basis = ms.Basis.load(sys.argv[1])
+for dtype in (np.float64, np.float32):
+    crowd = ms.Crowd(basis, 5, dtype=dtype)
+    crowd.coordinates = np.load(sys.argv[2])
+    shapes = crowd.positions(np.eye(3), (1.0, 2.0, 3.0))
+    crowd.step(0.01, felt=(1.0, 2.0, 3.0))
+    np.savez(f"{sys.argv[3]}_{np.dtype(dtype).name}", shapes=shapes, rates=crowd.rates, width=packed.BYTES)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BYTES != 64, reason="the processor has no wider registers than those of AVX2")
+def test_registers_of_either_width_give_the_same(basis, tmp_path):
+    """A child process compiles for AVX2, where this processor has AVX-512."""
+    basis.save(tmp_path / "basis.npz")
+    q = np.random.default_rng(3).standard_normal((5, basis.count))
+    q *= np.array([0.1, 1.0, 3.0, 6.0, 9.0])[:, None] / np.abs(q @ basis.rotations.T).max(axis=1)[:, None]
+    np.save(tmp_path / "q.npy", q)
+    features = llvmlite.binding.get_host_cpu_features()
+    narrow = ",".join(f"{'+' if on and '512' not in name else '-'}{name}" for name, on in features.items())
+    limits = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": narrow, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-c", NARROW, *(str(tmp_path / name) for name in ("basis.npz", "q.npy", "found"))]
+    subprocess.run(command, env=os.environ | limits, check=True, timeout=300)
+    for dtype, tolerance in ((np.float64, 1e-14), (np.float32, 1e-6)):
+        crowd = ms.Crowd(basis, 5, dtype=dtype)
+        crowd.coordinates = q
+        shapes = crowd.positions(np.eye(3), (1.0, 2.0, 3.0))
+        crowd.step(0.01, felt=(1.0, 2.0, 3.0))
+        with np.load(tmp_path / f"found_{np.dtype(dtype).name}.npz") as found:
+            assert found["width"] == 32
+            assert np.abs(found["shapes"] - shapes).max() <= tolerance * np.abs(shapes).max()
+            assert np.abs(found["rates"] - crowd.rates).max() <= 1e-12 * np.abs(crowd.rates).max()

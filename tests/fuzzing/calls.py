@@ -42,7 +42,16 @@ RECORDS = {
     "Scene",
     "SceneResult",
 }
-RECORDS |= {"BasisSensitivity", "Fit", "RepairReport", "ShellFields", "SweepResult", "Tradeoff", "Trajectory"}
+RECORDS |= {
+    "BasisSensitivity",
+    "Fit",
+    "RepairReport",
+    "ShellFields",
+    "SweepResult",
+    "Tradeoff",
+    "Trajectory",
+    "UnitSystem",
+}
 """Plain records that the package fills itself; they hold what they are given."""
 NO_INPUT = {"models"}
 """They take nothing."""

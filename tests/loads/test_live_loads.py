@@ -153,6 +153,36 @@ def test_cantilevers_drop_as_euler_and_bernoulli_say(load, drop):
     assert np.abs(reactions.sum(axis=0) + force.sum(axis=0)).max() <= 1e-8 * scale
 
 
+@pytest.mark.parametrize(
+    ("ends", "load", "share"),
+    [
+        ("pinned", "line", 5.0 / 384.0),
+        ("clamped", "line", 1.0 / 384.0),
+        ("pinned", "weight", 5.0 / 384.0),
+        ("clamped", "weight", 1.0 / 384.0),
+        ("pinned", "moments", 1.0 / 8.0),
+    ],
+)
+def test_strips_between_two_ends_sag_as_euler_and_bernoulli_say(ends, load, share):
+    """Line forces along both edges, the weight, and moments at both ends, in ``q L^4 / D`` and ``m L^2 / D``."""
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(40, 8))  # clamped ones are 3.1 % off at 20 cells
+    first, last = mesh.vertices[:, 0] < 1e-6, mesh.vertices[:, 0] > 1.0 - 1e-6
+    kinds = [ms.Clamp(first), ms.Clamp(last)] if ends == "clamped" else [ms.Pin(first), ms.Fix(last, axes="yz")]
+    shell = ms.Shell(mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, DENSITY), supports=kinds)
+    edges = np.abs(mesh.vertices[:, 1])
+    rims = [mesh.vertices[:, 1] > edges.max() - 1e-9, mesh.vertices[:, 1] < 1e-9 - edges.max()]
+    small = 1e-4
+    loads = {
+        "line": [ms.LineForce(rim, (0.0, 0.0, -0.5 * 0.2 * small)) for rim in rims],
+        "weight": [ms.SelfWeight((0.0, 0.0, -small / (DENSITY * THICKNESS)))],
+        "moments": [ms.EdgeMoment(end, small) for end in (first, last)],
+    }[load]
+    state = ms.DiscreteShell(shell).equilibrium(loads=loads)
+    middle = np.abs(mesh.vertices[:, 0] - 0.5) < 1e-9
+    assert state.converged
+    assert -(state.positions - mesh.vertices)[middle, 2].mean() == pytest.approx(share * small / RIGIDITY, rel=0.01)
+
+
 @pytest.mark.parametrize(("width", "bound"), [(0.05, 0.01), (0.2, 0.025)])
 @pytest.mark.parametrize("load", ["tip", "moment", "weight"])
 def test_cantilevers_of_calibrated_hinges_drop_so_too(load, width, bound):
@@ -416,6 +446,31 @@ def test_patches_stand_for_all_triangles_of_a_fine_mesh(rung, name, fine):
     found, exact = (motion.positions() for motion in motions)
     assert np.abs(exact - mesh.vertices).max() > 1e-2 * mesh.size
     assert ms.measure.displacement_error(found, exact, shell) < bound
+
+
+def test_loads_cost_rsw_no_further_solve(fine, monkeypatch):
+    """A frame of it solves once for its positions, under loads that follow, too."""
+    model, solved = fine["RSW"], []
+    monkeypatch.setattr(model._fit, "factor", Counted(model._fit.factor, solved))
+    motion = Motion(model, dt=0.01, loads=[load for load, _ in SPREAD.values()], damping=(5.0, 0.0))
+    motion.advance()
+    motion.positions()
+    solved.clear()
+    for _ in range(5):
+        motion.advance()
+        motion.positions()
+    assert len(solved) == 5
+
+
+class Counted:
+    """A factor whose solves are counted."""
+
+    def __init__(self, factor, solved):
+        self.factor, self.solved = factor, solved
+
+    def solve(self, right_side):
+        self.solved.append(right_side.shape)
+        return self.factor.solve(right_side)
 
 
 @pytest.mark.parametrize(

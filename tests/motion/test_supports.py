@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 
@@ -139,3 +140,21 @@ def test_turns_start_and_stop_at_rest_and_rates_are_the_rotations_own():
         np.testing.assert_allclose([spin[2, 1], spin[0, 2], spin[1, 0]], now.turn_rate, rtol=1e-7, atol=1e-8)
         change = (after.turn_rate - before.turn_rate) / (2 * step)
         np.testing.assert_allclose(change, now.turn_acceleration, rtol=1e-7, atol=1e-6)
+
+
+def test_rotation_vectors_that_jump_at_half_a_turn_are_followed_through_more_than_a_turn():
+    """A spin of 1.5 turns under a tilt, as SciPy gives it: angles up to pi. Rates are those of finite differences."""
+
+    def turn(time):
+        return Rotation.from_rotvec([0.0, 0.0, 9.0 * smooth(time, 1.0)]) * Rotation.from_rotvec([0.3 * time, 0.1, 0.0])
+
+    path = ms.SupportPath.from_function(lambda t: ([0, 0, 0], turn(t).as_rotvec()), 1.0)
+    h = 1e-4
+    for time in np.linspace(0.05, 0.95, 40):
+        pose = path.at(time)
+        np.testing.assert_allclose(pose.rotation, turn(time).as_matrix(), atol=1e-6)
+        before, after = turn(time - h), turn(time + h)
+        rate = (before.inv() * after).as_rotvec() / (2.0 * h)
+        np.testing.assert_allclose(pose.turn_rate, rate, atol=2e-3)
+        numbers = [path.at(time + sign * h).turn_rate for sign in (-1.0, 1.0)]
+        np.testing.assert_allclose(pose.turn_acceleration, (numbers[1] - numbers[0]) / (2.0 * h), atol=0.05)

@@ -1,10 +1,26 @@
 """Units of scenes, and warnings for values that no sheet has."""
 
+import json
 import warnings
 
+import numpy as np
 import pytest
+import pyvista
 
-from modalshell import ModalShellWarning, SceneError, load_scene
+from modalshell import (
+    Basis,
+    Isotropic,
+    Material,
+    ModalShellWarning,
+    SceneError,
+    Shell,
+    load_clip,
+    load_scene,
+    run_scene,
+    sheet,
+    solve_modes,
+)
+from modalshell.units import SI, UnitSystem
 
 STIFFNESSES = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2\n"
 SHEET = "young = {young}\npoisson = 0.3\nthickness = {thickness}\ndensity = {density}\n"
@@ -47,3 +63,55 @@ def test_unknown_units_are_refused(scene_file):
     for units, told in (('length = "parsec"', r"units\.length"), ('force = "N"', r"units\.force: unknown key")):
         with pytest.raises(SceneError, match=told):
             load_scene(scene_file(more=f"[units]\n{units}\n"))
+
+
+MILLIMETRES = '[units]\nlength = "mm"\nmass = "t"\ntime = "s"\n'
+
+
+def test_unit_systems_name_what_follows_from_their_three():
+    tonnes = UnitSystem("mm", "t", "s")
+    found = [tonnes.of(unit) for unit in ("m", "Pa", "N", "J", "1/m", "N/m", "kg/m^3", "1/s^2", "", "rad")]
+    expected = ["mm", "t/(mm s^2)", "t mm/s^2", "t mm^2/s^2", "1/mm", "t/s^2", "t/mm^3", "1/s^2", "", "rad"]
+    assert found == expected
+    assert [SI.of(unit) for unit in ("Pa", "N m")] == ["Pa", "N m"]
+    assert SI.labels({"length": "m", "ratio": ""}) == {"length": "m", "ratio": "1"}
+
+
+@pytest.mark.parametrize("units", ["", MILLIMETRES])
+def test_results_of_a_scene_carry_its_units(scene_file, tmp_path, units):
+    """The archive, the clip, VTK's files, the record, and what is read back."""
+    output = '[output]\nformats = ["clip", "pvd"]\nfields = ["von_mises"]\n'
+    values = SANE | ({"young": 1e3, "density": 1e-9} if units else {})
+    file = scene_file((STIFFNESSES, SHEET.format(**values)), more=output + units)
+    result = run_scene(file, out=tmp_path / "out")
+    length, stress, energy = ("mm", "t/(mm s^2)", "t mm^2/s^2") if units else ("m", "Pa", "J")
+    with np.load(tmp_path / "out" / "scene.npz") as archive:
+        told = json.loads(str(archive["units"]))
+        assert archive["unit_system"].tolist() == [length, "t" if units else "kg", "s"]
+        measured = set(archive.files) - {"modalshell_trajectory", "units", "unit_system", "status", "message"}
+    assert (told["positions"], told["field_von_mises"], told["energies"]) == (length, stress, energy)
+    assert measured - set(told) == {"faces", "unconverged_steps"}
+    assert result.trajectory.units.length == length
+    clip = load_clip(tmp_path / "out" / "scene.clip")
+    assert clip.units == result.trajectory.units
+    surface = pyvista.get_reader(tmp_path / "out" / "scene.pvd").read()[0]
+    assert surface.field_data["displacement_unit"] == [length]
+    assert surface.field_data["von_mises_unit"] == [stress]
+    record = json.loads((tmp_path / "out" / "scene.json").read_text())
+    assert record["units"] == {
+        "seconds": "s of wall time",
+        "length": length,
+        "mass": "t" if units else "kg",
+        "time": "s",
+    }
+
+
+def test_saved_bases_name_their_units(tmp_path):
+    mesh = sheet(cells=(3, 3))
+    for material in (Isotropic(1e6, 0.3, 0.01, 1000.0), Material(20.0, 20.0, 0.05, 0.2)):
+        solve_modes(Shell(mesh, material, [0, 1, 2]), 2).save(tmp_path / "basis.npz")
+        with np.load(tmp_path / "basis.npz") as archive:
+            told = json.loads(str(archive["units"]))
+            assert told["eigenvalues"] == "1/s^2"
+            assert set(told) <= set(archive.files)
+        assert Basis.load(tmp_path / "basis.npz").count == 2

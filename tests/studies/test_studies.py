@@ -76,6 +76,15 @@ def test_paths_meet_their_references(quick_study):
     assert all(one["converged"] for one in curves if one["case"].startswith(("V", "roof", "Lee")))
 
 
+def test_the_hybrid_follows_the_shell_that_trained_it_through_held_out_snaps(quick_study):
+    found = StudyResult.load(quick_study("held_out_snaps"), "held_out_snaps").findings
+    drawn, named = ([row for row in found["rows"] if row["drawn"] is kind] for kind in (True, False))
+    assert np.quantile([row["coarse"] for row in drawn], 0.9) < 0.06
+    assert all(row["coarse"] < 0.03 and all(row["snaps"].values()) for row in named)
+    assert all(row["coarse"] < 0.02 for row in found["equilibria"])
+    assert found["snaps"]["hybrid"] == pytest.approx(found["snaps"]["coarse DS"], rel=0.03)
+
+
 def test_missing_and_damaged_results_are_named(results, tmp_path):
     with pytest.raises(FileFormatError, match="flat_vs_v_beam"):
         StudyResult.load(tmp_path, "flat_vs_v_beam")

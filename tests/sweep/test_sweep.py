@@ -15,6 +15,8 @@ from modalshell.lock import acquire_lock
 from modalshell.sweep.case import run_case
 from modalshell.sweep.store import CaseFolder
 
+FILES = ("beams_sweep.csv", "beams_sweep.png", "beams_sweep_runs.csv", "beams_sweep_units.csv")
+
 
 @pytest.fixture
 def here(monkeypatch):
@@ -80,7 +82,10 @@ def test_rows_are_what_the_scenes_give(swept, tmp_path):
         assert float(row["error"]) == pytest.approx(expected, rel=1e-4)
     assert {row["error"] for row in rows if row["model.name"] == "ds"} == {"0.0"}
     assert all(float(row["error"]) > 1e-3 for row in rows if row["model.name"] != "ds")
-    assert [path.name for path in result.files] == ["beams_sweep.csv", "beams_sweep.png", "beams_sweep_runs.csv"]
+    assert [path.name for path in result.files] == list(FILES)
+    units = {row["column"]: row["unit"] for row in rows_of(result.files[3])}
+    assert set(units) == set(rows[0])
+    assert (units["displacement"], units["elastic_energy"], units["error"]) == ("m", "J", "1")
     assert {row["versions"].split(",")[0] for row in rows_of(result.files[2])} == {f"modalshell {ms.__version__}"}
 
 
@@ -260,7 +265,7 @@ def test_the_command(swept, tmp_path, capsys):
     assert exit_.value.code == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "beams: 12 cases, 12 converged; 0 computed now, 12 from before"
-    assert lines[1:] == [str(folder / name) for name in ("beams_sweep.csv", "beams_sweep.png", "beams_sweep_runs.csv")]
+    assert lines[1:] == [str(folder / name) for name in FILES]
 
 
 @pytest.mark.parametrize(

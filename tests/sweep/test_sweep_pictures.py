@@ -31,7 +31,7 @@ def test_pictures(tmp_path, monkeypatch, axes, kind):
     ]
     count = int(np.prod([len(axis.values) for axis in made]))
     rows = [{"case": k, "error": None if k == 1 else 0.1 * k} for k in range(count)]
-    note = figure.draw_summary(rows, made, "error", tmp_path / "picture.png", "title")
+    note = figure.draw_summary(rows, made, "error", tmp_path / "picture.png", "title", {})
     if kind == "none":
         assert "too many" in note
         assert drawn == []

@@ -1,0 +1,71 @@
+"""Units of the numbers in results: SI, or those that a scene names."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_DIMENSIONS: Final[dict[str, tuple[int, int, int]]] = {
+    "m": (1, 0, 0),
+    "kg": (0, 1, 0),
+    "s": (0, 0, 1),
+    "1/m": (-1, 0, 0),
+    "1/s": (0, 0, -1),
+    "1/s^2": (0, 0, -2),
+    "m/s": (1, 0, -1),
+    "m/s^2": (1, 0, -2),
+    "kg/m^2": (-2, 1, 0),
+    "kg/m^3": (-3, 1, 0),
+    "N": (1, 1, -2),
+    "N/m": (0, 1, -2),
+    "N m": (2, 1, -2),
+    "Pa": (-1, 1, -2),
+    "J": (2, 1, -2),
+    "J/m^2": (0, 1, -2),
+}
+"""Powers of length, mass and time."""
+
+
+@final
+@dataclass(frozen=True)
+class UnitSystem:
+    """Units of length, mass and time, from which all others follow.
+
+    Attributes
+    ----------
+    length, mass, time : str
+        Such as "mm", "t" and "s".
+    """
+
+    length: str = "m"
+    mass: str = "kg"
+    time: str = "s"
+
+    def of(self, unit: str) -> str:
+        """What a unit of SI is here: "Pa" is "t/(mm s^2)" with mm, t and s; angles and numbers stay."""
+        if self == SI or unit not in _DIMENSIONS:
+            return unit
+        powers = list(zip((self.mass, self.length, self.time), (_DIMENSIONS[unit][k] for k in (1, 0, 2)), strict=True))
+        above, below = (
+            [name if abs(power) == 1 else f"{name}^{abs(power)}" for name, power in powers if sign * power > 0]
+            for sign in (1, -1)
+        )
+        under = f"/({' '.join(below)})" if len(below) > 1 else "".join(f"/{name}" for name in below)
+        return (" ".join(above) or "1") + under
+
+    def labels(self, units: Mapping[str, str]) -> dict[str, str]:
+        """Names with their units here; "1" for plain numbers."""
+        return {name: self.of(unit) or "1" for name, unit in units.items()}
+
+    def array(self, units: Mapping[str, str]) -> NDArray[np.str_]:
+        """The names with their units as the text of a JSON object: what archives hold as ``units``."""
+        return np.array(json.dumps(self.labels(units)))
+
+
+SI: Final = UnitSystem()
+"""Metres, kilograms and seconds."""

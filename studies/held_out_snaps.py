@@ -1,0 +1,217 @@
+"""How far is the hybrid model off through a snap? Loads drawn by a seed, none of them in training.
+
+The stiff V-beam of ``v_beam_accuracy``: a coarse shell of it trains :class:`HybridStress` about a gravity that snaps
+it. Then loads and damping are drawn as in training, by another seed: half of the loads within 30 degrees of that
+gravity, half in any direction, 0.5 to 1.2 of its size, a third with a point force besides. Each holds for one second
+and is released for half a second. Errors of the hybrid are measured against the coarse shell that trained it and, with
+that shell's own, against DS on the fine mesh. So are three named motions with either kind of damping, and statics on
+both sides of the snap; the last table has the gravity at which each model snaps.
+
+Run it alone with ``modalshell reproduce --only held_out_snaps``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import modalshell as ms
+from modalshell.compare.path import Marks
+from modalshell.models.coarse_shell import coarse_shell, drawn_to_supports
+from modalshell.models.hybrid_training import DT, LOADED, RELEASED, random_damping, random_load
+from modalshell.provenance import run_record
+from modalshell.study import StudyResult, Table
+from studies.pages import number
+from studies.snap import v_beam
+
+FIGURES = ("held_out_snaps",)
+
+SEED = 24
+LOADS = 24
+GRAVITY = 70.0
+"""Gravity [m/s^2] about which the hybrid is trained; the fold flattens below 0.7 of it."""
+DAMPINGS = {"by the mass": ms.Damping(2.0), "by the stiffness": ms.Damping(0.5, 1e-3)}
+FILMED = "15° aside, damped by the mass"
+FILM = (
+    "[Film](../paper_figures/held_out_snaps.mp4) of the motion 15° aside, damped by the mass: DS (green), the hybrid "
+    "(pink)."
+)
+STATICS = (20.0, 40.0, 55.0, 70.0)
+SNAPPED = 0.3
+"""Largest displacement [m] of a motion from which its fold has flattened."""
+
+Frames = tuple[np.ndarray, float, int]
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """Train, and measure all motions; ``quick`` takes coarser meshes and fewer loads."""
+    fine, cells, count, motions = ((32, 8), (16, 4), 4, 12) if quick else ((80, 16), (40, 8), LOADS, 40)
+    shell = v_beam(150.0, fine)
+    coarse = coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, cells).mesh))
+    began = time.perf_counter()
+    hybrid = ms.HybridStress.trained(shell, gravity=(0, 0, -GRAVITY), coarse=coarse, motions=motions)
+    seconds = time.perf_counter() - began
+    models = {"DS": ms.DiscreteShell(shell, step_tolerance=1e-4), "coarse DS": hybrid.coarse, "hybrid": hybrid}
+    rng, weight = np.random.default_rng(SEED), np.array(shell.gravity_force((0, 0, -GRAVITY)))
+    drawn = [(random_load(shell, weight, rng), random_damping(rng)) for _ in range(count)]
+    named = {
+        f"{name}, damped {kind}": (load, damping)
+        for name, load in named_loads(shell).items()
+        for kind, damping in DAMPINGS.items()
+    }
+    tasks = [*named.items(), *((f"load {place + 1}", task) for place, task in enumerate(drawn))]
+    rows = []
+    for done, (name, (load, damping)) in enumerate(tasks, start=1):
+        rows.append({"motion": name, "drawn": name not in named} | measured(shell, models, load, damping))
+        if on_step is not None:
+            on_step(done, len(tasks))
+    found = {
+        "rows": rows,
+        "equilibria": [statics(shell, models, gravity) for gravity in STATICS],
+        "snaps": snap_loads(models, hybrid),
+        "training_seconds": seconds,
+        "held_out_error": hybrid.held_out_error,
+        "cells": {"DS": f"{fine[0]}x{fine[1]}", "coarse DS": f"{cells[0]}x{cells[1]}"},
+    }
+    load, damping = named[FILMED]
+    film = {name: frames_of(models[name], load, damping)[0].astype(np.float32) for name in ("DS", "hybrid")}
+    arrays = {f"film_{name}": frames for name, frames in film.items()}
+    arrays |= {"faces": np.asarray(shell.mesh.faces), "rest": np.asarray(shell.rest_positions)}
+    arrays |= {
+        "errors": np.array([[row["coarse"], row["fine"], row["coarse_to_fine"]] for row in rows if row["drawn"]])
+    }
+    return StudyResult("held_out_snaps", found, arrays, run_record({"gravity": GRAVITY, "quick": quick}, SEED))
+
+
+def named_loads(shell: ms.Shell) -> dict[str, np.ndarray]:
+    """Gravity downwards, tilted aside by 15 degrees, and twice as strong on one edge as on the other."""
+    tilt, y = np.radians(15.0), np.array(shell.rest_positions)[:, 1]
+    down = np.array(shell.gravity_force((0.0, 0.0, -GRAVITY)))
+    aside = np.array(shell.gravity_force((0.0, GRAVITY * np.sin(tilt), -GRAVITY * np.cos(tilt))))
+    return {"down": down, "15° aside": aside, "twisted": down * (1.0 + y / (3.0 * np.abs(y).max()))[:, None]}
+
+
+def frames_of(model: ms.Model, load: np.ndarray, damping: ms.Damping) -> Frames:
+    """Positions (f, n, 3) under a load and after it, median time of a frame [ms], frames that the coarse shell took."""
+    state, frames, times, handed = model.start_motion(), [], [], 0
+    for frame in range(LOADED + RELEASED):
+        began = time.perf_counter()
+        state, _ = model.step(state, DT, load if frame < LOADED else np.zeros_like(load), damping)
+        frames.append(np.array(model.positions(state)))
+        times.append(time.perf_counter() - began)
+        handed += state.coordinates.ndim == 2
+    return np.array(frames), 1000.0 * float(np.median(times)), handed
+
+
+def measured(shell: ms.Shell, models: dict[str, ms.Model], load: np.ndarray, damping: ms.Damping) -> dict[str, Any]:
+    """Errors of one motion, over its size, and what its frames took."""
+    found = {name: frames_of(model, load, damping) for name, model in models.items()}
+
+    def apart(name: str, other: str) -> float:
+        exact = found[other][0]
+        return float(np.linalg.norm(found[name][0] - exact) / np.linalg.norm(exact - shell.rest_positions))
+
+    def snapped(name: str) -> bool:
+        return bool(np.linalg.norm(found[name][0] - shell.rest_positions, axis=2).max() > SNAPPED)
+
+    return {
+        "coarse": apart("hybrid", "coarse DS"),
+        "fine": apart("hybrid", "DS"),
+        "coarse_to_fine": apart("coarse DS", "DS"),
+        "snaps": {name: snapped(name) for name in models},
+        "handed": found["hybrid"][2],
+        "ms": {name: frames[1] for name, frames in found.items()},
+        "damping": [damping.mass_factor, damping.stiffness_factor],
+    }
+
+
+def statics(shell: ms.Shell, models: dict[str, ms.Model], gravity: float) -> dict[str, Any]:
+    """Errors of the equilibria under one gravity, each found from rest."""
+    answers = {name: model.equilibrium(gravity=(0, 0, -gravity)).positions for name, model in models.items()}
+
+    def apart(name: str, other: str) -> float:
+        return ms.measure.displacement_error(answers[name], answers[other], shell)
+
+    errors = {"coarse": apart("hybrid", "coarse DS"), "fine": apart("hybrid", "DS")}
+    return {"gravity": gravity, **errors, "coarse_to_fine": apart("coarse DS", "DS")}
+
+
+def snap_loads(models: dict[str, ms.Model], hybrid: ms.HybridStress) -> dict[str, float | None]:
+    """Gravity at which each snaps: of shells from their paths, of the hybrid where small load steps jump."""
+    shells = {"DS": models["DS"], "coarse DS": hybrid.coarse.coarse}
+    found: dict[str, float | None] = {}
+    for name, model in shells.items():
+        path = ms.equilibrium_path(model, gravity=(0, 0, -1), until=GRAVITY, branches=1)
+        found[name] = Marks.of(path).snap
+    found["hybrid"], x = None, hybrid.equilibrium(gravity=(0, 0, -30.0)).positions
+    for gravity in np.arange(30.0, GRAVITY, 0.2):
+        answer = hybrid.equilibrium(gravity=(0, 0, -gravity), start=x)
+        if np.linalg.norm(answer.positions - x, axis=1).max() > 0.5 * SNAPPED:
+            found["hybrid"] = float(gravity)
+            break
+        x = answer.positions
+    return found
+
+
+def table(result: StudyResult) -> str:
+    """Errors of every motion, their distribution, statics, and the snap loads."""
+    found = result.findings
+    cells = found["cells"]
+    lines = [
+        f"DS has {cells['DS']} cells, the coarse shell {cells['coarse DS']}; the hybrid was trained in "
+        f"{found['training_seconds']:.3g} s and states an error of {100 * found['held_out_error']:.2g} %.",
+        "",
+        "| motion | hybrid against coarse DS | hybrid against DS | coarse DS against DS | snaps | coarse frames "
+        "| ms a frame: hybrid, coarse DS, DS |",
+        "|" + "---|" * 7,
+    ]
+    for row in found["rows"]:
+        errors = " | ".join(f"{100 * row[key]:.2f} %" for key in ("coarse", "fine", "coarse_to_fine"))
+        snaps = sorted({name for name, snapped in row["snaps"].items() if snapped})
+        which = "all" if len(snaps) == len(row["snaps"]) else " and ".join(snaps) or "none"
+        times = ", ".join(f"{row['ms'][name]:.3g}" for name in ("hybrid", "coarse DS", "DS"))
+        lines.append(f"| {row['motion']} | {errors} | {which} | {row['handed']} | {times} |")
+    lines += [
+        "",
+        "| drawn loads | hybrid against coarse DS | hybrid against DS | coarse DS against DS |",
+        "|---|---|---|---|",
+    ]
+    drawn = np.array(
+        [[row[key] for key in ("coarse", "fine", "coarse_to_fine")] for row in found["rows"] if row["drawn"]]
+    )
+    for label, share in (("median", 0.5), ("75 %", 0.75), ("90 %", 0.9), ("largest", 1.0)):
+        cells_of = " | ".join(f"{100 * value:.2f} %" for value in np.quantile(drawn, share, axis=0))
+        lines.append(f"| {label} | {cells_of} |")
+    lines += [
+        "",
+        "| gravity, m/s² | hybrid against coarse DS | hybrid against DS | coarse DS against DS |",
+        "|---|---|---|---|",
+    ]
+    for row in found["equilibria"]:
+        errors = " | ".join(f"{100 * row[key]:.2f} %" for key in ("coarse", "fine", "coarse_to_fine"))
+        lines.append(f"| {row['gravity']:g} | {errors} |")
+    lines += ["", "| model | snaps at a gravity of |", "|---|---|"]
+    lines += [f"| {name} | {'–' if load is None else f'{load:.2f}'} |" for name, load in found["snaps"].items()]
+    lines += ["", FILM]
+    return "\n".join(lines)
+
+
+def finding(tables: list[Table]) -> str:
+    """The distribution, the named motions, and what a frame costs."""
+    motions, drawn, at_rest, _ = tables
+    half, most = (
+        [f"{number(row[heading]):.2g} %" for heading in ("hybrid against coarse DS", "hybrid against DS")]
+        for row in (drawn[0], drawn[2])
+    )
+    named = [row for row in motions if not row["motion"].startswith("load")]
+    worst = max(number(row["hybrid against DS"]) for row in named)
+    after = max(number(row["hybrid against DS"]) for row in at_rest if number(row["gravity, m/s²"]) > 50.0)
+    return (
+        f"Through the snap of the stiff V-beam the hybrid is {worst:.2g} % off fine DS at most in {len(named)} named "
+        f"motions with either damping, {after:.2g} % at rest after it. Of {len(motions) - len(named)} loads drawn by a "
+        f"seed half are within {half[0]} of the coarse shell that trained it ({half[1]} of fine DS), 90 % within "
+        f"{most[0]} ({most[1]})."
+    )
