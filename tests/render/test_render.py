@@ -398,6 +398,8 @@ def test_colours_refused(detected, monkeypatch, tmp_path):
 
 
 def test_shares_are_drawn_as_long_as_they_are(tmp_path):
+    from matplotlib.image import imread
+
     shares = {"one": [{"good": 0.25, "bad": 0.75}], "two": [{"good": 1.0}]}
     colors = {"good": "#00ff00", "bad": "#ff0000"}
     image = imread(draw_shares(shares, ["case"], colors, tmp_path / "shares.png", size=(4.0, 2.0), dpi=100.0))
