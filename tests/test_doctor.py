@@ -1,16 +1,22 @@
 import importlib.util
+import re
 
 import pytest
+import scipy.sparse as sps
 
 from modalshell.cli import main
 from modalshell.doctor import examine
-from modalshell.modes import BACKENDS
+from modalshell.modes import BACKENDS, Factoriser
 
 
 def test_doctor_tells_what_is_here_and_how_to_get_the_rest(monkeypatch, capsys):
     monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
     readings = {reading.name: reading for reading in examine()}
-    assert readings["factorisation"].value.split(", ") == list(BACKENDS)
+    assert all(backend in readings["factorisation"].value for backend in BACKENDS)
+    # What it tells of sizes is what is done.
+    size = int(re.search(r"from ([\d,]+) unknowns on", readings["factorisation"].value)[1].replace(",", ""))
+    for unknowns, backend in ((size - 1, "superlu"), (size, "cholesky")):
+        assert Factoriser().definite(sps.eye_array(unknowns, format="csc")).backend == backend
     assert "apt-get install" in readings["drawing"].hint
     modules = {"web": "trame", "vtk": "pyvista", "gpu": "warp"}
     for name, module in modules.items():

@@ -1,6 +1,7 @@
 """An energy of another package takes three files: its SymPy definition, its registration, and a scene that uses it."""
 
 import json
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -37,7 +38,7 @@ def toy(tmp_path_factory):
     metadata.mkdir()
     (metadata / "entry_points.txt").write_text(ENTRY)
     (metadata / "METADATA").write_text(METADATA)
-    exec(compile(DEFINITION, str(package / "definition.py"), "exec"), {"__file__": str(package / "definition.py")})
+    subprocess.run([sys.executable, str(package / "definition.py")], check=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(site))
         patch.setenv("MODALSHELL_RENDERER", "built-in")

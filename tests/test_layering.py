@@ -324,6 +324,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "outcome",
         "page",
         "reading",
+        "render",
         "run",
         "scene",
         "selection",

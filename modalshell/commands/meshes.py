@@ -13,6 +13,7 @@ from rich.table import Table
 
 import modalshell as ms
 from modalshell.atomic_io import make_folder
+from modalshell.checks import checked_number
 from modalshell.commands.choices import Timing, hold_one_end, motion_in_words, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress
 from modalshell.errors import OptionError
@@ -21,7 +22,9 @@ from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.motion.fields import checked_fields, with_fields
-from modalshell.run import write_results
+from modalshell.render.content import DEFAULT_CAMERA, checked_direction
+from modalshell.run import Look, write_results
+from modalshell.run.results import DISPLACEMENT
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_material
 from modalshell.scene.tables import PhysicalSheet
@@ -110,6 +113,31 @@ class _ShellOptions:
         return ms.Shell(mesh, material, held if held.any() else None, loose_parts=self.component == "all")
 
 
+@Parameter(name="*")
+class _FilmOptions:
+    """Options that say how a film or a picture looks."""
+
+    def __init__(
+        self,
+        *,
+        color: Annotated[
+            str | None,
+            Parameter(help="Colours: displacement, strain, curvature, von_mises, energy_density, ..."),
+        ] = None,
+        fps: Annotated[float | None, Parameter(help="Stored frames shown per second; real speed without it.")] = None,
+        camera: Annotated[
+            tuple[float, float, float], Parameter(help="Direction from the shell to the camera; z is up.")
+        ] = DEFAULT_CAMERA,
+        turntable: Annotated[bool, Parameter(negative="", help="Turn the shell once about the vertical.")] = False,
+        still: Annotated[float | None, Parameter(help="Also draw the frame at this time [s].")] = None,
+    ) -> None:
+        self.color = "membrane_strain" if color == "strain" else color
+        self.fps = None if fps is None else checked_number("--fps", fps, above=0.0, at_most=1000.0)
+        self.camera = checked_direction(camera)
+        self.turntable = turntable
+        self.still = None if still is None else checked_number("--still", still, at_least=0.0, unit="s")
+
+
 def _tell(path: Path, report: ms.RepairReport) -> None:
     for line in str(report).splitlines():
         print(f"{path}: {line}")
@@ -170,9 +198,7 @@ def simulate(
         tuple[float, float] | None,
         Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s]; 0.5 and 0.001 with --clamp."),
     ] = None,
-    color: Annotated[
-        str | None, Parameter(help="Field that colours the film or picture: curvature, von_mises, energy_density, ...")
-    ] = None,
+    film: _FilmOptions | None = None,
     out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
 ) -> None:
     """Simulate a mesh under gravity; write a film, or with --static a picture, and the positions.
@@ -198,7 +224,9 @@ def simulate(
     if chosen.description:
         print(f"{mesh}: {chosen.description}")
     kind = known[model]
-    if color is not None:
+    seen = film or _FilmOptions()
+    color = seen.color
+    if color is not None and color != DISPLACEMENT:
         checked_fields([color], built)
     load = built.gravity_force(gravity)
     factory = ModelFactory(built, lambda: load)
@@ -222,19 +250,20 @@ def simulate(
                 on_step=on_step,
             )
         work = f"{len(found.times)} frames in {found.seconds:.3g} s"
-    if color is not None:
+    if color is not None and color != DISPLACEMENT:
         found = with_fields(found, built, [color])
     if kind.spec.quadratic and buckles(built, load):
         found = found.with_remark(ADVICE)
     print(f"{model_used.name}: {found.outcome.with_message(found.message)}, {work}")
     if built.clamped.any():
         print(f"{model_used.name}: {motion_in_words(found, built.mesh.size)}")
-    formats = ["npz", "png" if static else "mp4"]
+    formats = ["npz", "png"] if static else ["npz", "mp4", *(["png"] if seen.still is not None else [])]
     title = f"{mesh.stem}, {model_used.name}"
-    rate = _FILM_RATE if timing is not _TIMING and dt is None else None
+    rate = seen.fps or (_FILM_RATE if timing is not _TIMING and dt is None else None)
+    look = Look(rate=rate, color=color, camera=seen.camera, turntable=seen.turntable, still=seen.still)
     with progress("film") as on_frame:
         name = f"{mesh.stem}_{model}"
-        written = write_results(found, out, name, formats, title=title, rate=rate, color=color, on_step=on_frame)
+        written = write_results(found, out, name, formats, title=title, look=look, on_step=on_frame)
     for path in written:
         print(path)
     end_with(found.outcome)

@@ -10,18 +10,19 @@ from cyclopts import App, Parameter
 import modalshell as ms
 from modalshell.commands.terminal import progress
 from modalshell.errors import FileFormatError, OptionError
-from modalshell.export import check_formats, compress, load_clip, save_modes_gltf
+from modalshell.export import check_formats, compress, load_clip, save_modal_body, save_modes_gltf
 from modalshell.page import clip_page
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
-_SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd"}
+_SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "body": ".npz"}
 
 
 def export(
     result: Annotated[Path, Parameter(help="Trajectory (.npz), clip (.clip) or basis (.npz) that was saved.")],
     *,
     to: Annotated[
-        Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd"], Parameter(help="Format to write.")
+        Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "body"],
+        Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file beside it."),
     ],
     out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
 ) -> None:
@@ -29,11 +30,14 @@ def export(
 
     Example: modalshell export results/leaf.npz --to usd
     """
-    target = out or result.with_suffix(_SUFFIXES[to])
+    target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(_SUFFIXES[to]))
     if target.suffix != _SUFFIXES[to]:
         raise OptionError(f"--out must end in {_SUFFIXES[to]} for {to} (got {target.name!r})")
     if target.resolve() == result.resolve():
         raise OptionError(f"{result} would be overwritten: give another file with --out")
+    if to == "body":
+        print(*save_modal_body(ms.Basis.load(result), target), sep="\n")
+        return
     check_formats([target.suffix[1:]])
     try:
         run = load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result)

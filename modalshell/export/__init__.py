@@ -4,6 +4,7 @@ from modalshell.export.archive import load_trajectory, save_archive
 from modalshell.export.clip import load_clip, read_clip
 from modalshell.export.compression import CompressedMotion, compress
 from modalshell.export.gltf import save_modes_gltf
+from modalshell.export.modal_exchange import save_modal_body
 from modalshell.export.save import check_formats, save_trajectory
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "load_trajectory",
     "read_clip",
     "save_archive",
+    "save_modal_body",
     "save_modes_gltf",
     "save_trajectory",
 ]

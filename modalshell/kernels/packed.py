@@ -131,10 +131,11 @@ def prefetch(typing, array, index):  # type: ignore[no-untyped-def]
 
     def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
         byte = ir.IntType(8).as_pointer()
-        pointer = builder.bitcast(_pointer(context, builder, sig.args[0], *args, byte), byte)
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], ir.IntType(8))
         word = ir.IntType(32)
         kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-        function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
+        name = "llvm.prefetch.p0i8"
+        function = cgutils.get_or_insert_function(builder.module, kind, name)  # type: ignore[no-untyped-call]
         builder.call(function, [pointer, word(1), word(3), word(1)])
         return context.get_dummy_value()
 
@@ -159,7 +160,7 @@ def spread_from(typing, array, index):  # type: ignore[no-untyped-def]
 
     def code(context, builder, sig, args):  # type: ignore[no-untyped-def]
         vector = context.get_value_type(kind)
-        pointer = _pointer(context, builder, sig.args[0], *args, vector.element)
+        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], vector.element)
         return _spread(builder, builder.load(pointer), vector)
 
     return kind(array, types.intp), code

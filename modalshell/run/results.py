@@ -12,6 +12,7 @@ import numpy as np
 from modalshell.export import save_trajectory
 from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
+from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of
 from modalshell.typing import Array, Progress
 
@@ -28,6 +29,9 @@ class _Colouring:
     @classmethod
     def of(cls, run: Trajectory, name: str) -> _Colouring:
         """The field of a trajectory, averaged over the triangles at each vertex by their area at rest."""
+        if name == DISPLACEMENT:
+            moved = np.linalg.norm(np.asarray(run.positions, dtype=np.float64) - run.rest_positions, axis=2)
+            return cls(moved, f"{name} [m]", "viridis")
         scalars = scalar_of(name, run.fields[name])
         rest = run.rest_positions[run.faces]
         areas = 0.5 * np.linalg.norm(np.cross(rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]), axis=1)
@@ -50,6 +54,34 @@ class _Colouring:
 
 _FILM_RATE = 60.0
 """Frames a second of a film, at most."""
+DISPLACEMENT = "displacement"
+"""Colour of films and pictures that is no field of the triangles."""
+
+
+@final
+@dataclass(frozen=True)
+class Look:
+    """How films and pictures of a motion look.
+
+    Attributes
+    ----------
+    rate : float, optional
+        Stored frames shown a second; real speed without it.
+    color : str, optional
+        Field of the trajectory that colours them, or "displacement".
+    camera : tuple of float
+        Direction from the shell to the camera.
+    turntable : bool
+        Whether the shell turns once about the vertical in a film.
+    still : float, optional
+        Time of a picture [s]; the end without it.
+    """
+
+    rate: float | None = None
+    color: str | None = None
+    camera: tuple[float, float, float] = DEFAULT_CAMERA
+    turntable: bool = False
+    still: float | None = None
 
 
 def write_results(
@@ -59,49 +91,59 @@ def write_results(
     formats: Iterable[str],
     *,
     title: str = "",
-    rate: float | None = None,
-    color: str | None = None,
+    look: Look | None = None,
     on_step: Progress | None = None,
 ) -> list[Path]:
-    """Write ``NAME.format`` into ``folder`` for each format, atomically; return the paths.
-
-    A film shows ``rate`` stored frames per second, at real speed if None. Films and pictures are coloured by
-    the trajectory's field ``color``.
-    """
+    """Write ``NAME.format`` into ``folder`` for each format, atomically; return the paths."""
     return [
-        _write(run, folder / f"{name}.{kind}", title or name, rate, color, on_step) for kind in dict.fromkeys(formats)
+        _write(run, folder / f"{name}.{kind}", title or name, look or Look(), on_step)
+        for kind in dict.fromkeys(formats)
     ]
 
 
-def _write(
-    run: Trajectory, path: Path, title: str, rate: float | None, color: str | None, on_step: Progress | None
-) -> Path:
-    shown = _Colouring.of(run, color) if color is not None and path.suffix in (".png", ".mp4") else None
+def _write(run: Trajectory, path: Path, title: str, look: Look, on_step: Progress | None) -> Path:
+    shown = _Colouring.of(run, look.color) if look.color is not None and path.suffix in (".png", ".mp4") else None
     if path.suffix == ".png":
-        surface = ShadedSurface(run.positions[-1], run.faces, smooth=True)
+        frame = len(run.times) - 1 if look.still is None else int(np.abs(run.times - look.still).argmin())
+        surface = ShadedSurface(run.positions[frame], run.faces, smooth=True)
         rest = ShadedSurface(run.rest_positions, run.faces, color="#999999", style="outline")
+        if look.still is not None:
+            title = f"{title}, {run.times[frame]:.4g} s"
         if shown is None:
-            return draw_views([View([surface, rest], title=title)], path)
-        surface = replace(surface, scalars=shown.values[-1], label=shown.label)
-        return draw_views(
-            [View([surface, rest], title=title)], path, colormap=shown.colormap, scalar_range=shown.spread(-1)
-        )
+            return draw_views([View([surface, rest], title=title, camera=look.camera)], path)
+        surface = replace(surface, scalars=shown.values[frame], label=shown.label)
+        views = [View([surface, rest], title=title, camera=look.camera)]
+        return draw_views(views, path, colormap=shown.colormap, scalar_range=shown.spread(frame))
     if path.suffix == ".mp4":
+        rate = look.rate
         if rate is None:
             rate = 1.0 / float(run.times[1] - run.times[0]) if len(run.times) > 1 else _FILM_RATE
         every = int(np.ceil(rate / _FILM_RATE - 1e-9))  # at real speed, with as many frames as a screen shows
-        surface = ShadedSurface(run.positions[0], run.faces, smooth=True)
+        positions = _turned(run) if look.turntable else run.positions
+        surface = ShadedSurface(positions[0], run.faces, smooth=True)
         if shown is None:
-            return write_film(path, [surface], [run.positions[::every]], fps=rate / every, on_frame=on_step)
+            return write_film(
+                path, [surface], [positions[::every]], fps=rate / every, camera=look.camera, on_frame=on_step
+            )
         surface = replace(surface, scalars=shown.values[0], label=shown.label)
         return write_film(
             path,
             [surface],
-            [run.positions[::every]],
+            [positions[::every]],
             fps=rate / every,
+            camera=look.camera,
             colormap=shown.colormap,
             scalars=[shown.values[::every]],
             scalar_range=shown.spread(slice(None)),
             on_frame=on_step,
         )
     return save_trajectory(run, path, on_frame=on_step)
+
+
+def _turned(run: Trajectory) -> Array:
+    """Positions (F, n, 3), turned once about the vertical through the middle of the shell at rest."""
+    middle = 0.5 * (run.rest_positions.min(axis=0) + run.rest_positions.max(axis=0))
+    angle = 2.0 * np.pi * np.arange(len(run.times)) / len(run.times)
+    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    x, y, z = np.moveaxis(np.asarray(run.positions, dtype=np.float64) - middle, -1, 0)
+    return np.stack([cosine * x - sine * y, sine * x + cosine * y, z], axis=-1) + middle

@@ -20,7 +20,7 @@ from modalshell.motion.recorder import Recorder, step_count, take_steps
 from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import write_results
+from modalshell.run.results import Look, write_results
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.read import located
 from modalshell.scene.tables import MotionTable
@@ -113,7 +113,7 @@ class ShellRun(SceneRun[SceneResult]):
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
-        write_results(self._trajectory, self.folder, self.name, formats, color=self._scene.output.color)
+        write_results(self._trajectory, self.folder, self.name, formats, look=Look(color=self._scene.output.color))
 
     def record(self) -> dict[str, Any]:
         """How the motion ended, and its wall time."""

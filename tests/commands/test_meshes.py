@@ -126,7 +126,7 @@ def test_one_end_of_each_part_is_held():
     strip = ms.sheet(length=1.0, width=0.3, cells=(20, 6))
     ends = hold_one_end(strip, GRAVITY)
     assert np.array_equal(ends.held, strip.vertices[:, 0] <= 0.05 + 1e-9)
-    assert ends.told == 'holds the end "x <= 0.05" (14 vertices)'
+    assert ends.description == 'holds the end "x <= 0.05" (14 vertices)'
     coarse = ms.sheet(length=1.0, width=0.3, cells=(2, 1))
     assert hold_one_end(coarse, GRAVITY).held[coarse.faces].all(axis=1).any()
     upright = ms.TriangleMesh(strip.vertices[:, [2, 1, 0]], strip.faces)
@@ -192,3 +192,35 @@ def test_too_stiff_too_soft_and_flying_apart_are_told_apart(moved, outcome, told
     line = motion_in_words(found, 1.0)
     assert line.startswith(told)
     assert "\n" not in line
+
+
+def test_a_film_takes_a_rate_a_camera_a_colour_and_a_still(capsys, tmp_path):
+    import imageio_ffmpeg
+    from matplotlib.image import imread
+
+    mesh = tmp_path / "strip.obj"
+    ms.save_mesh(ms.flat_beam(cells=(8, 2)), mesh)
+    plain = ("simulate", mesh, "--clamp", "x < 0.2", "--young", "1e8", "--duration", "0.3", "--dt", "0.05")
+    looks = ("--color", "displacement", "--fps", "5", "--camera", "0", "-1", "0.2", "--turntable", "--still", "0.2")
+    for folder, options in (("plain", ()), ("looks", looks)):
+        status, out, err = run(capsys, *plain, *options, "--out", tmp_path / folder)
+        assert (status, err.count("error")) == (0, 0)
+    assert "strip_mwts.png" in out
+    still = imread(tmp_path / "looks" / "strip_mwts.png")[..., :3]
+    assert (np.ptp(still, axis=2) > 0.2).mean() > 0.005  # colours of displacement and their bar
+    seen = {}
+    for folder in ("plain", "looks"):
+        film = imageio_ffmpeg.read_frames(str(tmp_path / folder / "strip_mwts.mp4"))
+        about = next(film)
+        frames = [np.frombuffer(frame, np.uint8).reshape(*about["size"][::-1], 3) for frame in film]
+        seen[folder] = about["fps"], frames
+    assert (seen["plain"][0], seen["looks"][0]) == (20.0, 5.0)
+    dark = [(frame.min(axis=2) < 200)[:, : 3 * frame.shape[1] // 4].sum() for frame in seen["looks"][1]]
+    assert max(dark) > 1.5 * min(dark)  # it is seen from its side and along itself
+    for wrong, message in (
+        (("--fps", "0"), "--fps"),
+        (("--camera", "0", "0", "0"), "camera"),
+        (("--color", "x"), "von"),
+    ):
+        status, _, err = run(capsys, *plain, *wrong, "--out", tmp_path)
+        assert (status, message in err) == (2, True)
