@@ -23,11 +23,8 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.integrators.full.base import step_potential
-from modalshell.integrators.state import MotionState
 from modalshell.models import Damping
 from modalshell.provenance import run_record
-from modalshell.shell import PROJECTED
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
 from modalshell.study import StudyResult, Table
 from studies.pages import number
@@ -97,7 +94,6 @@ def measured(side: int, repeats: int) -> dict[str, Any]:
     for name, seconds in best.items():
         row[name] = {"frame": sum(seconds.values()), "tasks": seconds}
     row["residual"] = residual
-    row["factored"] = factored(shell, springs, steppers["free"])
     row["solved"] = solved(steppers["free"])
     row["explicit"] = explicit(shell, springs)
     return row
@@ -123,22 +119,6 @@ def solved(stepper: ImplicitSprings) -> dict[str, float]:
         "residual": done.residual,
         "converged": done.converged,
     }
-
-
-def factored(shell: ms.Shell, springs: Any, stepper: ImplicitSprings) -> dict[str, float]:
-    """The same step by a factorisation, on one thread: seconds with and without the analysis, and the residual left."""
-    model = ms.SpringSheet(shell, springs, integrator="linear_implicit")
-    damping, load, h = Damping(DRAG), shell.gravity_force(GRAVITY), FRAME / STEPS
-    state = MotionState(stepper.positions, stepper.velocities)
-    seconds = []
-    for _ in range(2):
-        begin = perf_counter()
-        after, _ = model.step(state, h, load, damping)
-        seconds.append(perf_counter() - begin)
-    problem, scale = step_potential(model, state, h, load, damping)
-    gradient, hessian = problem.linearise(state.coordinates, PROJECTED)
-    left = hessian @ problem.difference(after.coordinates, state.coordinates) + gradient
-    return {"first": seconds[0], "seconds": seconds[1], "residual": float(np.linalg.norm(left)) / scale}
 
 
 def explicit(shell: ms.Shell, springs: Any) -> dict[str, float]:
@@ -182,34 +162,16 @@ def table(result: StudyResult) -> str:
         lines.append(f"| {row['particles']:,} | {shares} | {row['residual']:.2g} | {count} | {last['seconds']:.2f} |")
     share = 100.0 * published["matrix_share"]
     lines.append(f"| {published['particles']:,}, published | | up to {share:g} | | | | | | |")
-    lines += [
-        "",
-        f"Seconds of one step whose equations are solved, by iterations to {SOLVED:g} and by a factorisation:",
-        "",
-    ]
-    lines.append("| particles | iterations [s] | factorisation [s] | its analysis, once [s] | its residual | to take |")
-    lines.append("|---|---|---|---|---|---|")
-    for row in rows:
-        last, factor = row["solved"], row["factored"]
-        choice = "cg" if last["converged"] and last["seconds"] < factor["seconds"] else "factor"
-        lines.append(
-            f"| {row['particles']:,} | {last['seconds']:.3f} | {factor['seconds']:.3f} "
-            f'| {max(factor["first"] - factor["seconds"], 0.0):.2f} | {factor["residual"]:.1g} | solver="{choice}" |'
-        )
     return "\n".join(lines)
 
 
 def finding(tables: list[Table]) -> str:
     """Times of the largest sheet, and what ten iterations leave of its equations."""
-    (*_, times, published), (*_, tasks, _), solved = tables
-    by_factor = [row["particles"] for row in solved if "factor" in row["to take"]]
-    choice = f"the factorisation from {by_factor[0]} particles on" if by_factor else "the iterations at every size"
-    *_, last = solved
+    (*_, times, published), (*_, tasks, _) = tables
     return (
         f"A frame of {times['particles']} particles takes {number(times['one thread [s]']):.2g} s on one thread and "
         f"{number(times['[s]']):.2g} s on {times['threads at most']}; a published program took {published['[s]']} s on "
         f"{published['threads at most']}. Its ten iterations do not solve so large a sheet: they leave a residual of "
         f"{number(tasks['residual left']):.0f} times the load, and a residual of 0.001 takes "
-        f"{tasks['iterations to 0.001']} iterations and {number(last['iterations [s]']):.2g} s a step. A factorisation "
-        f"takes {number(last['factorisation [s]']):.2g} s to rounding. Who wants solved steps takes {choice}."
+        f"{tasks['iterations to 0.001']} iterations."
     )
