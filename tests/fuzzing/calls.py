@@ -55,16 +55,18 @@ RECORDS |= {
 """Plain records that the package fills itself; they hold what they are given."""
 NO_INPUT = {"models"}
 """They take nothing."""
-FILES = {
-    "load_clip",
-    "load_mesh",
-    "save_mesh",
-    "load_scene",
-    "load_trajectory",
-    "save_trajectory",
-    "run_scene",
-    "RunFollower",
-}
+FILES = set(
+    [
+        "load_clip",
+        "load_mesh",
+        "save_mesh",
+        "load_scene",
+        "load_trajectory",
+        "save_trajectory",
+        "run_scene",
+        "RunFollower",
+    ]
+)
 """Their input is files: see the other surfaces."""
 SLOW = {"tradeoff", "advise"}
 """Minutes of work where they accept what they get: junk in every parameter that has a check."""
