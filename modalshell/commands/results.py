@@ -18,11 +18,15 @@ _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "body": ".npz"}
 
 
 def export(
-    result: Annotated[Path, Parameter(help="Trajectory (.npz), clip (.clip) or basis (.npz) that was saved.")],
+    result: Annotated[
+        Path, Parameter(help="Saved trajectory (.npz), clip (.clip) or basis (.npz), or the folder of one run.")
+    ],
     *,
     to: Annotated[
         Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "body"],
-        Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file beside it."),
+        Parameter(
+            help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file that describes it."
+        ),
     ],
     out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
 ) -> None:
@@ -30,6 +34,7 @@ def export(
 
     Example: modalshell export results/leaf.npz --to usd
     """
+    result = _result_of(result)
     target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(_SUFFIXES[to]))
     if target.suffix != _SUFFIXES[to]:
         raise OptionError(f"--out must end in {_SUFFIXES[to]} for {to} (got {target.name!r})")
@@ -65,6 +70,17 @@ def export(
         rest = target.with_name(f"{target.stem}_rest.obj")
         ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
         print(rest)
+
+
+def _result_of(path: Path) -> Path:
+    """The saved motion in the folder of a run, or ``path`` itself if it is no folder."""
+    if not path.is_dir():
+        return path
+    saved = sorted(path.glob("*.npz"))
+    if len(saved) != 1:
+        names = ", ".join(file.name for file in saved[:5]) or "none"
+        raise OptionError(f"{path} must hold one .npz file (got {names}): name the file instead")
+    return saved[0]
 
 
 def _saved_basis(path: Path) -> ms.Basis | None:
