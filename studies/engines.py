@@ -50,7 +50,7 @@ SECONDS = 600.0
 @final
 @dataclass(frozen=True)
 class Engine:
-    """An engine besides this package.
+    """An engine other than this package.
 
     Attributes
     ----------

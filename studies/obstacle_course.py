@@ -7,7 +7,7 @@ answers are linear. Each problem is solved on meshes of three families; the sphe
 faces, of an octahedron, and of random points relaxed.
 
 In a patch test all vertices are put where a field of constant strain or moment has them. In plane the forces on inner
-vertices must then vanish; the largest is held against the largest one at the boundary. Moments are compared inside,
+vertices must then vanish; the largest is compared with the largest one at the boundary. Moments are compared inside,
 more than four edges from the free boundary, where they must vanish instead.
 
 Run it alone with ``modalshell reproduce --only obstacle_course``.
@@ -40,7 +40,7 @@ DEEP = 4
 
 
 class Answer(NamedTuple):
-    """What was found on a mesh, what it is held against, and the error: relative, but where the reference is zero."""
+    """The result on a mesh, its reference, and the error: relative, but where the reference is zero."""
 
     vertices: int
     found: float
@@ -322,7 +322,7 @@ PROBLEMS = {
 
 
 def table(result: StudyResult) -> str:
-    """One row a problem, mesh and resolution, as a Markdown table."""
+    """One row per problem, mesh and resolution, as a Markdown table."""
     lines = ["| problem | mesh | cells | vertices | found | reference | error [%] | aim [%] |", "|---" * 8 + "|"]
     for row in result.findings["rows"]:
         lines.append(
