@@ -1,10 +1,13 @@
-"""The stability atlas: one map a model and slice, on one page (reads the study ``stability_atlas``)."""
+"""The stability atlas: a summary for a page, and a poster of every map (reads the study ``stability_atlas``)."""
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
+from typing import Any
 
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
+from modalshell.render.shares import draw_shares
 from modalshell.study import StudyResult
 
 COLORS = {
@@ -34,9 +37,23 @@ NAMES = {
 }
 
 
-def draw(results: Path, folder: Path) -> Path:
-    """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
+def draw(results: Path, folder: Path) -> list[Path]:
+    """Draw from the result in ``results`` into ``folder``; return the PNGs' paths."""
     found = StudyResult.load(results, "stability_atlas").findings
+    return [summary(found, folder / "stability_atlas.png"), poster(found, folder / "stability_atlas_poster.png")]
+
+
+def summary(found: dict[str, Any], path: Path) -> Path:
+    """Shares of the outcomes in each slice of each model, which fit a page."""
+    shares = {}
+    for name, maps in found["rows"].items():
+        counts = [Counter(outcome for line in maps[key]["classes"] for outcome in line) for key in HEADINGS]
+        shares[name] = [{outcome: n / count.total() for outcome, n in count.items()} for count in counts]
+    return draw_shares(shares, list(HEADINGS.values()), COLORS, path)
+
+
+def poster(found: dict[str, Any], path: Path) -> Path:
+    """Every map."""
     panels = []
     names = list(found["rows"])
     for name in names:
@@ -61,6 +78,4 @@ def draw(results: Path, folder: Path) -> Path:
                     ],
                 )
             )
-    return draw_maps(
-        panels, COLORS, folder / "stability_atlas.png", columns=len(HEADINGS), size=(2.7, 1.12), font=7.0, dpi=100.0
-    )
+    return draw_maps(panels, COLORS, path, columns=len(HEADINGS), size=(2.7, 1.12), font=7.0, dpi=100.0)

@@ -37,6 +37,9 @@ def page(result: StudyResult) -> str:
     planes = {key: SimpleNamespace(**plane) for key, plane in found["slices"].items()}
     base, cells = (result.record["parameters"][key] for key in ("base", "cells"))
     lines = [
+        "[The poster](../paper_figures/stability_atlas_poster.png) shows every map; the summary, the share of each "
+        "outcome.",
+        "",
         f"A strip clamped at one end, {cells[0]} x {cells[1]} cells, at the base point: step 1/30 s (explicit: half "
         f"its limit), membrane over bending stiffness {base['ratio']:g}, Γ = {base['gamma']:g}, damping ratio "
         f"{base['damping']:g} of mode 1. Each column leaves it along one line; Γ and the damping ratio cross at "

@@ -126,7 +126,9 @@ class Page:
         colors = ScalarMappable(Normalize(bar.low - pad, bar.high + pad), bar.colormap)
         colorbar: Any = self._figure.colorbar(colors, cax=axes)
         colorbar.ax.tick_params(labelsize=0.8 * self.font)
-        colorbar.ax.yaxis.get_offset_text().set_fontsize(0.8 * self.font)
+        offset = colorbar.ax.yaxis.get_offset_text()
+        offset.set_fontsize(0.8 * self.font)
+        offset.set_horizontalalignment("left")  # else a power of ten is cut by the picture
         colorbar.locator = _few_ticks()
         colorbar.formatter.set_powerlimits((-3, 4))
         colorbar.update_ticks()

@@ -16,7 +16,7 @@ from modalshell.errors import OptionError
 from modalshell.kernels import packed
 from modalshell.provenance import run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
-from studies.benchmarks import crowd, discrete_shell, factorisation, frame, modes
+from studies.benchmarks import crowd, discrete_shell, factorisation, frame, modes, motion
 
 COLORS = {4: "#2b5fc8", 8: "#2f9e44", 32: "#c8802b", 128: "#c8322b"}
 
@@ -29,6 +29,7 @@ def main(
     jobs: dict[str, Callable[[], Any]] = {
         "frame": lambda: frame.benchmark(sizes, (4, 32) if quick else (4, 8, 32, 128)),
         "frame_scaling": lambda: frame.scaling(),
+        "motion": lambda: motion.frames((80, 16) if quick else (250, 52)),
         "hinge_kernel": lambda: [frame.hinge_kernel()],
         "modes": lambda: modes.benchmark((13000,) if quick else (13000, 100000)),
         "refactorisation": lambda: factorisation.refactorisation((50,) if quick else (50, 100, 115)),
