@@ -1,12 +1,12 @@
-"""What the error of modal warping is made of: the hinges, the modes and warp, and the mesh, against shell theory.
+"""What the error of modal models is made of: the hinges, the modes and their warp, and the mesh, against shell theory.
 
 The method of 2007 takes modes of discrete shells (hinges) and warps them; its error was measured against the discrete
-shells themselves. Here the truth is shell theory (Isotropic shells) on the same mesh, and the error is parted: *hinges*
-is what calibrated discrete shells are off shell theory, *modes and warp* what MWTS on their modes is off the discrete
-shells. It is listed with MWTS on modes of shell theory, which has no part of the hinges, and what the mesh leaves of
-shell theory's answer (against cells of half the size). All are displacements in the mass norm, relative to those of the
-truth, at 0.2, 0.5 and all of a load under which the tip would move by half a length in linear theory: a quarter for the
-V-beam and a fortieth for the panel, which snap.
+shells themselves. Here the truth is shell theory (Isotropic shells) on the same mesh, and the errors of LMA, MWTS and
+RSW are parted: *hinges* is what calibrated discrete shells are off shell theory, *modes and warp* what a model on their
+modes is off the discrete shells. Next to them stand the same models on modes of shell theory, which have no part of the
+hinges, and what the mesh leaves of shell theory's answer (against cells of half the size). All are displacements in the
+mass norm, relative to those of the truth, at 0.2, 0.5 and all of a load under which the tip would move by half a length
+in linear theory: a quarter for the V-beam and a fortieth for the panel, which snap.
 
 Run it alone with ``modalshell reproduce --only error_budget``.
 """
@@ -24,12 +24,14 @@ from modalshell.study import StudyResult, Table
 from studies.both_energies import Sheet, displacements_at, flat_shell
 from studies.pages import number
 
-FIGURES = ("error_budget",)
+FIGURES = ("error_budget", "shell_theory_errors", "shell_theory_shapes")
 
 LENGTH = 0.3
 LOADS = (0.2, 0.5, 1.0)
 """Shares of the largest load."""
 MODES = 16
+MODELS = ("lma", "mwts", "rsw")
+"""Models on modes, by their keys."""
 SWEEP = np.radians(30.0)
 FAMILIES = ("union-jack", "equilateral")
 SHAPES: dict[str, tuple[str, float, str, float]] = {
@@ -107,20 +109,18 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
     fine_mesh = shape(kind, family, 2 * across)
     fine = flat_shell("Isotropic", fine_mesh, stuff, fine_mesh.vertices[:, 0] < 1e-9)
     whole = {key: ms.DiscreteShell(shell) for key, shell in (("theory", theory), ("hinges", hinges), ("fine", fine))}
-    warped = {
-        key: ms.ModalWarping(ms.solve_modes(shell, MODES)) for key, shell in (("theory", theory), ("hinges", hinges))
-    }
+    bases = {"theory": ms.solve_modes(theory, MODES), "hinges": ms.solve_modes(hinges, MODES)}
+    modal = {f"{model} {key}": ms.models()[model].builder(basis) for model in MODELS for key, basis in bases.items()}
     rest, count = theory.rest_positions, len(theory.rest_positions)
     tip = int(np.argmax(rest[:, 0] + 1e-6 * rest[:, 1]))
-    unit = ms.LinearModal(warped["theory"].basis).equilibrium(force=load_of(theory, how)).positions
+    unit = modal["lma theory"].equilibrium(force=load_of(theory, how)).positions
     linear = float(np.linalg.norm(unit[tip] - rest[tip]))
     rows = []
     for share in LOADS:
         factor = share * most * LENGTH / linear
         found = {
-            f"{kind_of} {key}": model.equilibrium(force=factor * load_of(model.shell, how))
-            for kind_of, models in (("whole", whole), ("mwts", warped))
-            for key, model in models.items()
+            key: model.equilibrium(force=factor * load_of(model.shell, how))
+            for key, model in {**{f"whole {key}": model for key, model in whole.items()}, **modal}.items()
         }
         moved = {key: answer.positions[:count] - rest for key, answer in found.items() if key != "whole fine"}
         moved["whole fine"] = displacements_at(fine, found["whole fine"].positions, rest)
@@ -135,12 +135,17 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
                 "mesh": family,
                 "load": share,
                 "moved": float(np.linalg.norm(truth[tip]) / LENGTH),
-                "mwts on hinges": size(moved["mwts hinges"] - truth) / size(truth),
                 "hinges": size(moved["whole hinges"] - truth) / size(truth),
-                "modes and warp": size(moved["mwts hinges"] - moved["whole hinges"]) / size(truth),
-                "mwts on shell theory": size(moved["mwts theory"] - truth) / size(truth),
                 "of the mesh": size(moved["whole fine"] - truth) / size(truth),
                 "converged": all(answer.converged for answer in found.values()),
+                "models": {
+                    model: {
+                        "on hinges": size(moved[f"{model} hinges"] - truth) / size(truth),
+                        "modes and warp": size(moved[f"{model} hinges"] - moved["whole hinges"]) / size(truth),
+                        "on shell theory": size(moved[f"{model} theory"] - truth) / size(truth),
+                    }
+                    for model in MODELS
+                },
             }
         )
         for key, field in moved.items():
@@ -151,12 +156,15 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
 
 def table(result: StudyResult) -> str:
     """One row per shape, mesh and load, as a Markdown table."""
-    heads = ("mwts on hinges", "hinges", "modes and warp", "mwts on shell theory", "of the mesh")
-    words = ("MWTS on hinges", "of that hinges", "of that modes and warp", "MWTS on shell theory", "the mesh")
+    heads = ("on hinges", "modes and warp", "on shell theory")
+    names = {model: ms.models()[model].name for model in MODELS}
+    columns = [f"{name} {head}" for name in names.values() for head in heads]
     lines = ["Errors of displacement against shell theory [%]; parts add up as vectors:", ""]
-    lines += ["| case | mesh | load | tip [L] | " + " | ".join(words) + " |", "|---" * 9 + "|"]
+    lines += ["| case | mesh | load | tip [L] | hinges | " + " | ".join(columns) + " | the mesh |"]
+    lines += ["|---" * (6 + len(columns)) + "|"]
     for row in result.findings["rows"]:
-        cells = " | ".join(f"{100 * row[head]:.2f}" for head in heads)
+        errors = [row["hinges"], *(row["models"][model][head] for model in names for head in heads), row["of the mesh"]]
+        cells = " | ".join(f"{100 * error:.2f}" for error in errors)
         mark = "" if row["converged"] else ", not converged"
         lines.append(f"| {row['case']}{mark} | {row['mesh']} | {row['load']:g} | {row['moved']:.3f} | {cells} |")
     return "\n".join(lines)
@@ -165,16 +173,18 @@ def table(result: StudyResult) -> str:
 def finding(tables: list[Table]) -> str:
     """At which shapes and loads the hinges make the larger part of the error."""
     (rows,) = tables
+    two_way = [row for row in rows if row["case"] != "strip, one way"]
 
     def span(head: str, share: float) -> str:
-        values = [number(row[head]) for row in rows if float(row["load"]) == share and row["case"] != "strip, one way"]
+        values = [number(row[head]) for row in two_way if float(row["load"]) == share]
         return f"{min(values):.2g} to {max(values):.2g} %"
 
-    larger = sum(number(row["of that hinges"]) > number(row["of that modes and warp"]) for row in rows)
-    small, large = (span("MWTS on hinges", share) for share in (0.2, 1.0))
-    theory = [span("MWTS on shell theory", share) for share in (0.2, 1.0)]
+    names = [ms.models()[model].name for model in MODELS]
+    small = "; ".join(f"{n} {span(f'{n} on hinges', 0.2)}, {span(f'{n} on shell theory', 0.2)}" for n in names)
+    large = "; ".join(f"{n} {span(f'{n} on hinges', 1.0)}, {span(f'{n} on shell theory', 1.0)}" for n in names)
+    larger = sum(number(row["hinges"]) > number(row["MWTS modes and warp"]) for row in rows)
     return (
-        f"Where a sheet bends two ways or twists, MWTS on hinges is {small} off shell theory under small loads, "
-        f"{large} under large ones; on modes of shell theory {theory[0]} and {theory[1]}. In {larger} of {len(rows)} "
-        "cases the hinges are off by more than modes and warp."
+        "Errors against shell theory where a sheet bends two ways or twists, on modes of hinges and of shell theory: "
+        f"small loads {small}; large loads {large}. In {larger} of {len(rows)} cases the hinges are off by more than "
+        "modes and warp of MWTS."
     )

@@ -5,7 +5,8 @@ alternating forces, an open cylinder pulled apart, a cylinder pinched between di
 last four on a quarter, an eighth or a half, between planes of symmetry. Three mesh families are mapped onto each
 surface. An error is the largest difference from the published displacements at a load, relative to the largest of
 these. The published ones are of finite elements, those of 3.2 of the closed form. Where the wall of 3.5 buckles, loads
-are compared at the published displacement, too, on the path of equilibria.
+are compared at the published displacement, too, on the path of equilibria. The wall of 3.6 buckles at many loads, each
+time to one of several states; it is solved on one family.
 
 Run it alone with ``modalshell reproduce --only large_deflection_benchmarks``.
 """
@@ -43,10 +44,12 @@ CELLS = {
     "3.3": (98, 8),
     "3.4": (21, 18),
     "3.5": (24, 36),
-    "3.6": (36, 36),
-    "3.7": (44, 44),
+    "3.6": (28, 28),
+    "3.7": (48, 48),
 }
 """Cells along and across."""
+FEWER = {"3.6": FAMILIES[:1]}
+"""Problems on fewer mesh families: the wall of 3.6 buckles many times, which takes a quarter of an hour."""
 QUICK = ("3.1", "3.2", "3.3", "3.4", "3.5")
 SNAP, STEEP = 0.5, 0.525
 """Share of the load of 3.5 at which its wall buckles, and the tabulated one while it does."""
@@ -60,7 +63,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     """All problems, mesh families and tabulated loads; ``quick`` takes one family, coarse meshes and few loads."""
     tables = json.loads(Path(__file__).with_name("sze_liu_lo.json").read_text(encoding="utf-8"))["problems"]
     families = FAMILIES[:1] if quick else FAMILIES
-    cases = [(p, f) for p in (QUICK if quick else PROBLEMS) for f in families]
+    cases = [(p, f) for p in (QUICK if quick else PROBLEMS) for f in FEWER.get(p, families)]
     rows: list[dict[str, Any]] = []
     steep = []
     for done, (name, family) in enumerate(cases, start=1):
@@ -157,4 +160,4 @@ def finding(tables: list[Table]) -> str:
         name = row["problem"]
         largest[name] = max(largest.get(name, 0.0), number(row["largest error [%]"]))
     words = "; ".join(f"{name} {value:.2g} %" for name, value in largest.items())
-    return f"Largest errors over all loads and three mesh families against Sze, Liu and Lo: {words}."
+    return f"Largest errors over all loads and three mesh families (3.6: one) against Sze, Liu and Lo: {words}."

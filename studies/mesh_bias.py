@@ -78,6 +78,17 @@ def square(name: str, cells: int) -> ms.TriangleMesh:
 
 def deviation(energy: str, mesh: ms.TriangleMesh, problem: str) -> float:
     """Mass norm of the deflection less that of Kirchhoff's plate, over the norm of the latter."""
+    shell, load, exact = loaded(energy, mesh, problem)
+    return difference(shell, ms.DiscreteShell(shell).equilibrium(force=load).positions, exact)
+
+
+def difference(shell: ms.Shell, positions: np.ndarray, exact: np.ndarray) -> float:
+    """Mass norm of the deflection less the ``exact`` one (n,), over the norm of the latter."""
+    return float(np.sqrt((shell.mass @ (positions[:, 2] - exact) ** 2) / (shell.mass @ exact**2)))
+
+
+def loaded(energy: str, mesh: ms.TriangleMesh, problem: str) -> tuple[ms.Shell, np.ndarray, np.ndarray]:
+    """The plate of a problem, its load (n, 3) [N], and Kirchhoff's deflection (n,) [m]."""
     x, y, _ = mesh.vertices.T
     rigidity = SHEET["young"] * SHEET["thickness"] ** 3 / (12.0 * (1.0 - SHEET["poisson"] ** 2))
     if problem == "supported":
@@ -95,9 +106,7 @@ def deviation(energy: str, mesh: ms.TriangleMesh, problem: str) -> float:
         load[:, 2] = force * shell.mass / shell.mass.sum()
     else:
         load[loaded, 2] = force
-    exact = SMALL / shape.max() * shape
-    moved = ms.DiscreteShell(shell).equilibrium(force=load).positions[:, 2]
-    return float(np.sqrt((shell.mass @ (moved - exact) ** 2) / (shell.mass @ exact**2)))
+    return shell, load, SMALL / shape.max() * shape
 
 
 def navier(x: np.ndarray, y: np.ndarray, terms: int = 61) -> np.ndarray:

@@ -40,7 +40,7 @@ DEEP = 4
 
 
 class Answer(NamedTuple):
-    """The result on a mesh, its reference, and the error: relative, but where the reference is zero."""
+    """What was found on a mesh, the reference, and the error: relative, but if the reference is zero."""
 
     vertices: int
     found: float

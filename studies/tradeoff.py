@@ -1,7 +1,8 @@
 """What accuracy costs: every rung on six scenes, its error against DS over what a frame takes.
 
 Flat beam, V-beam with a soft membrane, V-beam with a stiff one that snaps, leaf in a wind, twisted strip, and the
-creature of 13,000 vertices. The V-beam that snaps is also followed through its snap by DS on coarse meshes.
+creature of 13,000 vertices. The V-beam that snaps is also followed through its snap by DS on coarse meshes
+and by the hybrid.
 
 Run it alone with ``modalshell reproduce --only tradeoff``.
 """
@@ -81,8 +82,8 @@ def scene(name: str, cells: tuple[int, int] | None) -> Case:
 
 
 def through_snap(case: Case) -> list[dict[str, Any]]:
-    """DS and coarse DS after the snap: error, time of a static answer from rest, and of a motion through it."""
-    found = [candidate for candidate in candidates(case)[0] if candidate.spec.key in (TRUTH, "coarse-ds")]
+    """DS, coarse DS and the hybrid after the snap: errors, times of a static answer from rest and of a motion."""
+    found = [candidate for candidate in candidates(case)[0] if candidate.spec.key in (TRUTH, "coarse-ds", "hybrid")]
     rows = [snap_row(case, candidate) for candidate in reversed(found)]
     truth = rows[0]
     for row in rows:

@@ -31,6 +31,7 @@ SLOW_STUDIES |= {"held_out_snaps"}
 SLOW_STUDIES |= {
     "cloth_scaling",
     "dancing_character",
+    "energy_cost",
     "error_budget",
     "large_deflection_benchmarks",
     "mesh_bias",

@@ -34,8 +34,6 @@ NEAR_TIE = 1.25
 """Counted costs of frames within this factor of the cheapest are ties, which go to the simplest rung."""
 RATE_MARGIN = 1.2
 """Least measured frame rate over the requested one for a model to count as fast enough: times scatter by this much."""
-NEAR_SNAP = 0.06
-"""Distance of a load from that at which DS snaps, over it, within which a model may lie on the other side of it."""
 
 _WORDS: dict[str, str] = {Outcome.STOPPED: "its static answers cost many times those of DS"}
 """Outcomes of static answers that a reader of advice would not understand."""
@@ -87,7 +85,7 @@ class Advice:
         """Requested error over the chosen model's worst error, and its frame rate over the requested one."""
         if self.chosen is None or self.chosen.worst_error is None:
             return None
-        error = error_of(self.measured, self.chosen)
+        error = self.chosen.worst_error
         return (self.error / error if error else float("inf"), self.chosen.frames_per_second / self.frames_per_second)
 
     def plot(self) -> Picture:
@@ -128,8 +126,7 @@ def advise(
     Every rung that the scene allows is run: static answers over the load range against DS, and frames of motion. Rungs
     are ranked by the counted work of a frame, the same on every machine; of those within :data:`NEAR_TIE` of the
     cheapest the simplest is taken. Time counts only against ``fps``, by the margin :data:`RATE_MARGIN`. Where DS snaps,
-    rungs whose elastic energy is quadratic in modes are refused whatever they measure; the others may snap up to
-    :data:`NEAR_SNAP` earlier or later: loads so near do not count, and the explanation says so.
+    rungs whose elastic energy is quadratic in modes are refused whatever they measure.
 
     Parameters
     ----------
@@ -157,15 +154,14 @@ def choose(measured: Tradeoff, error: float, fps: float) -> Advice:
     """The advice that follows from measurements."""
     refused = refusals(measured)
     allowed = [row for row in measured.rows if row.label not in refused and row.worst_error is not None]
-    errors = {row.label: error_of(measured, row) for row in measured.rows}
-    fitting = [row for row in allowed if errors[row.label] <= error and row.frames_per_second >= RATE_MARGIN * fps]
+    fitting = [row for row in allowed if _error(row) <= error and row.frames_per_second >= RATE_MARGIN * fps]
     ties = [row for row in fitting if row.cost <= NEAR_TIE * fitting[0].cost]
     chosen = min(ties, key=lambda row: (row.candidate.spec.cost, row.cost), default=None)
-    text = _chosen_text(chosen, errors, error, fps) if chosen else _none_text(allowed, errors, error, fps)
+    text = _chosen_text(chosen, error, fps) if chosen else _none_text(allowed, error, fps)
     cheaper = measured.rows[: measured.rows.index(chosen)] if chosen else measured.rows
     if chosen is not None and (table := chosen.candidate.model_table) is not None:
         text += ["", "In a scene:", "", "```toml", toml_table("model", table), "```", ""]
-    text += _faults([row for row in cheaper if row not in ties], errors, refused, error)
+    text += _faults([row for row in cheaper if row not in ties], refused, error)
     if also := [row.label for row in ties if row is not chosen]:
         text.append(f"- Within {100 * (NEAR_TIE - 1):.0f} % of the same work, but less simple: {'; '.join(also)}.")
     return Advice(chosen, error, fps, refused, measured, "\n".join([*text, "", *_measured_text(measured)]))
@@ -183,23 +179,13 @@ def refusals(measured: Tradeoff) -> dict[str, str]:
     return refused
 
 
-def near_snap(measured: Tradeoff, factor: float) -> bool:
-    """Whether a share of the load is so near the snap of DS that another model may be on its other side."""
-    snap = measured.path.snap
-    return snap is not None and (1.0 - NEAR_SNAP) * snap.low <= factor <= (1.0 + NEAR_SNAP) * snap.high
+def _error(row: Measurement) -> float:
+    return float("inf") if row.worst_error is None else row.worst_error
 
 
-def error_of(measured: Tradeoff, row: Measurement) -> float:
-    """Largest error of a model over the loads that are not next to the snap; infinite where it has none."""
-    pairs = zip(measured.path.factors, row.errors, strict=True)
-    known = [error for factor, error in pairs if error is not None and not near_snap(measured, factor)]
-    return float("inf") if row.worst_error is None else max(known, default=row.worst_error)
-
-
-def _chosen_text(row: Measurement, errors: dict[str, float], error: float, fps: float) -> list[str]:
-    worst = errors[row.label]
-    beside = "" if row.worst_error == worst else f" ({100 * (row.worst_error or 0.0):.2g} % next to the snap)"
-    accuracy = "is the truth here" if row.is_truth else f"is at most {100 * worst:.2g} % off DS{beside}"
+def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
+    worst = _error(row)
+    accuracy = "is the truth here" if row.is_truth else f"is at most {100 * worst:.2g} % off DS"
     margin = "" if worst == 0.0 else f" (asked {100 * error:.3g} %: {error / worst:.2g} times better)"
     rate = row.frames_per_second
     return [
@@ -208,23 +194,21 @@ def _chosen_text(row: Measurement, errors: dict[str, float], error: float, fps: 
     ]
 
 
-def _none_text(allowed: list[Measurement], errors: dict[str, float], error: float, fps: float) -> list[str]:
+def _none_text(allowed: list[Measurement], error: float, fps: float) -> list[str]:
     text = [
         f"No rung meets both an error of {100 * error:.3g} % and {fps:g} frames a second on this machine, "
         f"with a margin of {100 * (RATE_MARGIN - 1):.0f} % in the rate."
     ]
-    accurate = [row for row in allowed if errors[row.label] <= error]
+    accurate = [row for row in allowed if _error(row) <= error]
     if accurate:
         text.append(f"As accurate, the cheapest is {accurate[0].label}: {accurate[0].frames_per_second:.3g} a second.")
-    fast = sorted(
-        (row for row in allowed if row.frames_per_second >= RATE_MARGIN * fps), key=lambda row: errors[row.label]
-    )
+    fast = sorted((row for row in allowed if row.frames_per_second >= RATE_MARGIN * fps), key=_error)
     if fast:
-        text.append(f"As fast, the most accurate is {fast[0].label}: {100 * errors[fast[0].label]:.3g} % off DS.")
+        text.append(f"As fast, the most accurate is {fast[0].label}: {100 * _error(fast[0]):.3g} % off DS.")
     return text
 
 
-def _faults(rows: list[Measurement], errors: dict[str, float], refused: dict[str, str], error: float) -> list[str]:
+def _faults(rows: list[Measurement], refused: dict[str, str], error: float) -> list[str]:
     """Why ``rows`` were not taken, those with one reason on one line."""
     text = []
     reasons: dict[str, list[str]] = {}
@@ -233,9 +217,9 @@ def _faults(rows: list[Measurement], errors: dict[str, float], refused: dict[str
             reasons.setdefault(refused[row.label], []).append(row.label)
     text += [f"- Refused, since {reason}: {'; '.join(labels)}." for reason, labels in reasons.items()]
     allowed = [row for row in rows if row.label not in refused]
-    if off := [f"{row.label} ({100 * errors[row.label]:.3g} %)" for row in allowed if errors[row.label] > error]:
+    if off := [f"{row.label} ({100 * _error(row):.3g} %)" for row in allowed if _error(row) > error]:
         text.append(f"- Not accurate enough: {'; '.join(off)}.")
-    if slow := [f"{row.label} ({row.frames_per_second:.3g} a second)" for row in allowed if errors[row.label] <= error]:
+    if slow := [f"{row.label} ({row.frames_per_second:.3g} a second)" for row in allowed if _error(row) <= error]:
         text.append(f"- Accurate, but too slow: {'; '.join(slow)}.")
     return text
 

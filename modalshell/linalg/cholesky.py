@@ -46,6 +46,8 @@ class CholeskyAnalysis:
     ----------
     matrix : csc_array, shape (N, N)
         A matrix with the pattern, both triangles stored.
+    once : bool
+        Whether a single factor is wanted, so that a good order is worth less.
 
     Attributes
     ----------
@@ -57,10 +59,10 @@ class CholeskyAnalysis:
         Solves that take the time of a factorisation, about: 8 at 2,500 vertices of a sheet, 13 at 10,000.
     """
 
-    def __init__(self, matrix: sps.csc_array) -> None:
+    def __init__(self, matrix: sps.csc_array, *, once: bool = False) -> None:
         self.size = matrix.shape[0]
         self.block, graph = block_graph(matrix)
-        order, graph, tree, counts = found = best_elimination(graph)
+        order, graph, tree, counts = found = best_elimination(graph, self.block, once=once)
         first = analysis.supernodes(tree, counts, self.block)
         row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, tree)
         relative = analysis.relative_rows(first, row_starts, rows, parent)

@@ -17,6 +17,8 @@ _LEAF = 100
 """Vertices of a part that is not dissected any further: minimum degree orders it."""
 _DISSECTED = 1000
 """Vertices of a graph from which dissection is tried."""
+_WORTH = 500_000
+"""Operations a vertex from which dissection may save its own time in one factorisation."""
 _LANDMARKS, _SMOOTHED = 8, 2
 """Vertices whose distances serve as coordinates, and how often these are averaged over neighbours."""
 
@@ -35,14 +37,15 @@ class Elimination(NamedTuple):
         return float(np.sum(self.counts.astype(np.float64) ** 2))
 
 
-def best_elimination(graph: sps.csr_array) -> Elimination:
+def best_elimination(graph: sps.csr_array, block: int = 1, *, once: bool = False) -> Elimination:
     """The cheaper of minimum degree and nested dissection, in postorder of its elimination tree.
 
     Dissection takes 0.6 of the products on sheets of 10,000 and 100,000 vertices, minimum degree fewer on small sheets
-    and on branching shapes.
+    and on branching shapes. For a pattern that is factorised once, dissection is tried only where it may pay.
     """
     best = eliminated(graph, minimum_degree(graph))
-    if graph.shape[0] >= _DISSECTED:
+    size = graph.shape[0]
+    if size >= _DISSECTED and (not once or best.products * block**3 > _WORTH * size):
         best = min(best, eliminated(graph, nested_dissection(graph)), key=lambda found: found.products)
     return best
 

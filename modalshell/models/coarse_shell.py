@@ -29,6 +29,8 @@ _APART = 0.3
 """Least difference of two modes' fractions of membrane energy for them to determine both stiffnesses."""
 _ALIKE = 0.7
 """Square of the cosine between a fine mode and the coarse one that is it."""
+_FLEXURE = 0.1
+"""Logarithm of the flexure's factor from which the mesh is too coarse for that mode, and one mode alone decides."""
 _ROUNDS, _MET = 12, 1e-4
 """Newton steps on both stiffnesses at most, and the logarithm of a ratio of eigenvalues that counts as met."""
 
@@ -62,9 +64,10 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
 
     A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Where the
     membrane decides the lowest mode and bending another of the lowest six, both stiffnesses are scaled until the
-    elastic eigenvalues of these two modes agree. Else one is scaled, until the lowest eigenvalues agree: the membrane,
-    or the flexure where the lowest mode hardly stretches. Sheets of :class:`Isotropic` need no calibration. To clamp
-    alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
+    elastic eigenvalues of these two modes agree, the flexure by a tenth at most. Else one is scaled, until the lowest
+    eigenvalues agree: the membrane, or the flexure where the lowest mode hardly stretches. Sheets of
+    :class:`Isotropic` need no calibration. To clamp alike, give ``mesh`` a row of vertices where the fine shell's held
+    region ends.
 
     Parameters
     ----------
@@ -162,7 +165,7 @@ def _both_stiffnesses(
             return None
         excess = np.log(found[same] / eigenvalues[pair])
         if np.abs(excess).max() < _MET:
-            return coarse
+            return coarse if abs(factors[1]) < _FLEXURE else None
         slope = sensitivities[same]
         if abs(np.linalg.det(slope)) < 0.5 * _APART:
             return None

@@ -244,7 +244,7 @@ class Factoriser:
             return self._superlu(matrix)
         count_factorisation(matrix.shape[0])
         if self._analysis is None:
-            self._analysis = CholeskyAnalysis(matrix)
+            self._analysis = CholeskyAnalysis(matrix, once=self._use == "solve")
         return _Cholesky(self._analysis.factorise(matrix))
 
     def symmetric(self, matrix: sps.csc_array) -> Factor:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
-from modalshell.shell.smoothed_membrane import membrane_elements, plane_stress
+from modalshell.shell.smoothed_membrane import plane_stress, strained_elements
 from modalshell.shell.split_folds import SplitFolds, fold_moments
 from modalshell.typing import Array, Index
 
@@ -33,8 +33,8 @@ def tensions_by_poisson(
     # The tensor is linear in nu apart from the stiffness before it.
     slope = growth * plain + plane_stress(stiffness, poisson + 1.0) - plain
     tensions = np.zeros_like(stretches)
-    for e in membrane_elements(mesh, slope, *smoothing):
-        np.add.at(tensions, e.edges, np.einsum("epq,eq->ep", e.matrices, stretches[e.edges]))
+    for e in strained_elements(mesh, slope, *smoothing):
+        np.add.at(tensions, e.edges, e.tensions(stretches))
     return tensions
 
 

@@ -15,7 +15,7 @@ matrix Q.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -76,14 +76,41 @@ def plane_stress(stiffness: Array, poisson: Array) -> Array:
     return elastic
 
 
-def membrane_elements(
+@final
+class Strained(NamedTuple):
+    """Elements of one kind by their strains: ``s . B^T C B s / 2`` of half squared lengths s of their edges.
+
+    Attributes
+    ----------
+    stencils, pairs, edges, faces
+        As of :class:`MembraneElements`.
+    strain : ndarray, shape (elements, 3, edges)
+        B, to (E11, E22, 2 E12).
+    elastic : ndarray, shape (elements, 3, 3)
+        C [N m].
+    """
+
+    stencils: Index
+    pairs: Index
+    edges: Index
+    strain: Array
+    elastic: Array
+    faces: Index
+
+    def tensions(self, stretches: Array) -> Array:
+        """Derivatives (elements, edges) of the energy by half squared lengths (E,)."""
+        strains = np.einsum("eiq,eq->ei", self.strain, stretches[self.edges])
+        return np.asarray(np.einsum("eip,ei->ep", self.strain, np.einsum("eij,ej->ei", self.elastic, strains)))
+
+
+def strained_elements(
     mesh: TriangleMesh,
     elastic: Array,
     clamped: NDArray[np.bool_],
     angles: Array,
     mirrored: Index,
-) -> list[MembraneElements]:
-    """Elements of pairs of triangles over smooth edges, and of single triangles for their other edges.
+) -> list[Strained]:
+    """Pairs of triangles over smooth edges, single triangles for their other edges, and those at planes of symmetry.
 
     Parameters
     ----------
@@ -109,8 +136,7 @@ def membrane_elements(
     strain[:, :, [0, 3, 4]] += (areas[1] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
     mean = (areas[0][:, None, None] * elastic[left] + areas[1][:, None, None] * elastic[right]) / 3.0
     both = np.column_stack([left, right])
-    numbers = _numbers(mesh, hinges, PAIR)
-    pairs = MembraneElements(np.ascontiguousarray(hinges), PAIR, numbers, _products(strain, mean), both)
+    pairs = Strained(np.ascontiguousarray(hinges), PAIR, _numbers(mesh, hinges, PAIR), strain, mean, both)
 
     smoothed = np.zeros(len(mesh.faces))
     mirrored = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]
@@ -119,18 +145,37 @@ def membrane_elements(
     own = np.flatnonzero(smoothed < 3.0)
     weight = ((3.0 - smoothed[own]) / 3.0 * mesh.face_areas[own])[:, None, None]
     faces = np.ascontiguousarray(mesh.faces[own])
-    matrices = _products(_strain_of_lengths(mesh, faces, 1.0), weight * elastic[own])
+    numbers = _numbers(mesh, faces, PAIR[:3])
+    strain = _strain_of_lengths(mesh, faces, 1.0)
+    found = [pairs, Strained(faces, PAIR[:3], numbers, strain, weight * elastic[own], own[:, None])]
     if rim.size:
         ends = mesh.edges[mirrored]
-        apex = mesh.faces[rim].sum(axis=1) - ends.sum(axis=1)
-        triangles = np.column_stack([ends, apex])
+        triangles = np.column_stack([ends, mesh.faces[rim].sum(axis=1) - ends.sum(axis=1)])
         strain = _strain_of_lengths(mesh, triangles, 1.0)
         strain[:, 2] = 0.0
-        products = _products(strain, mesh.face_areas[rim][:, None, None] / 3.0 * elastic[rim])
-        faces, own = np.ascontiguousarray(np.vstack([faces, triangles])), np.concatenate([own, rim])
-        matrices = np.concatenate([matrices, products])
-    single = MembraneElements(faces, PAIR[:3], _numbers(mesh, faces, PAIR[:3]), matrices, own[:, None])
-    return [pairs, single]
+        numbers = _numbers(mesh, triangles, PAIR[:3])
+        third = mesh.face_areas[rim][:, None, None] / 3.0 * elastic[rim]
+        found.append(Strained(triangles, PAIR[:3], numbers, strain, third, rim[:, None]))
+    return found
+
+
+def membrane_elements(
+    mesh: TriangleMesh,
+    elastic: Array,
+    clamped: NDArray[np.bool_],
+    angles: Array,
+    mirrored: Index,
+) -> list[MembraneElements]:
+    """The :func:`strained_elements` with their matrices: pairs, and all single triangles together."""
+    pairs, *singles = (
+        MembraneElements(e.stencils, e.pairs, e.edges, _products(e.strain, e.elastic), e.faces)
+        for e in strained_elements(mesh, elastic, clamped, angles, mirrored)
+    )
+    names = ("stencils", "edges", "matrices", "faces")
+    if len(singles) > 1:
+        joined = {name: np.concatenate([getattr(e, name) for e in singles]) for name in names}
+        singles = [replace(singles[0], **joined)]
+    return [pairs, *singles]
 
 
 def membrane_matrix(elements: list[MembraneElements], edge_count: int) -> sps.csr_array:

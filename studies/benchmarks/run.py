@@ -63,7 +63,7 @@ def main(
 
 
 def processor() -> str:
-    """The processor as LLVM names it, or the one that numba compiles for, and the width of its registers."""
+    """The processor as LLVM names it, or the target that numba is set to, and the width of its registers."""
     name = numba.config.CPU_NAME or llvmlite.binding.get_host_cpu_name()  # type: ignore[attr-defined]
     return f"a {platform.machine()} processor ({name}), kernels for registers of {8 * packed.BYTES} bits"
 

@@ -1,7 +1,6 @@
 import json
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,10 +8,10 @@ from scenes import held, strip
 
 import modalshell as ms
 from modalshell.cli import main
-from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose, error_of
+from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
-from modalshell.compare.path import Marks, Snap, find_snap
+from modalshell.compare.path import Marks, find_snap
 from modalshell.compare.runs import static_answers, turn_at
 from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
@@ -323,18 +322,6 @@ def test_outside_solutions_of_another_mesh_are_refused(tmp_path):
 def test_fronts_of_impossible_values_are_refused(tmp_path, x):
     with pytest.raises(ms.OptionError, match="finite and positive"):
         draw_pareto([ParetoPanel([Mark(x, 1.0, "LMA", "4")], "title")], tmp_path / "a.png")
-
-
-def test_loads_next_to_the_snap_do_not_count():
-    row = SimpleNamespace(worst_error=0.8, errors=[0.01, 0.8, None, 0.03])
-    path = SimpleNamespace(snap=Snap(0.6, 0.6, ""), factors=(0.3, 0.62, 0.8, 1.0))
-    assert error_of(SimpleNamespace(path=path), row) == 0.03
-    path.snap = Snap(0.7, 0.7, "")
-    assert error_of(SimpleNamespace(path=path), row) == 0.8
-    path.snap = None
-    assert error_of(SimpleNamespace(path=path), row) == 0.8
-    row.worst_error = None
-    assert error_of(SimpleNamespace(path=path), row) == np.inf
 
 
 @pytest.mark.slow

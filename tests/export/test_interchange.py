@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -226,6 +227,28 @@ def test_a_stopped_export_leaves_no_file(run, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         ms.save_trajectory(run, tmp_path / "run.usdc", on_frame=stop)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the process that is killed is a fork")
+@pytest.mark.parametrize("suffix", [".npz", ".clip", ".usdc", ".glb", ".pc2", ".mdd", ".vtkhdf", ".html"])
+def test_a_killed_export_leaves_the_file_as_it_was(run, tmp_path, suffix):
+    """Killed at the last moment, when everything is written and only the move into place is missing."""
+    needed = {".usdc": "pxr", ".glb": "pygltflib", ".vtkhdf": "vtkmodules"}.get(suffix)
+    if needed:
+        pytest.importorskip(needed, reason=f"{needed} is not installed (pip install 'modalshell[interchange,vtk]')")
+    target = tmp_path / f"run{suffix}"
+    target.write_text("of before")
+    page = ms.solve_modes(cantilever((4, 2)), 2).page() if suffix == ".html" else None
+    child = os.fork()
+    if child == 0:
+        os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+        try:
+            ms.save_trajectory(run, target) if page is None else page.save(target)
+        finally:
+            os._exit(0)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+    assert target.read_text() == "of before"
+    assert [path for path in tmp_path.iterdir() if not path.name.startswith(".")] == [target]
 
 
 BLENDER = """

@@ -26,22 +26,8 @@ from modalshell.sweep import load_sweep
 Build = Callable[..., Any]
 
 
-RECORDS = {
-    "Advice",
-    "Basis",
-    "Buckling",
-    "Damping",
-    "Equilibrium",
-    "EquilibriumPath",
-    "FlightResult",
-    "LoadedModes",
-    "Model",
-    "Outcome",
-    "ModelSpec",
-    "PathEvent",
-    "Scene",
-    "SceneResult",
-}
+RECORDS = {"Advice", "Basis", "Buckling", "Damping", "Equilibrium", "EquilibriumPath", "FlightResult"}
+RECORDS |= {"LoadedModes", "Model", "Outcome", "ModelSpec", "PathEvent", "Scene", "SceneResult"}
 RECORDS |= {
     "BasisSensitivity",
     "Fit",
@@ -55,16 +41,8 @@ RECORDS |= {
 """Plain records that the package fills itself; they hold what they are given."""
 NO_INPUT = {"models"}
 """They take nothing."""
-FILES = {
-    "load_clip",
-    "load_mesh",
-    "save_mesh",
-    "load_scene",
-    "load_trajectory",
-    "save_trajectory",
-    "run_scene",
-    "RunFollower",
-}
+FILES = {"load_clip", "load_mesh", "save_mesh", "load_scene"}
+FILES |= {"load_trajectory", "save_trajectory", "run_scene", "RunFollower"}
 """Their input is files: see the other surfaces."""
 SLOW = {"tradeoff", "advise"}
 """Minutes of work where they accept what they get: junk in every parameter that has a check."""

@@ -88,3 +88,11 @@ def test_a_factor_in_the_order_of_dissection_solves():
     exact = np.random.default_rng(0).standard_normal((matrix.shape[0], 2))
     solution = analysis.factorise(matrix).solve(matrix @ exact)
     np.testing.assert_allclose(solution, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+
+
+def test_dissection_is_not_tried_for_one_cheap_factor():
+    graph = sheet_graph(90)
+    plain = eliminated(graph, minimum_degree(graph))
+    np.testing.assert_array_equal(best_elimination(graph, 3, once=True).order, plain.order)
+    assert best_elimination(graph, 3).products < plain.products
+    assert best_elimination(graph, 60, once=True).products < plain.products

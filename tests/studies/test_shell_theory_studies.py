@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modalshell import flat_beam
+from modalshell import Isotropic, Shell, equilibrium_path, flat_beam
 from modalshell.study import StudyResult
-from studies import both_energies, cantilever_master_curve, obstacle_course, plate_frequencies
+from studies import both_energies, cantilever_master_curve, obstacle_course, plate_frequencies, v_beam_truth
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 PLATES = json.loads((DATA / "shell_theory.json").read_text(encoding="utf-8"))["plates"]
@@ -87,8 +87,9 @@ def test_error_budgets_add_up(quick_study):
     rows = StudyResult.load(quick_study("error_budget"), "error_budget").findings["rows"]
     for row in rows:
         assert row["converged"]
-        assert row["mwts on hinges"] <= row["hinges"] + row["modes and warp"]
-        assert abs(row["hinges"] - row["modes and warp"]) <= row["mwts on hinges"]
+        for part in row["models"].values():
+            assert part["on hinges"] <= row["hinges"] + part["modes and warp"]
+            assert abs(row["hinges"] - part["modes and warp"]) <= part["on hinges"]
         assert row["case"] == "strip, one way" or row["hinges"] > 0.1
 
 
@@ -127,6 +128,27 @@ def test_obstacle_course_on_coarse_meshes(quick_study):
         assert abs(row["error"]) < exact.get(row["problem"], coarse.get(row["problem"], 0.08)), row
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", obstacle_course.PROBLEMS)
+def test_aims_of_the_obstacle_course(name):
+    """On union-jack meshes, which are the worst; two aims are missed, by a known factor."""
+    problem = obstacle_course.PROBLEMS[name]
+    missed = {"pinched cylinder, equal cells": 2.2, "plate, clamped, 24 cells": 3.8}
+    assert abs(problem.solve("union-jack", problem.cells[-1]).error) < missed.get(name, 1.0) * problem.bound
+
+
+@pytest.mark.slow
+def test_fold_of_a_wide_v_beam_flattens_where_finite_elements_say():
+    """The symmetric path of the beam of 150 degrees, flange 15 mm, has its limit point between 2.15 and 2.3."""
+    (case,) = (case for case in v_beam_truth.references() if case["name"] == v_beam_truth.SNAPPING)
+    mesh = v_beam_truth.beam(case, 6)
+    shell = Shell(mesh, Isotropic(**v_beam_truth.SHEET), clamped=mesh.vertices[:, 0] < 1e-9)
+    unit = case["loads"][-1]["gravity"] / case["loads"][-1]["gamma"]
+    path = equilibrium_path(shell, gravity=unit * np.array(case["direction"]), begin=1.9, until=2.35, steps=6)
+    (first, *_) = (factor for kind, _, factor in path.events if kind == "limit")
+    assert 2.15 < first < 2.3
+
+
 @pytest.mark.parametrize("family", ["union-jack", "equilateral", "delaunay"])
 def test_octants_are_closed_by_planes_of_symmetry(family):
     mesh = obstacle_course.octant(family, 6)
@@ -134,6 +156,15 @@ def test_octants_are_closed_by_planes_of_symmetry(family):
     np.testing.assert_allclose(np.linalg.norm(vertices, axis=1), 1.0, rtol=1e-12)
     assert mesh.area == pytest.approx(0.5 * np.pi, rel=0.03)
     assert (np.abs(vertices[mesh.boundary_vertices]).min(axis=1) < 1e-12).all()
+
+
+def test_shell_theory_buys_accuracy(quick_study):
+    """On the finer meshes errors of a supported plate are below those of hinges on the same mesh, by far on most."""
+    rows = StudyResult.load(quick_study("energy_cost"), "energy_cost").findings["errors"]
+    fine = [row for row in rows if row["cells"] == 12]
+    errors = {energy: [row["error"] for row in fine if row["energy"] == energy] for energy in ("Isotropic", "hinges")}
+    assert max(errors["Isotropic"]) < 0.03
+    assert all(split < hinges for split, hinges in zip(errors["Isotropic"], errors["hinges"], strict=True))
 
 
 def test_strips_buckle_sideways_where_finite_elements_do(quick_study):

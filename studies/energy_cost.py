@@ -1,0 +1,154 @@
+"""What shell theory costs: forces, Hessians, steps and statics of both energies on the same meshes, and what they buy.
+
+Isotropic shells have a fold share per inner edge as a further unknown, and smooth their membrane over edges; calibrated
+hinges have neither. Both are timed on the same meshes in one process, in turns; the least time of the processor counts.
+Steps are of implicit Euler from rest under weight, 1/60 s each; statics is the rest under 0.3 of that weight. Second, a
+supported plate (:mod:`studies.mesh_bias`): the error of its deflection over the seconds of the static answer.
+
+Run it alone with ``modalshell reproduce --only energy_cost``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import modalshell as ms
+from modalshell.provenance import run_record
+from modalshell.shell import EXACT
+from modalshell.study import StudyResult, Table
+from studies import mesh_bias
+from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
+from studies.pages import number
+
+FIGURES = ("energy_cost",)
+
+SHEET: Sheet = {"young": 1e9, "poisson": 0.3, "thickness": 2e-3, "density": 1000.0}
+AIMS = {"gradient": 2.5, "Hessian": 5.0, "implicit step": 4.0, "statics": 4.0}
+"""Ratios of the seconds of Isotropic shells to those of hinges that are aimed at."""
+REPEATS = {"gradient": 60, "Hessian": 20, "implicit step": 3, "statics": 2}
+STEPS, STEP = 6, 1.0 / 60.0
+
+
+def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+    """All mesh families and sizes; ``quick`` takes coarse meshes and few repeats."""
+    cells, sizes = (12, (6, 12)) if quick else (50, (8, 12, 16, 24, 32, 48))
+    total, done = len(FAMILIES) * (1 + len(sizes)), 0
+    ratios: list[dict[str, Any]] = []
+    errors: list[dict[str, Any]] = []
+    for family in FAMILIES:
+        ratios += costs(family, cells, quick)
+        for size in (None, *sizes):
+            if size is not None:
+                errors += plate(family, size)
+            done += 1
+            if on_step is not None:
+                on_step(done, total)
+    record = run_record({**SHEET, "cells": cells, "sizes": sizes, "repeats": REPEATS})
+    return StudyResult("energy_cost", {"ratios": ratios, "errors": errors}, {}, record)
+
+
+def least_seconds(actions: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+    """Least seconds of the processor's time of each action, called in turns."""
+    least = [np.inf] * len(actions)
+    for _ in range(repeats):
+        for place, action in enumerate(actions):
+            begin = time.process_time()
+            action()
+            least[place] = min(least[place], time.process_time() - begin)
+    return least
+
+
+def costs(family: str, cells: int, quick: bool) -> list[dict[str, Any]]:
+    """Seconds of both energies on a square sheet that is clamped at one edge."""
+    mesh = mesh_bias.square(family, cells)
+    held = mesh.vertices[:, 0] < 1e-9
+    shells = [flat_shell(energy, mesh, SHEET, held) for energy in ENERGIES]
+    models = [ms.DiscreteShell(shell) for shell in shells]
+    bent = []
+    for shell in shells:
+        x = np.array(shell.rest_positions)
+        x[:, 2] += 0.05 * np.sin(4.0 * x[:, 0]) * (1.0 + x[:, 1])
+        bent.append(x)
+
+    length, weight = STEPS * STEP, (0.0, 0.0, -9.81)
+    actions: dict[str, list[Callable[[], object]]] = {
+        "gradient": [partial(s.energy_gradient, x) for s, x in zip(shells, bent, strict=True)],
+        "Hessian": [partial(s.energy_gradient_hessian, x, EXACT) for s, x in zip(shells, bent, strict=True)],
+        "implicit step": [partial(ms.simulate, model, duration=length, dt=STEP, gravity=weight) for model in models],
+        "statics": [partial(model.equilibrium, gravity=(0.0, 0.0, -2.943)) for model in models],
+    }
+    rows = []
+    for name, both in actions.items():
+        least_seconds(both, 1)  # compiled, and patterns analysed
+        seconds = least_seconds(both, 2 if quick else REPEATS[name])
+        if name == "implicit step":
+            seconds = [value / STEPS for value in seconds]
+        found = dict(zip(ENERGIES, seconds, strict=True))
+        rows.append({"mesh": family, "vertices": len(mesh.vertices), "work": name, "seconds": found, "aim": AIMS[name]})
+    return rows
+
+
+def plate(family: str, cells: int) -> list[dict[str, Any]]:
+    """Error of a supported plate's deflection and seconds of the answer, one row per energy."""
+    mesh = mesh_bias.square(family, cells)
+    cases = [mesh_bias.loaded(energy, mesh, "supported") for energy in ENERGIES]
+    answers = [ms.DiscreteShell(shell).equilibrium(force=load) for shell, load, _ in cases]
+    actions = [partial(ms.DiscreteShell(shell).equilibrium, force=load) for shell, load, _ in cases]
+    seconds = least_seconds(actions, 3)
+    return [
+        {
+            "mesh": family,
+            "cells": cells,
+            "energy": energy,
+            "error": mesh_bias.difference(shell, answer.positions, exact),
+            "seconds": spent,
+        }
+        for energy, (shell, _, exact), answer, spent in zip(ENERGIES, cases, answers, seconds, strict=True)
+    ]
+
+
+def table(result: StudyResult) -> str:
+    """Seconds and ratios, and errors over seconds, as Markdown tables."""
+    lines = ["| mesh | vertices | work | Isotropic [ms] | hinges [ms] | ratio | aim |", "|---" * 7 + "|"]
+    for row in result.findings["ratios"]:
+        split, hinges = (1e3 * row["seconds"][energy] for energy in ENERGIES)
+        lines.append(
+            f"| {row['mesh']} | {row['vertices']} | {row['work']} | {split:.3g} | {hinges:.3g} | {split / hinges:.2f} "
+            f"| {row['aim']:g} |"
+        )
+    lines += ["", "| mesh | cells | energy | error of the deflection [%] | seconds |", "|---" * 5 + "|"]
+    for row in result.findings["errors"]:
+        where = f"| {row['mesh']} | {row['cells']} | {row['energy']} "
+        lines.append(f"{where}| {100.0 * row['error']:.3g} | {row['seconds']:.3g} |")
+    return "\n".join(lines)
+
+
+def finding(tables: list[Table]) -> str:
+    """The ratios by kind of work, and at how many points of equal cost hinges are the better ones."""
+    ratios, errors = tables
+    spans = []
+    for work in AIMS:
+        own = [number(row["ratio"]) for row in ratios if row["work"] == work]
+        spans.append(f"{work} {min(own):.2g} to {max(own):.2g}")
+    over = sum(number(row["ratio"]) > number(row["aim"]) for row in ratios)
+    hinges = [row for row in errors if row["energy"] == "hinges"]
+    beaten = 0
+    for row in hinges:
+        cheaper = [
+            number(other["error of the deflection [%]"])
+            for other in errors
+            if (other["mesh"], other["energy"]) == (row["mesh"], "Isotropic")
+            and number(other["seconds"]) <= number(row["seconds"])
+        ]
+        beaten += bool(cheaper) and min(cheaper) < number(row["error of the deflection [%]"])
+    words = f"{over} of {len(ratios)} ratios are above the aims" if over else "every ratio is within its aim"
+    return (
+        f"An Isotropic shell takes this many times as long as hinges on the same mesh: {'; '.join(spans)}; {words}. On "
+        f"{beaten} of {len(hinges)} meshes of hinges a mesh of Isotropic shells answers a supported plate in no more "
+        "time with a smaller error."
+    )
