@@ -280,9 +280,9 @@ def _relaxed(vertices: np.ndarray) -> np.ndarray:
 
 
 def buckled_sphere(family: str, cells: tuple[int, int]) -> Answer:
-    """Critical pressure of a sphere, its radius 30 thicknesses, by linear buckling, over ``2 E (h / R)^2``; an eighth.
+    """Critical pressure of a sphere, its radius 30 thicknesses, over ``2 E (h / R)^2``: linear buckling of an eighth.
 
-    On the whole sphere the pressure, which does not follow in linear theory, turns it about supports at points.
+    Planes of symmetry keep the sphere from turning, which supports at points would resist by a dent only.
     """
     mesh = octant(family, cells[0])
     thickness, poisson = 1.0 / 30.0, 0.3

