@@ -50,7 +50,7 @@ SECONDS = 600.0
 @final
 @dataclass(frozen=True)
 class Engine:
-    """An engine besides this package.
+    """An engine other than this package.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Engine:
     install : str
         How to get it.
     options : dict
-        What its adapter takes besides the case: the step [s], and the seconds that a load may take.
+        What its adapter takes in addition to the case: the step [s], and the seconds that a load may take.
     """
 
     key: str

@@ -162,7 +162,7 @@ def checked(case: Case, error: float) -> dict[str, Any]:
 
 
 def table(result: StudyResult) -> str:
-    """One row a scene, and the count."""
+    """One row per scene, and the count."""
     lines = ["| scene | asked | advice | measured | held-out loads | snaps | cheaper rungs that meet it |"]
     lines.append("|---|---|---|---|---|---|---|")
     rows = result.findings["rows"]

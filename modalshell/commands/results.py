@@ -22,7 +22,7 @@ def export(
     *,
     to: Annotated[
         Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "body"],
-        Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file beside it."),
+        Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file."),
     ],
     out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
 ) -> None:

@@ -241,7 +241,7 @@ def _expanded(starts: NDArray[np.int32], columns: NDArray[np.int32], values: NDA
 
 
 def _slots(stencil: Index, positions: sps.csr_matrix, begins: Index) -> Index:
-    """Where the blocks of each element begin (elements, vertices, vertices), -1 where there is none."""
+    """Where the blocks of each element begin (elements, vertices, vertices), -1 if there is none."""
     count, width = stencil.shape
     slots = np.full((count, width, width), -1)
     for first in range(0, count, _AT_A_TIME):
