@@ -2,7 +2,7 @@
 
 The stiff V-beam of ``v_beam_accuracy``: a coarse shell of it trains :class:`HybridStress` about a gravity that snaps
 it. Then loads and damping are drawn as in training, by another seed: half of the loads within 30 degrees of that
-gravity, half in any direction, 0.5 to 1.2 of its size, a third with a point force too. Each holds for one second
+gravity, half in any direction, 0.5 to 1.2 of its size, a third with a point force added. Each holds for one second
 and is released for half a second. Errors of the hybrid are measured against the coarse shell that trained it and, with
 that shell's own, against DS on the fine mesh. So are three named motions with either kind of damping, and statics on
 both sides of the snap; the last table has the gravity at which each model snaps.

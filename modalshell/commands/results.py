@@ -18,15 +18,11 @@ _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "body": ".npz"}
 
 
 def export(
-    result: Annotated[
-        Path, Parameter(help="Saved trajectory (.npz), clip (.clip) or basis (.npz), or the folder of one run.")
-    ],
+    result: Annotated[Path, Parameter(help="Saved trajectory (.npz), clip (.clip) or basis (.npz), or the folder of one run.")],
     *,
     to: Annotated[
         Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "body"],
-        Parameter(
-            help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file that describes it."
-        ),
+        Parameter(help="Format to write; 'body' is a basis as arrays for other engines, with a JSON file."),
     ],
     out: Annotated[Path | None, Parameter(help="File to write; if omitted, in the folder of RESULT.")] = None,
 ) -> None:

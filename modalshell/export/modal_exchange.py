@@ -1,4 +1,4 @@
-"""A basis for other programs: arrays in an NPZ file, and a JSON file that says what they are.
+"""A basis for other programs: arrays in an NPZ file, and a JSON file that describes them.
 
 No public format of modal bodies serves several engines: Newton 1.8 has no such bodies, Chrono reduces assemblies of
 its own, and OpenFAST reads superelements of Craig-Bampton matrices about the motions of one interface. The

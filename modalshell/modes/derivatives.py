@@ -8,6 +8,7 @@ from typing import Protocol, final
 
 import numpy as np
 
+from modalshell.brief import brief
 from modalshell.errors import OptionError, SolverError
 from modalshell.modes.eigenpairs import mass_scaled
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
@@ -52,6 +53,7 @@ class Modes(Protocol):
 
 
 @final
+@brief
 @dataclass(frozen=True)
 class BasisSensitivity:
     """Derivatives of a basis by a constant of its material.
