@@ -18,7 +18,7 @@ _SUFFIXES |= {"vtkhdf": ".vtkhdf", "pvd": ".pvd", "body": ".npz"}
 
 
 def export(
-    result: Annotated[Path, Parameter(help="Saved trajectory (.npz), clip (.clip) or basis (.npz), or the folder of one run.")],
+    result: Annotated[Path, Parameter(help="Trajectory (.npz), clip (.clip), basis (.npz), or the folder of a run.")],
     *,
     to: Annotated[
         Literal["usd", "gltf", "pc2", "mdd", "clip", "page", "vtkhdf", "pvd", "body"],
