@@ -36,9 +36,9 @@ def film(result: StudyResult, path: Path) -> Path:
     """DS and the hybrid side by side, under a gravity tilted aside and released."""
     rest, faces = result.arrays["rest"], result.arrays["faces"]
     surfaces, motions = [], []
-    for place, (name, color) in enumerate({"DS": "#2f9e44", "hybrid": "#e7298a"}.items()):
+    for place, (name, color) in enumerate((("film_DS", "#2f9e44"), ("film_hybrid", "#e7298a"))):
         moved = np.array([0.0, APART * place, 0.0])
-        surfaces.append(ShadedSurface(rest + moved, faces, color=color, label=name))
-        motions.append(np.concatenate([rest[None], result.arrays[f"film_{name}"]]) + moved)
+        surfaces.append(ShadedSurface(rest + moved, faces, color=color, label=name.removeprefix("film_")))
+        motions.append(np.concatenate([rest[None], result.arrays[name]]) + moved)
     title = "green: DS; pink: the hybrid, not trained on this load"
     return write_film(path, surfaces, motions, fps=15.0, camera=CAMERA, size=(800, 600), title=title)

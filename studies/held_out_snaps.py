@@ -54,7 +54,9 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     began = time.perf_counter()
     hybrid = ms.HybridStress.trained(shell, gravity=(0, 0, -GRAVITY), coarse=coarse, motions=motions)
     seconds = time.perf_counter() - began
-    models = {"DS": ms.DiscreteShell(shell, step_tolerance=1e-4), "coarse DS": hybrid.coarse, "hybrid": hybrid}
+    models: dict[str, ms.Model] = {
+        model.name: model for model in (ms.DiscreteShell(shell, step_tolerance=1e-4), hybrid.coarse, hybrid)
+    }
     rng, weight = np.random.default_rng(SEED), np.array(shell.gravity_force((0, 0, -GRAVITY)))
     drawn = [(random_load(shell, weight, rng), random_damping(rng)) for _ in range(count)]
     named = {
@@ -74,10 +76,14 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         "snaps": snap_loads(models, hybrid),
         "training_seconds": seconds,
         "held_out_error": hybrid.held_out_error,
-        "cells": {"DS": f"{fine[0]}x{fine[1]}", "coarse DS": f"{cells[0]}x{cells[1]}"},
+        "cells": {"fine": "{}x{}".format(*fine), "coarse": "{}x{}".format(*cells)},
     }
     load, damping = named[FILMED]
-    film = {name: frames_of(models[name], load, damping)[0].astype(np.float32) for name in ("DS", "hybrid")}
+    film = {
+        name: frames_of(model, load, damping)[0].astype(np.float32)
+        for name, model in models.items()
+        if model is not hybrid.coarse
+    }
     arrays = {f"film_{name}": frames for name, frames in film.items()}
     arrays |= {"faces": np.asarray(shell.mesh.faces), "rest": np.asarray(shell.rest_positions)}
     arrays |= {
@@ -141,10 +147,12 @@ def statics(shell: ms.Shell, models: dict[str, ms.Model], gravity: float) -> dic
 
 def snap_loads(models: dict[str, ms.Model], hybrid: ms.HybridStress) -> dict[str, float | None]:
     """Gravity at which each snaps: of shells from their paths, of the hybrid where small load steps jump."""
-    shells = {"DS": models["DS"], "coarse DS": hybrid.coarse.coarse}
     found: dict[str, float | None] = {}
-    for name, model in shells.items():
-        path = ms.equilibrium_path(model, gravity=(0, 0, -1), until=GRAVITY, branches=1)
+    for name, model in models.items():
+        if model is hybrid:
+            continue
+        shell = hybrid.coarse.coarse if model is hybrid.coarse else model
+        path = ms.equilibrium_path(shell, gravity=(0, 0, -1), until=GRAVITY, branches=1)
         found[name] = Marks.of(path).snap
     found["hybrid"], x = None, hybrid.equilibrium(gravity=(0, 0, -30.0)).positions
     for gravity in np.arange(30.0, GRAVITY, 0.2):
@@ -161,7 +169,7 @@ def table(result: StudyResult) -> str:
     found = result.findings
     cells = found["cells"]
     lines = [
-        f"DS has {cells['DS']} cells, the coarse shell {cells['coarse DS']}; the hybrid was trained in "
+        f"DS has {cells['fine']} cells, the coarse shell {cells['coarse']}; the hybrid was trained in "
         f"{found['training_seconds']:.3g} s and states an error of {100 * found['held_out_error']:.2g} %.",
         "",
         "| motion | hybrid against coarse DS | hybrid against DS | coarse DS against DS | snaps | coarse frames "
@@ -172,7 +180,7 @@ def table(result: StudyResult) -> str:
         errors = " | ".join(f"{100 * row[key]:.2f} %" for key in ("coarse", "fine", "coarse_to_fine"))
         snaps = sorted({name for name, snapped in row["snaps"].items() if snapped})
         which = "all" if len(snaps) == len(row["snaps"]) else " and ".join(snaps) or "none"
-        times = ", ".join(f"{row['ms'][name]:.3g}" for name in ("hybrid", "coarse DS", "DS"))
+        times = ", ".join(f"{value:.3g}" for value in reversed(row["ms"].values()))
         lines.append(f"| {row['motion']} | {errors} | {which} | {row['handed']} | {times} |")
     lines += [
         "",

@@ -83,7 +83,9 @@ def scene(name: str, cells: tuple[int, int] | None) -> Case:
 
 def through_snap(case: Case) -> list[dict[str, Any]]:
     """DS, coarse DS and the hybrid after the snap: errors, times of a static answer from rest and of a motion."""
-    found = [candidate for candidate in candidates(case)[0] if candidate.spec.key in (TRUTH, "coarse-ds", "hybrid")]
+    found = [
+        candidate for candidate in candidates(case)[0] if candidate.spec.key == TRUTH or candidate.spec.on_coarse_mesh
+    ]
     rows = [snap_row(case, candidate) for candidate in reversed(found)]
     truth = rows[0]
     for row in rows:
