@@ -175,16 +175,19 @@ def table(result: StudyResult) -> str:
             f"| {'yes' if row['snap'] else 'no'} | {', '.join(row['cheaper_that_meet']) or 'none'} |"
         )
     met, right = sum(row["meets"] for row in rows), sum(row["right"] for row in rows)
-    lines += ["", f"The rung meets the asked error on {met} of {len(rows)} scenes, and no cheaper one does on {right}."]
+    lines += [
+        "",
+        f"The rung meets the asked error on {met} of {len(rows)} scenes; on {right} of these no cheaper one does.",
+    ]
     return "\n".join(lines)
 
 
 def finding(tables: list[Table]) -> str:
     """How often the advice is right."""
     (rows,) = tables
-    met = sum(row["held-out loads"] == "-" or number(row["held-out loads"]) <= number(row["asked"]) for row in rows)
-    cheapest = sum(row["cheaper rungs that meet it"] == "none" for row in rows)
+    met = [row for row in rows if row["held-out loads"] == "-" or number(row["held-out loads"]) <= number(row["asked"])]
+    cheapest = sum(row["cheaper rungs that meet it"] == "none" for row in met)
     return (
-        f"At loads that were not measured for it, the advised model meets the asked error on {met} of {len(rows)} "
-        f"random scenes; on {cheapest} no cheaper model does."
+        f"At loads that were not measured for it, the advised model meets the asked error on {len(met)} of {len(rows)} "
+        f"random scenes; on {cheapest} of these no cheaper model does."
     )
