@@ -21,7 +21,7 @@ from modalshell.compare.candidates import Candidate, candidates, case_factory
 from modalshell.compare.case import Case, scene_case
 from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
-from modalshell.models.registry import TRUTH
+from modalshell.models.registry import MODELS, TRUTH
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
 from modalshell.provenance import repository_file, run_record
@@ -141,6 +141,7 @@ def finding(tables: list[Table]) -> str:
     for title, rows in zip(SCENES.values(), tables, strict=False):
         right = [row for row in rows if "%" in row["worst error"] and number(row["worst error"]) <= 10.0]
         best = min(right, key=lambda row: number(row["ms a frame"]))
-        times = number(rows[-1]["ms a frame"]) / number(best["ms a frame"])
+        truth = next(row for row in rows if row["rung"] == MODELS[TRUTH].name)
+        times = number(truth["ms a frame"]) / number(best["ms a frame"])
         told.append(f"{best['rung']}, {times:,.{0 if times > 10.0 else 1}f} times ({title})")
     return f"The cheapest model within 10 % of DS, and how much cheaper its frame is: {'; '.join(told)}."
