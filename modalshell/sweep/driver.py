@@ -153,8 +153,10 @@ def run_sweep(
                     if on_step is not None:
                         on_step(len(found), len(plan.tasks))
         except KeyboardInterrupt as stop:
-            stored = f"{len(found)} of {len(plan.tasks)} cases are stored"
-            raise KeyboardInterrupt(f"{stored}; starting the sweep again does the rest") from stop
+            # From the files: a stop may fall between the writing of one and its count.
+            stored = sum(store.read(digest) is not None for digest in plan.tasks)
+            done = f"{stored} of {len(plan.tasks)} cases are stored"
+            raise KeyboardInterrupt(f"{done}; starting the sweep again does the rest") from stop
         files, rows, note = _write(declared, plan, found, folder, value)
     return SweepResult(rows, files, len(missing), before, note)
 

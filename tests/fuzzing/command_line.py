@@ -166,7 +166,8 @@ def _too_long(*_: Any, **__: Any) -> Any:
 
 def check_exit(status: Any, errors: str) -> None:
     """DirtyExit unless a command ended its work (status 0 or 1) or with one line, which is then raised as an error."""
-    lines = [line for line in errors.splitlines() if not line.startswith("modalshell: warning: ")]
+    said = ("modalshell: warning: ", "modalshell: compiling kernels, ")
+    lines = [line for line in errors.splitlines() if not line.startswith(said)]
     if "Traceback" in errors or status not in (0, 1, 2):
         raise DirtyExit(f"status {status}: {errors[-500:]}")
     if status == 2:

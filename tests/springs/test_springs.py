@@ -353,12 +353,13 @@ def test_a_stiff_flat_strip_without_bending_stiffness_finds_its_minimum():
 
 
 def test_turned_scenes_have_turned_answers():
+    """Under a load so light that the sheet has one equilibrium; where it buckles, the last bits choose one of several."""
     turn = Rotation.from_rotvec([0.4, -0.7, 1.1])
     answers = []
     for rotation in (Rotation.identity(), turn):
         mesh = ms.TriangleMesh(rotation.apply(np.array(hanging().shell.rest_positions)), hanging().shell.mesh.faces)
         shell = ms.Shell(mesh, ms.Material(0.0, 4.0, 0.01, 0.2), clamped=hanging().shell.clamped)
-        answers.append(ms.SpringSheet(shell).equilibrium(gravity=rotation.apply((0.0, 0.0, -2.0))).positions)
+        answers.append(ms.SpringSheet(shell).equilibrium(gravity=rotation.apply((0.0, 0.0, -0.2))).positions)
     np.testing.assert_allclose(turn.apply(answers[0]), answers[1], rtol=0, atol=1e-8)
 
 
