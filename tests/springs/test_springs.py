@@ -353,7 +353,7 @@ def test_a_stiff_flat_strip_without_bending_stiffness_finds_its_minimum():
 
 
 def test_turned_scenes_have_turned_answers():
-    """Under a load so light that the sheet has one equilibrium; where it buckles, the last bits choose one of several."""
+    """Under a load so light that the sheet has one equilibrium; where it buckles, the last bits choose among some."""
     turn = Rotation.from_rotvec([0.4, -0.7, 1.1])
     answers = []
     for rotation in (Rotation.identity(), turn):
