@@ -254,7 +254,7 @@ def test_a_stopped_sweep_says_how_to_go_on(write, tmp_path, capsys, monkeypatch)
         main(["sweep", str(write()), "--out", str(tmp_path / "out")])
     assert exit_.value.code == 130
     last = capsys.readouterr().err.splitlines()[-1]
-    assert last == "modalshell: stopped: 1 of 6 cases are stored; starting the sweep again does the rest"
+    assert last == "modalshell: stopped: 2 of 6 cases are stored; starting the sweep again does the rest"
     assert len(case_files(tmp_path / "out")) == 2
 
 
