@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from modalshell.checks import as_array, shortened, shown
 from modalshell.errors import OptionError
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.parts import parts_by_area
+from modalshell.mesh.topology import connected_parts
 from modalshell.sharing import read_only_copy
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
@@ -223,9 +223,7 @@ def _numbers(node: ast.Call, text: str, count: int) -> list[float]:
 def _boundary_loop(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
     """Vertices of one boundary loop; loops that meet in a vertex count as one."""
     rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
-    count = len(mesh.vertices)
-    graph = coo_array((np.ones(len(rim), dtype=np.int8), (rim[:, 0], rim[:, 1])), shape=(count, count))
-    labels = connected_components(graph, directed=False)[1]
+    labels = connected_parts(rim, len(mesh.vertices))
     lengths = np.bincount(labels[rim[:, 0]], weights=np.linalg.norm(np.diff(mesh.vertices[rim], axis=1)[:, 0], axis=1))
     return np.asarray(
         labels == _numbered("boundary", np.argsort(-lengths, kind="stable")[: np.sum(lengths > 0)], number)
@@ -234,9 +232,7 @@ def _boundary_loop(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
 
 def _component(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
     """Vertices of one connected part."""
-    labels = mesh.components
-    areas = np.bincount(labels[mesh.faces[:, 0]], weights=mesh.face_areas)
-    return np.asarray(labels == _numbered("component", np.argsort(-areas, kind="stable"), number))
+    return np.asarray(mesh.components == _numbered("component", parts_by_area(mesh), number))
 
 
 def _numbered(name: str, labels: NDArray[np.int64], number: float) -> int:
