@@ -67,7 +67,7 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
 
 
 def _fewer_held(shell: Shell, fixed: TriangleMesh, triangles: int) -> TriangleMesh:
-    """The clamped region ``fixed`` in about ``triangles`` triangles, if all their corners lie on clamped vertices then."""
+    """The clamped region ``fixed`` in about ``triangles``, if all their corners lie on clamped vertices then."""
     if len(fixed.faces) <= max(_FEWEST, triangles):
         return fixed
     with warnings.catch_warnings():

@@ -31,8 +31,8 @@ def scene_coarse_mesh(
 ) -> CoarseMesh:
     """A coarse mesh of the scene's surface, by default with cells twice as large.
 
-    A shape is generated with ``cells`` along and across, or with those that give about this number of ``triangles``. The mesh
-    of a file is remeshed (extra ``remesh``).
+    A shape is generated with ``cells`` along and across, or with those that give about as many as
+    ``triangles``. The mesh of a file is remeshed (extra ``remesh``).
     """
     if not _uniform(material):
         raise OptionError("coarse meshes take a material of single numbers: values per triangle belong to one mesh")
