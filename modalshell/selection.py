@@ -16,10 +16,10 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import as_array, shortened, shown
-from modalshell.errors import OptionError
+from modalshell.errors import ModalShellError, OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import parts_by_area
 from modalshell.mesh.topology import connected_parts
@@ -90,18 +90,26 @@ def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np
         except OptionError as error:
             raise OptionError(f"{name} {error}") from error
     else:
-        entries = as_array(name, selection, f"bool ({count},) or vertex indices", OptionError, "biu")
-        if entries.dtype == bool and entries.shape != (count,):
-            raise OptionError(f"{name} must be a mask ({count},) or vertex indices (got shape {entries.shape})")
-        outside = entries[(entries < 0) | (entries >= count)] if entries.dtype != bool else entries[:0]
-        if outside.size:
-            raise OptionError(f"{name} names vertex {outside[0]}, but the mesh has vertices 0 to {count - 1}")
-        mask = np.zeros(count, dtype=bool)
-        if entries.size:
-            mask[entries] = True
+        mask = vertex_mask(name, selection, count, OptionError)
     if not mask.any():
         low, high = vertices.min(axis=0).round(6).tolist(), vertices.max(axis=0).round(6).tolist()
         raise OptionError(f"{name} selects no vertex (got {shown(selection)}); the mesh reaches from {low} to {high}")
+    return mask
+
+
+def vertex_mask(name: str, vertices: ArrayLike, count: int, error: type[ModalShellError]) -> NDArray[np.bool_]:
+    """Mask (count,) from a mask or from indices, else ``error`` about ``name``."""
+    entries = as_array(name, vertices, f"bool ({count},) or vertex indices", error, "biu")
+    indices = entries.dtype != bool
+    if entries.ndim > 1 or not (indices or entries.shape == (count,)):
+        raise error(f"{name} must be a mask ({count},) or a list of vertex indices (got shape {entries.shape})")
+    if indices and entries.shape == (count,) and count > 2 and np.isin(entries, (0, 1)).all():
+        raise error(f"{name} looks like a mask of 0 and 1: pass it as bool, or pass vertex indices")
+    outside = entries[(entries < 0) | (entries >= count)] if indices else entries[:0]
+    if outside.size:
+        raise error(f"{name} names vertex {outside.flat[0]}, but the mesh has vertices 0 to {count - 1}")
+    mask = np.zeros(count, dtype=bool)
+    mask[entries if entries.size else []] = True
     return mask
 
 
