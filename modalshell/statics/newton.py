@@ -58,8 +58,6 @@ class NewtonResult:
         Whether the residual met :data:`ACCEPTED`, or :meth:`Problem.rounding` with Newton's steps at their end.
     factor : Factored or None
         Of the last Hessian, a step before the end; of the one at the end where :func:`is_minimum` has found it so.
-    factored_at : ndarray or None
-        Where that Hessian is.
     stable : bool or None
         Whether the exact Hessian at the end is positive definite; None if unknown.
     limited : bool
@@ -70,6 +68,8 @@ class NewtonResult:
         Shares of the load, and unknowns, of the states on the way from rest.
     jumps : list
         What ended the branches that the way from rest left by a jump, and at which shares of the load.
+    factored_at : ndarray or None
+        Where the Hessian of ``factor`` is, as :func:`mixed_newton` leaves it.
     """
 
     point: Array
@@ -77,12 +77,12 @@ class NewtonResult:
     iterations: int
     converged: bool
     factor: Factored | None = None
-    factored_at: Array | None = None
     stable: bool | None = None
     limited: bool = False
     left_saddle: bool = False
     path: list[tuple[float, Array]] = field(default_factory=list)
     jumps: list[tuple[str, float]] = field(default_factory=list)
+    factored_at: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -240,13 +240,13 @@ def mixed_newton(
             accepted = max(ACCEPTED, goal)
             if iteration == 0 and problem.quadratic is not None:
                 accepted = GOAL  # a step must be taken, or a small load on a fast shell would never act
-            best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor, best.factored_at)
+            best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor, factored_at=best.factored_at)
         else:
             stalled += 1
         allowed = problem.rounding(x, hessian, length) / scale
         if best.point is start and iteration > 0 and residual <= allowed:
             # What rounding makes of the balance may be larger than the load itself: the start is no answer for that.
-            best = NewtonResult(x, residual, iteration, False, best.factor, best.factored_at)
+            best = NewtonResult(x, residual, iteration, False, best.factor, factored_at=best.factored_at)
         if best.residual <= allowed and best.point is not start:
             best.converged = True
         if (
