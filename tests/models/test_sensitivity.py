@@ -8,7 +8,9 @@ import pytest
 from scenes import PLAIN
 
 import modalshell as ms
+from modalshell import work
 from modalshell.modes import Factoriser
+from modalshell.shell import EXACT, constant_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.potential import Potential
@@ -184,6 +186,35 @@ def test_one_factorisation_serves_an_adjoint_of_many_parameters(states, monkeypa
     names = ["young", "poisson", "thickness", "density", "gravity", "rest_angles", "supports"]
     assert np.isfinite(body.sensitivity(state, wrt=names, of=np.ones_like(state.positions))).all()
     assert len(made) == 1
+
+
+@pytest.mark.parametrize("material", [PLAIN, SHEET])
+def test_an_adjoint_costs_at_most_one_and_a_half_newton_steps(states, material):
+    """In counted work, by every constant; what follows from the rest shape alone is made once a shell."""
+    body, state = model(material), states[material]
+    weights = np.ones_like(state.positions)
+    problem = body._statics(state.loading.dead)
+    with work.counted() as newton:
+        gradient, hessian = problem.linearise(state.positions, EXACT)
+        problem.moved(state.positions, problem.factor(hessian).solve(-gradient))
+    for name in (name for of, name in CASES if of is material):
+        with work.counted() as adjoint:
+            body.sensitivity(state, wrt=name, of=weights)
+        assert adjoint.factorisations == newton.factorisations == 1
+        assert adjoint.solves <= newton.solves
+        assert adjoint.cost <= 1.5 * newton.cost
+
+
+def test_derivatives_by_poissons_ratio_of_all_states_share_what_the_rest_shape_gives(states, monkeypatch):
+    made, body, state = [], model(SHEET), states[SHEET]
+    for function in ("fold_moments", "plane_stress"):
+        monkeypatch.setattr(constant_slopes, function, counted(getattr(constant_slopes, function), made))
+    first = body.sensitivity(state, wrt="poisson")
+    assert made
+    made.clear()
+    shifted = replace(state, positions=state.positions + 1e-6)
+    np.testing.assert_allclose(body.sensitivity(shifted, wrt="poisson"), first, rtol=1e-2, atol=1e-4)
+    assert not made
 
 
 def counted(function, calls):
