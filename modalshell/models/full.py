@@ -39,6 +39,9 @@ from modalshell.typing import Array, Index
 
 _ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
 _LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
+_KEPT = 1e-5
+"""Move, in sizes of the shell, within which statics keep a factor that takes in internal unknowns: it costs four times
+that of a hinge shell, for which another factor is as cheap as a second solve."""
 _ROUNDING = 1e-10
 """Share of the mean diagonal entry of a Hessian below which an eigenvalue counts as zero."""
 
@@ -158,7 +161,9 @@ class FullModel(Model):
         """The same model, with further vertices held."""
 
     def _statics(self, load: Array, live: LiveLoads | None = None) -> Potential:
-        return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs, live)
+        kept_within = _KEPT if self.shell.pattern.internal is not None else 0.0
+        rest = self.shell.rest_positions
+        return Potential(load, rest, self.shell, self.factoriser, self.costs, live, kept_within=kept_within)
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium, by the implicit-function theorem.
