@@ -9,8 +9,7 @@ from typing import Any
 from modalshell.errors import SceneError
 from modalshell.plugins import load_plugins
 from modalshell.scene import tables
-from modalshell.scene.flock import FlockTable
-from modalshell.scene.flock_scene import FlockScene
+from modalshell.scene.flock import FlockScene, FlockTable
 from modalshell.scene.index_files import with_index_files
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
