@@ -81,7 +81,7 @@ class _Notice(event.Listener):
     def _draw(self, text: str) -> None:
         stream = sys.stderr
         # Not where somebody else draws, as rich does, nor in processes that have said nothing.
-        if self._most and stream is not None and stream is sys.__stderr__ and stream.isatty():
+        if self._most and stream is not None and stream.isatty() and stream is sys.__stderr__:
             print(f"\r{text:<{_LINE}}", end="" if text else "\r", file=stream, flush=True)
 
 
