@@ -279,9 +279,8 @@ class HybridStress(Model):
         return f"answered by {self.coarse.name}: {reason}"
 
     def _range(self) -> str:
-        return (
-            f"trained on {self.training}; error {100 * self.held_out_error:.1f} % on held-out loads (90th percentile)"
-        )
+        error = f"{100 * self.held_out_error:.1f} %"
+        return f"trained on {self.training}; error {error} on held-out loads (90th percentile), more just below a snap"
 
     def _energy(self, z: Array) -> tuple[float, Array, Array]:
         """Energy, gradient and Hessian, that of hinges with a rest angle without their second derivatives."""

@@ -186,7 +186,7 @@ def test_its_basis_grows_until_a_wanted_error_is_met():
     assert least.held_out_error == min(errors.values())
 
 
-def test_scenes_name_the_wanted_error(scene_file, tmp_path):
+def test_scenes_name_the_wanted_error(scene_file):
     """A scene's table is that of the training's parameters."""
     table = 'name = "hybrid"\ncells = [8, 2]\nmotions = 4\nerror = 10.0'
     file = scene_file(('name = "mwts"', table), ("[motion]\nduration = 1\n", ""))
