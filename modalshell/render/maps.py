@@ -171,9 +171,7 @@ def _draw(axes: Axes, panel: MapPanel, colors: Mapping[str, str], width: float) 
     if panel.x_ticks is not None:
         axes.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
         axes.set_xticks([], minor=True)
-    axes.set_title(panel.title)
-    axes.set_xlabel(panel.x_label)
-    axes.set_ylabel(panel.y_label)
+    axes.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
     if not panel.x_label:
         axes.tick_params(labelbottom=False)
 
