@@ -90,7 +90,8 @@ class ModalModel(Model):
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
 
-        Repeated eigenvalues do no harm, unless the basis ends within one.
+        Repeated eigenvalues do no harm, unless the basis ends within one. Rest angles act by the couples that they
+        cause at rest, in the frame of the modes' own elastic forces.
         """
         return ModalTangent(self, state).derivative(wrt, of)
 
