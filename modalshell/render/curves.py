@@ -119,8 +119,7 @@ def draw_curves(
         for line in panel.lines:
             axes.axvline(line.x, color="0.25", linestyle=line.style, linewidth=1.2, label=line.label)
         axes.set_title(panel.title, fontsize=11)
-        axes.set_xlabel(panel.x_label)
-        axes.set_ylabel(panel.y_label)
+        axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
         axes.grid(alpha=0.3)
         inside = panel.legend_inside
         if inside is None:

@@ -7,12 +7,13 @@ import math
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
 
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import LoadError, ModalShellError, OptionError
 from modalshell.models import Model
-from modalshell.models.modal import as_modal
+from modalshell.models.modal import ModalModel, as_modal
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
@@ -24,7 +25,6 @@ from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
-from modalshell.viewer.hand_over import hand_over
 
 FRAME_SECONDS = 1.0 / 30.0
 """Time from one picture to the next [s]."""
@@ -39,6 +39,8 @@ _MODE_LIMIT = 64
 """Modes that the slider reaches, where the scene has no more."""
 _STILL_SCENE_MOTION = MotionTable(duration=math.inf, damping=(0.5, 0.001))
 
+_WORTH_IT = 0.02
+"""Share by which a round must lessen the squared misfit for another to be worth it."""
 _FAR = 1e6
 """Shell sizes from the rest shape at which a motion counts as diverged though its numbers are still finite."""
 
@@ -70,8 +72,12 @@ class ViewSession:
         Acceleration on every vertex [m/s^2].
     gravity_limit : float
         Size up to which front ends offer each of its components [m/s^2].
+    rest_positions, faces, held
+        Vertex positions (n, 3) at rest [m], triangles (T, 3), and which vertices (n,) are held.
     positions : ndarray, shape (n, 3)
         The last finite vertex positions [m], in the world.
+    diverged : bool
+        Whether the motion is not finite any more; then only a reset or another model continues it.
     playing : bool
         Whether :meth:`advance` moves on.
     late : bool
@@ -90,6 +96,8 @@ class ViewSession:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene.require_shell()
         self.shell = scene.build_shell()
+        self.rest_positions, self.faces = self.shell.rest_positions, self.shell.mesh.faces
+        self.held = self.shell.clamped
         self._built = self.scene.build(self.shell)
         self._table = scene.motion or _STILL_SCENE_MOTION
         self._size = self.shell.size
@@ -106,21 +114,6 @@ class ViewSession:
         self._begin(self._new_motion(model, None))
 
     @property
-    def rest_positions(self) -> Array:
-        """Vertex positions (n, 3) at rest [m]."""
-        return self.shell.rest_positions
-
-    @property
-    def faces(self) -> NDArray[np.integer]:
-        """Triangles (T, 3)."""
-        return self.shell.mesh.faces
-
-    @property
-    def held(self) -> NDArray[np.bool_]:
-        """Which vertices (n,) are held."""
-        return self.shell.clamped
-
-    @property
     def model(self) -> Model:
         """The model that moves."""
         return self._motion.model
@@ -130,14 +123,9 @@ class ViewSession:
         """Simulated time since the rest shape [s]."""
         return self._motion.time
 
-    @property
-    def diverged(self) -> bool:
-        """Whether the motion is not finite any more; then only a reset or another model continues it."""
-        return self._diverged
-
     def play(self) -> None:
         """Let time run, unless the motion has diverged."""
-        self.playing = not self._diverged
+        self.playing = not self.diverged
 
     def pause(self) -> None:
         """Hold time."""
@@ -145,10 +133,7 @@ class ViewSession:
 
     def toggle(self) -> None:
         """Play if paused, otherwise pause."""
-        if self.playing:
-            self.pause()
-        else:
-            self.play()
+        self.playing = not (self.playing or self.diverged)
 
     def reset(self) -> None:
         """Go back to the rest shape at time 0 and pause, with the model and gravity as they are."""
@@ -182,7 +167,7 @@ class ViewSession:
         self.name, self.modes = name, count
         playing = self.playing
         self._begin(motion)
-        self.playing = playing and not self._diverged
+        self.playing = playing and not self.diverged
 
     def advance(self, seconds: float, *, limit: float = math.inf) -> None:
         """Move on by ``seconds`` of simulated time, if playing.
@@ -236,19 +221,19 @@ class ViewSession:
         """Restore a motion."""
         self._motion = motion
         self._owed = 0.0
-        self.late, self.playing, self._diverged, self.note = False, False, False, ""
+        self.late, self.playing, self.diverged, self.note = False, False, False, ""
         self.positions = self.shell.rest_positions
         self._look()
-        if not self._diverged:
+        if not self.diverged:
             self.note = self._faults()
 
     def _stop_diverged(self) -> None:
-        self.playing, self._diverged = False, True
+        self.playing, self.diverged = False, True
         self.note = f"{Outcome.DIVERGED} at t = {self.time:.3g} s: reset, or take another model"
 
     def _look(self) -> None:
         """Take the positions, unless they are no shape any more."""
-        if self._diverged:
+        if self.diverged:
             return
         positions = self._motion.positions()
         if not np.abs(positions - self.shell.rest_positions).max() < _FAR * self._size:
@@ -296,7 +281,7 @@ class ViewSession:
         if before is not None and model.in_shell_frame:
             start = self.positions if path is None else path.at(before.time).to_shell(self.positions)
             if (modal := as_modal(model)) is not None:
-                coordinates, rates = hand_over(None if self._diverged else before, start, modal)
+                coordinates, rates = hand_over(None if self.diverged else before, start, modal)
                 start = self.shell.rest_positions + (modal.basis.modes @ coordinates).reshape(-1, 3)
         motion = Motion(
             model,
@@ -316,3 +301,39 @@ class ViewSession:
         if rates is not None:
             motion.state.rates = rates
         return motion
+
+
+def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tuple[Array, Array]:
+    """Coordinates (m,) and rates (m,) with which ``model`` continues.
+
+    Parameters
+    ----------
+    before : Motion or None
+        The motion so far, unless it has diverged. If its model is the same but for the number of modes, so is what
+        follows.
+    positions : ndarray, shape (n, 3)
+        The shape [m] that any other model is brought as near to as it can, at rest, in the shell's frame.
+    model : ModalModel
+        The model that continues.
+    """
+    last = None if before is None else as_modal(before.model)
+    if before is not None and last is not None and type(last) is type(model):
+        mass = np.repeat(model.shell.mass, 3)
+        transfer = model.basis.modes.T @ (mass[:, None] * last.basis.modes)
+        return transfer @ before.state.coordinates, transfer @ before.state.rates
+    coordinates = nearest_coordinates(model, positions)
+    return coordinates, np.zeros_like(coordinates)
+
+
+def nearest_coordinates(model: ModalModel, positions: Array) -> Array:
+    """Coordinates (m,) whose shape is nearest to ``positions`` (n, 3) in the norm of the mass.
+
+    The projection of a large bend on the modes alone, when warped, is another bend.
+    """
+    weight = np.sqrt(np.repeat(model.shell.mass, 3))
+    wanted = positions - model.shell.rest_positions
+
+    def misfit(coordinates: Array) -> Array:
+        return weight * (model.raw_displacement(coordinates) - wanted).ravel()
+
+    return least_squares(misfit, model.coordinates_of(positions), method="lm", ftol=_WORTH_IT).x
