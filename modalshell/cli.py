@@ -69,8 +69,7 @@ def reproduce(
     for name in names:
         with progress(name) as on_step:
             written = studies.reproduce(name, out, figures or out / "figures", quick=quick, on_step=on_step)
-        for path in written:
-            print(path)
+        print(*written, sep="\n")
 
 
 @app.command
@@ -92,9 +91,7 @@ def tradeoff(
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         found = ms.tradeoff(scene, truth=truth, modes=modes, on_step=on_step)
-    print(found.table())
-    for path in found.save(out):
-        print(path)
+    print(found.table(), *found.save(out), sep="\n")
 
 
 @app.command
@@ -117,8 +114,7 @@ def advise(
     with progress(f"{scene.stem} rungs") as on_step:
         found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
     CONSOLE.print(Markdown(found.explanation))
-    for path in found.save(out):
-        print(path)
+    print(*found.save(out), sep="\n")
     if write is not None:
         print(found.write_scene(scene, write))
 
@@ -137,8 +133,7 @@ def bench(
     with progress("benchmarks") as on_step:
         written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
-    for path in written:
-        print(path)
+    print(*written, sep="\n")
 
 
 @app.command

@@ -16,13 +16,13 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from numpy.typing import ArrayLike, NDArray
 
 from modalshell.checks import as_array, shortened, shown
-from modalshell.errors import OptionError
+from modalshell.errors import ModalShellError, OptionError
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.parts import parts_by_area
+from modalshell.mesh.topology import connected_parts
 from modalshell.sharing import read_only_copy
 
 _COMPARE: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
@@ -90,18 +90,26 @@ def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np
         except OptionError as error:
             raise OptionError(f"{name} {error}") from error
     else:
-        entries = as_array(name, selection, f"bool ({count},) or vertex indices", OptionError, "biu")
-        if entries.dtype == bool and entries.shape != (count,):
-            raise OptionError(f"{name} must be a mask ({count},) or vertex indices (got shape {entries.shape})")
-        outside = entries[(entries < 0) | (entries >= count)] if entries.dtype != bool else entries[:0]
-        if outside.size:
-            raise OptionError(f"{name} names vertex {outside[0]}, but the mesh has vertices 0 to {count - 1}")
-        mask = np.zeros(count, dtype=bool)
-        if entries.size:
-            mask[entries] = True
+        mask = vertex_mask(name, selection, count, OptionError)
     if not mask.any():
         low, high = vertices.min(axis=0).round(6).tolist(), vertices.max(axis=0).round(6).tolist()
         raise OptionError(f"{name} selects no vertex (got {shown(selection)}); the mesh reaches from {low} to {high}")
+    return mask
+
+
+def vertex_mask(name: str, vertices: ArrayLike, count: int, error: type[ModalShellError]) -> NDArray[np.bool_]:
+    """Mask (count,) from a mask or from indices, else ``error`` about ``name``."""
+    entries = as_array(name, vertices, f"bool ({count},) or vertex indices", error, "biu")
+    indices = entries.dtype != bool
+    if entries.ndim > 1 or not (indices or entries.shape == (count,)):
+        raise error(f"{name} must be a mask ({count},) or a list of vertex indices (got shape {entries.shape})")
+    if indices and entries.shape == (count,) and count > 2 and np.isin(entries, (0, 1)).all():
+        raise error(f"{name} looks like a mask of 0 and 1: pass it as bool, or pass vertex indices")
+    outside = entries[(entries < 0) | (entries >= count)] if indices else entries[:0]
+    if outside.size:
+        raise error(f"{name} names vertex {outside.flat[0]}, but the mesh has vertices 0 to {count - 1}")
+    mask = np.zeros(count, dtype=bool)
+    mask[entries if entries.size else []] = True
     return mask
 
 
@@ -223,9 +231,7 @@ def _numbers(node: ast.Call, text: str, count: int) -> list[float]:
 def _boundary_loop(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
     """Vertices of one boundary loop; loops that meet in a vertex count as one."""
     rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
-    count = len(mesh.vertices)
-    graph = coo_array((np.ones(len(rim), dtype=np.int8), (rim[:, 0], rim[:, 1])), shape=(count, count))
-    labels = connected_components(graph, directed=False)[1]
+    labels = connected_parts(rim, len(mesh.vertices))
     lengths = np.bincount(labels[rim[:, 0]], weights=np.linalg.norm(np.diff(mesh.vertices[rim], axis=1)[:, 0], axis=1))
     return np.asarray(
         labels == _numbered("boundary", np.argsort(-lengths, kind="stable")[: np.sum(lengths > 0)], number)
@@ -234,9 +240,7 @@ def _boundary_loop(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
 
 def _component(mesh: TriangleMesh, number: float) -> NDArray[np.bool_]:
     """Vertices of one connected part."""
-    labels = mesh.components
-    areas = np.bincount(labels[mesh.faces[:, 0]], weights=mesh.face_areas)
-    return np.asarray(labels == _numbered("component", np.argsort(-areas, kind="stable"), number))
+    return np.asarray(mesh.components == _numbered("component", parts_by_area(mesh), number))
 
 
 def _numbered(name: str, labels: NDArray[np.int64], number: float) -> int:

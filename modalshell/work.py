@@ -31,9 +31,11 @@ class Work:
     elements : float
         Evaluations of an element's energy, with or without its derivatives.
     factorisations, solves : float
-        Sparse factorisations, and right sides that were solved for with one.
+        Sparse factorisations, and right sides that were solved for with one, or with the dense Hessian of a reduced
+        energy.
     bytes_read : float
-        Bytes of model data (modes, modal rotations, turns and strains of triangles) that were read.
+        Bytes of model data (modes, modal rotations, turns and strains of triangles, reduced energies, prolongations)
+        that were read.
     cost : float
         All of it in time on a reference machine [microseconds], from the constants of this module: for ranking only.
     """
@@ -90,7 +92,7 @@ def count_factorisation(unknowns: int, number: int = 1, products: float | None =
 
 
 def count_solves(unknowns: int, right_sides: int) -> None:
-    """Count solutions with a sparse factor."""
+    """Count solutions with a factor."""
     if (work := _open.get()) is not None:
         work.solves += right_sides
         work.cost += _SOLVED * right_sides * unknowns * log2(unknowns + 1)

@@ -81,7 +81,7 @@ class IntegratedModel:
 def built(spec: ms.ModelSpec, options: dict[str, Any], shell: ms.Shell) -> Model:
     """The model of a record on a strip, trained up to Gamma = 30, allowed to go beyond its stable step."""
     load = shell.gravity_force(replace(BASE, gamma=30.0).gravity)
-    factory = ModelFactory(shell, lambda: load, lambda _: coarse_mesh(shell))
+    factory = ModelFactory(shell, lambda: load, lambda *_: coarse_mesh(shell))
     common = {"modes": MODES, "rank": 12, "allow_unstable_step": True}
     known = model_tables()[spec.key].__struct_fields__
     return factory.build(spec, {name: value for name, value in common.items() if name in known} | options)

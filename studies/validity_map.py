@@ -93,7 +93,7 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     coarse = CoarseMesh(coarse_mesh(fold, cells), "half the cells")
     gamma_per_gravity = ms.measure.gamma_per_gravity(shell)
     unit = shell.gravity_force((0.0, 0.0, -1.0))
-    factory = ModelFactory(shell, coarse=lambda _: coarse)
+    factory = ModelFactory(shell, coarse=lambda *_: coarse)
     rungs = {}
     for spec in RUNGS:
         options = {"modes": MODES} if "modes" in model_tables()[spec.key].__struct_fields__ else {}

@@ -1,5 +1,8 @@
 """Small scenes that many tests share: shells of one material, grids of springs, and the text of scene files."""
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 
 import modalshell as ms
@@ -148,3 +151,18 @@ modes = 4
 
 GRAVITIES = '"loads.gravity" = [[0, 0, -1], [0, 0, -2]]\n'
 SWEEP_AXES = GRAVITIES + '"model.name" = ["lma", "mwts", "ds"]\n'
+
+
+def with_rest_angles(shell, change):
+    """The shell with the rest angles of its hinges moved by ``change`` (H,) [rad]."""
+    bent = copy.copy(shell)
+    energy = bent._energy = copy.copy(shell._energy)
+    if isinstance(shell.material, ms.Isotropic):
+        own = {tuple(hinge): at for at, hinge in enumerate(shell.mesh.hinges.tolist())}
+        moved = [change[own[tuple(hinge)]] if tuple(hinge) in own else 0.0 for hinge in energy._folds.hinges.tolist()]
+        energy._rest_angles = energy._rest_angles + np.array(moved)
+    else:
+        hinges = energy.elements[2]
+        energy.elements = list(energy.elements)
+        energy.elements[2] = replace(hinges, rest=hinges.rest + change)
+    return bent

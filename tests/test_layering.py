@@ -96,6 +96,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "shell",
         "timings",
         "typing",
+        "work",
     },
     "integrators": {
         "checks",

@@ -264,8 +264,7 @@ def simulate(
     with progress("film") as on_frame:
         name = f"{mesh.stem}_{model}"
         written = write_results(found, out, name, formats, title=title, look=look, on_step=on_frame)
-    for path in written:
-        print(path)
+    print(*written, sep="\n")
     end_with(found.outcome)
 
 

@@ -34,9 +34,7 @@ def run(
     """
     with progress(f"{scene.stem} steps") as on_step:
         result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
-    print(f"{scene.stem}: {result.summary}")
-    for path in result.files:
-        print(path)
+    print(f"{scene.stem}: {result.summary}", *result.files, sep="\n")
     end_with(result.outcome)
 
 
@@ -108,10 +106,7 @@ def sweep(
         )
     counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
     print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
-    if found.note:
-        print(found.note)
-    for path in found.files:
-        print(path)
+    print(*([found.note] if found.note else []), *found.files, sep="\n")
     end_with(*found.counts())
 
 
@@ -136,8 +131,7 @@ def path(
         begin = "" if one is found else f"branch {number}: "
         for kind, index, factor in one.events:
             print(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
-    for file in write_path(found, out, declared.name, declared.require_shell().unit_system):
-        print(file)
+    print(*write_path(found, out, declared.name, declared.require_shell().unit_system), sep="\n")
     end_with(found.outcome)
 
 

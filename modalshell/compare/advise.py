@@ -83,9 +83,9 @@ class Advice:
     @property
     def margin(self) -> tuple[float, float] | None:
         """Requested error over the chosen model's worst error, and its frame rate over the requested one."""
-        if self.chosen is None or self.chosen.worst_error is None:
+        if self.chosen is None:
             return None
-        error = self.chosen.worst_error
+        error = _error(self.chosen)
         return (self.error / error if error else float("inf"), self.chosen.frames_per_second / self.frames_per_second)
 
     def plot(self) -> Picture:
@@ -126,14 +126,16 @@ def advise(
     Every rung that the scene allows is run: static answers over the load range against DS, and frames of motion. Rungs
     are ranked by the counted work of a frame, the same on every machine; of those within :data:`NEAR_TIE` of the
     cheapest the simplest is taken. Time counts only against ``fps``, by the margin :data:`RATE_MARGIN`. Where DS snaps,
-    rungs whose elastic energy is quadratic in modes are refused whatever they measure.
+    rungs whose elastic energy is quadratic in modes are refused whatever they measure, and the others must also meet
+    the error just below and just above the load of the snap (by half a per cent): most snap too early or too late,
+    and answer with the wrong branch at loads in between.
 
     Parameters
     ----------
     scene : Scene, path or Shell
         As for :func:`modalshell.tradeoff`.
     error : float
-        Largest displacement error against DS over the load range, relative to how far DS moves.
+        Largest displacement error against DS over the load range, next to a snap too, relative to how far DS moves.
     fps : float
         Frame rate [1/s] on this machine; a model must reach :data:`RATE_MARGIN` times as much.
     gravity, force, coarse, modes, loads, on_step : optional
@@ -180,7 +182,8 @@ def refusals(measured: Tradeoff) -> dict[str, str]:
 
 
 def _error(row: Measurement) -> float:
-    return float("inf") if row.worst_error is None else row.worst_error
+    """Largest error at all loads, those next to a snap included."""
+    return float("inf") if row.worst_error is None else max(row.worst_error, row.near_error or 0.0)
 
 
 def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
@@ -190,7 +193,8 @@ def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
     rate = row.frames_per_second
     return [
         f"Take {row.label}: it {accuracy}{margin} and makes {rate:.3g} frames a second (asked {fps:g}: "
-        f"{rate / fps:.2g} times faster), after {row.preprocessing:.2g} s of preprocessing."
+        f"{rate / fps:.2g} times faster), after {row.preprocessing:.2g} s of preprocessing.",
+        *([f"Its motion: {row.motion}."] if row.motion != Outcome.COMPLETED else []),
     ]
 
 
@@ -217,11 +221,21 @@ def _faults(rows: list[Measurement], refused: dict[str, str], error: float) -> l
             reasons.setdefault(refused[row.label], []).append(row.label)
     text += [f"- Refused, since {reason}: {'; '.join(labels)}." for reason, labels in reasons.items()]
     allowed = [row for row in rows if row.label not in refused]
-    if off := [f"{row.label} ({100 * _error(row):.3g} %)" for row in allowed if _error(row) > error]:
+    away = [row for row in allowed if row.worst_error is not None and row.worst_error <= error < _error(row)]
+    wrong = [row for row in allowed if _error(row) > error and row not in away]
+    if off := [f"{row.label} ({100 * _error(row):.3g} %)" for row in wrong]:
         text.append(f"- Not accurate enough: {'; '.join(off)}.")
+    if near := [f"{row.label} ({_near_text(row)})" for row in away]:
+        text.append(f"- Accurate enough at the other loads, but not next to the snap: {'; '.join(near)}.")
     if slow := [f"{row.label} ({row.frames_per_second:.3g} a second)" for row in allowed if _error(row) <= error]:
         text.append(f"- Accurate, but too slow: {'; '.join(slow)}.")
     return text
+
+
+def _near_text(row: Measurement) -> str:
+    error, near = row.worst_error or 0.0, row.near_error or 0.0
+    there = f"{100 * near:.3g} % there" if np.isfinite(near) else "without an answer there"
+    return f"{100 * error:.3g} %, {there}"
 
 
 def _spread(measured: Tradeoff) -> float:
@@ -247,4 +261,7 @@ def _measured_text(measured: Tradeoff) -> list[str]:
             text.append(f"Under the whole load the rungs' own answers differ by up to {_spread(measured):.2g} lengths.")
     if path.snap is not None:
         text.append(f"The shell {path.snap}.")
+    if path.near:
+        near = " and ".join(f"{factor:.4g}" for factor in path.near)
+        text.append(f"Rungs that may snap were also compared next to it, at {near} of the load.")
     return text

@@ -46,7 +46,7 @@ class Candidate:
     @property
     def model_table(self) -> dict[str, Any] | None:
         """The ``[model]`` table that runs it; None on a coarse mesh that no scene can name."""
-        if self.coarse is not None and self.coarse.cells is None:
+        if self.coarse is not None and not self.coarse.options:
             return None
         return {"name": self.spec.key, **self.options}
 
@@ -72,9 +72,12 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
         keys = model_tables()[key].__struct_fields__
         if spec.on_coarse_mesh:
             for mesh in case.coarse[:1] if spec.needs == "coarse training" else case.coarse:
-                found.append(Candidate(spec, mesh.name, {} if mesh.cells is None else {"cells": mesh.cells}, mesh))
+                found.append(Candidate(spec, mesh.name, mesh.options, mesh))
             if not case.coarse:
-                left_out[spec.name] = "needs coarser meshes of the surface: a shape with more cells, or coarse="
+                left_out[spec.name] = (
+                    "needs coarser meshes of the surface: a shape with more cells, coarse=, or of a mesh file "
+                    "pip install 'modalshell[remesh]'"
+                )
         elif "modes" in keys:
             kept = {"integrator": case.integrator} if case.integrator and spec.on_modes and "integrator" in keys else {}
             own = [count for count in counts if spec.most_modes is None or count <= spec.most_modes] or counts[:1]

@@ -13,17 +13,24 @@ from modalshell.errors import SolverError
 from modalshell.models import DiscreteShell, Equilibrium
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.modes import lowest_tangent_eigenvalue, solve_modes
-from modalshell.shell import Shell
+from modalshell.shell import EXACT, Shell
 from modalshell.statics.bifurcation import LIMIT
 from modalshell.typing import Array
 from modalshell.work import counted
 
 _SINGULAR = 0.03
 """Lowest eigenvalue about a deformed state, over that at rest, below which the tangent counts as singular."""
-_SHIFT = 0.1
-"""Movement between neighbouring loads, in lengths, above which the path between them is looked at."""
+_SHIFT, _MOVED = 0.1, 2.0
+"""Movement between neighbouring loads above which the path between them is followed: in lengths, and over what the
+stiffer of both tangents predicts. Panels snap by less than a tenth of their length."""
+_BEYOND = 1.1
+"""Load factor up to which the path is followed where the tangent is singular under the whole load."""
+_SAME = 0.1
+"""Largest distance between two states that count as one, as a share of the movement between the loads."""
 _STEPS, _POINTS = 4, 150
 """Steps at least, and points at most, of the path on which a snap is located."""
+NEXT_TO_SNAP = 0.005
+"""Distance of the loads just below and just above a snap from its load, relative to it."""
 
 
 @final
@@ -89,6 +96,8 @@ class Snap:
     high: float
     reason: str
     marks: Marks = field(default_factory=Marks)
+    stable: tuple[Array, Array] | None = field(default=None, repr=False, compare=False)
+    """Load factors (k,) and positions (k, n, 3) [m] of the stable states before it, where it was located."""
 
     def __str__(self) -> str:
         """Description of the snap, to follow "the shell"."""
@@ -114,8 +123,12 @@ class LoadPath:
         Lowest eigenvalue at rest [1/s^2].
     snap : Snap or None
         The first one, if there is any.
+    near : tuple of float
+        Shares of the load just below and just above the snaps that were located, as far as DS has answers there.
+    near_answers : list of Equilibrium
+        DS at these.
     cost : float
-        Counted cost of the answers [reference microseconds].
+        Counted cost of all answers [reference microseconds].
     """
 
     factors: tuple[float, ...]
@@ -123,6 +136,8 @@ class LoadPath:
     tangents: list[float | None]
     lowest: float
     snap: Snap | None
+    near: tuple[float, ...] = ()
+    near_answers: list[Equilibrium] = field(default_factory=list, repr=False)
     cost: float = 0.0
 
     @property
@@ -131,36 +146,60 @@ class LoadPath:
         return [k for k, answer in enumerate(self.answers) if answer.converged]
 
 
+@final
+@dataclass(frozen=True)
+class _State:
+    """An equilibrium of DS at a share of the load, with its tangent by the share, as its length; 0 where singular."""
+
+    factor: float
+    positions: Array
+    speed: float = 0.0
+    singular: bool = False
+
+
 def follow_loads(
     shell: Shell, load: Array, factors: Sequence[float], on_load: Callable[[], None] | None = None
 ) -> LoadPath:
-    """Find the equilibria of DS at growing shares of ``load`` (n, 3) [N], each from the one before."""
+    """Find the equilibria of DS at growing shares of ``load`` (n, 3) [N], each from the one before, and its snap."""
     model = DiscreteShell(shell)
     lowest = float(solve_modes(shell, 1).eigenvalues[0])
     answers: list[Equilibrium] = []
     tangents: list[float | None] = []
-    snap: Snap | None = None
-    last, last_factor, missed, cost = shell.rest_positions, 0.0, False, 0.0
+    snaps: list[Snap | None] = []
+    search = _SnapSearch(model, load)
+    last, missed, cost = search.state(0.0, shell.rest_positions, 1.0), False, 0.0
     for factor in factors:
         with counted() as work:
-            answer = model.equilibrium(force=factor * load, start=last if last_factor else None)
+            answer = model.equilibrium(force=factor * load, start=last.positions if last.factor else None)
         cost += work.cost
         answers.append(answer)
         tangents.append(tangent_ratio(shell, answer, lowest))
         if answer.converged:
-            if snap is None:
-                snap = find_snap(model, load, last, last_factor, answer.positions, factor, missed)
-            tangent = tangents[-1]
-            if snap is None and tangent is not None and tangent < _SINGULAR:
-                snap = Snap(last_factor, factor, f"the lowest eigenvalue of DS falls to {tangent:.2g} of that at rest")
-            last, last_factor, missed = answer.positions, factor, False
+            state = search.state(factor, answer.positions, tangents[-1])
+            if missed or search.suspicious(last, state):
+                snaps.append(find_snap(model, load, last.positions, last.factor, answer.positions, factor, missed))
+            last, missed = state, False
         else:
             missed = True
         if on_load is not None:
             on_load()
-    if missed and snap is None:
-        snap = Snap(last_factor, float(factors[-1]), "DS finds no equilibrium there")
-    return LoadPath(tuple(float(factor) for factor in factors), answers, tangents, lowest, snap, cost)
+    if missed:
+        snaps.append(Snap(last.factor, float(factors[-1]), "DS finds no equilibrium there"))
+    elif last.singular:
+        snaps.append(find_snap(model, load, last.positions, last.factor, None, _BEYOND))
+    found = [snap for snap in snaps if snap is not None]
+    with counted() as work:
+        near = [one for snap in found for one in next_to_snap(model, load, snap, factors)]
+    return LoadPath(
+        tuple(float(factor) for factor in factors),
+        answers,
+        tangents,
+        lowest,
+        found[0] if found else None,
+        tuple(share for share, _ in near),
+        [answer for _, answer in near],
+        cost + work.cost,
+    )
 
 
 def tangent_ratio(shell: Shell, answer: Equilibrium, lowest: float) -> float | None:
@@ -173,36 +212,95 @@ def tangent_ratio(shell: Shell, answer: Equilibrium, lowest: float) -> float | N
         return 0.0
 
 
+@final
+class _SnapSearch:
+    """Decides between which loads the path of equilibria is followed."""
+
+    def __init__(self, model: DiscreteShell, load: Array) -> None:
+        self._followed, self._size = model.followable(load), model.shell.size
+
+    def state(self, factor: float, positions: Array, tangent: float | None) -> _State:
+        """A state of DS whose lowest eigenvalue over that at rest is ``tangent``."""
+        problem, x = self._followed.problem, self._followed.unknowns(positions)
+        try:
+            factored = problem.factor(problem.loaded(factor).linearise(x, EXACT)[1])
+            speed = self._length(factored.solve(problem.push_at(x)))
+        except SolverError:
+            speed = 0.0
+        return _State(factor, positions, speed, tangent is not None and tangent < _SINGULAR)
+
+    def suspicious(self, before: _State, after: _State) -> bool:
+        """Whether DS may have left its branch between two states."""
+        problem, unknowns = self._followed.problem, self._followed.unknowns
+        moved = self._length(problem.difference(unknowns(after.positions), unknowns(before.positions)))
+        predicted = (after.factor - before.factor) * min(before.speed, after.speed)
+        apart = float(np.linalg.norm(after.positions - before.positions, axis=1).max())
+        return before.singular or apart >= _SHIFT * self._size or moved > _MOVED * predicted
+
+    def _length(self, step: Array) -> float:
+        return float(np.sqrt(self._followed.problem.weights @ step**2))
+
+
 def find_snap(
-    model: DiscreteShell, load: Array, before: Array, low: float, after: Array, high: float, missed: bool = False
+    model: DiscreteShell,
+    load: Array,
+    before: Array,
+    low: float,
+    after: Array | None,
+    high: float,
+    missed: bool = False,
 ) -> Snap | None:
-    """Search for a snap between two fractions of ``load`` with distant states, along the equilibrium path.
+    """Search for a snap between two fractions of ``load`` along the equilibrium path from the state ``before``.
 
-    ``missed``: whether DS found no equilibrium at some load in between.
+    ``after`` is the state of DS at the higher one; None where it is not known. ``missed``: whether DS found no
+    equilibrium at some load in between.
     """
-    size = model.shell.size
-
-    def apart(one: Array, other: Array) -> float:
-        return float(np.linalg.norm(one - other, axis=1).max()) / size
-
-    jump = apart(before, after)
-    if jump < _SHIFT:
-        return None
-    between = ", and DS finds no equilibrium on the way" if missed else ""
+    jump = 0.0 if after is None else float(np.linalg.norm(after - before, axis=1).max())
+    what = f"DS jumps by {jump / model.shell.size:.2g} lengths" + ", and DS finds no equilibrium on the way" * missed
     try:
         path = equilibrium_path(
             model, force=load, begin=low, start=before, until=high, steps=_STEPS, points=_POINTS, branches=1
         )
     except SolverError:  # nothing to begin from: an answer that the path's solver does not confirm
-        return Snap(low, high, f"DS jumps by {jump:.2g} lengths{between}")
+        return Snap(low, high, "the tangent of DS is singular" if after is None else what)
     marks = Marks.of(path)
     if marks.snap is None:
-        routes = [one.positions[-1] for one in (path, *path.branches) if one.converged]
-        if any(apart(route, after) < _SHIFT for route in routes):
+        ends = [one.positions[-1] for one in (path, *path.branches) if one.converged]
+        if after is None or any(np.linalg.norm(end - after, axis=1).max() <= _SAME * jump for end in ends):
             return None
-        return Snap(low, high, f"DS comes to another branch, {jump:.2g} lengths away{between}", marks)
-    what = "a limit point" if marks.limit is not None else "a bifurcation without stable branches"
-    twisted = (
-        "" if None in (marks.bifurcation, marks.limit) else f", on a branch that begins at {marks.bifurcation:.4g}"
-    )
-    return Snap(marks.snap, marks.snap, f"{what}{twisted}; DS jumps by {jump:.2g} lengths{between}", marks)
+        return Snap(low, high, f"DS comes to another branch; {what}", marks)
+    how = "a limit point" if marks.limit is not None else "a bifurcation without stable branches"
+    if None not in (marks.bifurcation, marks.limit):
+        how += f", on a branch that begins at {marks.bifurcation:.4g}"
+    return Snap(marks.snap, marks.snap, how if after is None else f"{how}; {what}", marks, stable_states(path))
+
+
+def stable_states(path: EquilibriumPath) -> tuple[Array, Array]:
+    """Load factors (k,) and positions (k, n, 3) [m] of a path, and of its branches, until it turns unstable."""
+    routes = [(one, int(np.argmin([*one.stable, False]))) for one in (path, *path.branches)]
+    factors = np.concatenate([one.factors[:count] for one, count in routes])
+    return factors, np.concatenate([one.positions[:count] for one, count in routes])
+
+
+def next_to_snap(
+    model: DiscreteShell, load: Array, snap: Snap, factors: Sequence[float]
+) -> list[tuple[float, Equilibrium]]:
+    """Equilibria of DS just below and just above a snap, with their shares of the load.
+
+    None where the snap was not located, and none at loads that are as close to one of ``factors`` or beyond them.
+    """
+    if snap.stable is None:
+        return []
+    shares, states = snap.stable
+    start, found = states[0], []
+    for share in ((1.0 - NEXT_TO_SNAP) * snap.low, (1.0 + NEXT_TO_SNAP) * snap.low):
+        if share >= max(factors) or min(abs(share - factor) for factor in factors) < 0.1 * NEXT_TO_SNAP * snap.low:
+            continue
+        below = np.flatnonzero(shares <= share)
+        if share < snap.low and below.size:
+            start = states[below[np.argmax(shares[below])]]
+        answer = model.equilibrium(force=share * load, start=start)
+        if answer.converged:
+            found.append((share, answer))
+            start = answer.positions
+    return found

@@ -20,7 +20,8 @@ _HEADS = (
 def markdown_table(found: dict[str, Any]) -> str:
     """One row per model, cheapest frame first, the Pareto front in bold, with notes."""
     outside = any(row["outside_error"] is not None for row in found["rows"])
-    heads = [*_HEADS, *(["outside solution"] if outside else []), "notes"]
+    near = found.get("near_factors", ())
+    heads = [*_HEADS, *(["next to the snap"] if near else []), *(["outside solution"] if outside else []), "notes"]
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
     for row in found["rows"]:
         cells = [f"**{row['label']}**" if row["front"] else row["label"]]
@@ -30,6 +31,8 @@ def markdown_table(found: dict[str, Any]) -> str:
         cells += [percent(row["worst_error"]), percent(row["final_error"]), percent(_last(row["area_errors"]), "+.2f")]
         turn, frequency = _last(row["tip_turns"]), row["frequency"]
         cells += ["-" if turn is None else f"{turn:.1f}°", "-" if frequency is None else f"{frequency:.3f}"]
+        if near:
+            cells.append(" / ".join(percent(error) for error in row["near_errors"]))
         cells += [percent(row["outside_error"])] if outside else []
         lines.append(f"| {' | '.join([*cells, _notes(row)])} |")
     shares = ", ".join(f"{factor:g}" for factor in found["load_factors"])
@@ -41,6 +44,8 @@ def markdown_table(found: dict[str, Any]) -> str:
         "of displacement against DS, area less that of DS, frequency over that of DS at rest; in bold what no cheaper "
         "frame matches in error.",
     ]
+    if near:
+        lines[-1] += f" Next to the snap: errors at {' and '.join(f'{factor:.4g}' for factor in near)} of the load."
     for text in (found["note"], f"the shell {found['snap']}" if found["snap"] else ""):
         lines += ["", f"{text[0].upper()}{text[1:]}."] if text else []
     if found["left_out"]:

@@ -19,6 +19,7 @@ from modalshell.models.registry import TRUTH
 from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder, take_steps
 from modalshell.outcome import Outcome
+from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
 from modalshell.triangles import area_vectors
 from modalshell.typing import Array
@@ -71,6 +72,8 @@ class Measurement:
         Under the whole load [m].
     outside_error : float or None
         Relative displacement error under the whole load against an external solution, if given.
+    near_errors : list of float or None
+        Errors against DS just below and just above a snap; None where the rung has no answer.
     """
 
     candidate: Candidate
@@ -87,6 +90,7 @@ class Measurement:
     missed: bool
     positions: Array = field(repr=False)
     outside_error: float | None = None
+    near_errors: list[float | None] = field(default_factory=list)
 
     @property
     def rung(self) -> str:
@@ -155,6 +159,12 @@ class Measurement:
         return None if self.missed or not known else max(known)
 
     @property
+    def near_error(self) -> float | None:
+        """Largest error next to a snap, infinite without an answer there; None where no snap was located."""
+        errors = [float("inf") if error is None else error for error in self.near_errors]
+        return max(errors, default=None)
+
+    @property
     def final_error(self) -> float | None:
         """Error under the largest load that DS has an answer for."""
         known = [error for error in self.errors if error is not None]
@@ -171,15 +181,15 @@ def measure_row(
     shell, mesh = case.shell, case.shell.mesh
     model, preprocessing = candidate.build(factory)
     watch = Stopwatch()
-    answers = path.answers if candidate.spec.key == TRUTH else static_answers(model, case, path)
-    statics = watch() if candidate.spec.key != TRUTH else sum(answer.seconds for answer in answers)
+    is_truth = candidate.spec.key == TRUTH
+    answers = path.answers if is_truth else static_answers(model, case, path)
+    statics = sum(answer.seconds for answer in answers) if is_truth else watch()
     errors: list[float | None] = []
     areas: list[float | None] = []
     turns: list[float | None] = []
     for answer, exact in zip(answers, path.answers, strict=True):
-        both = answer.converged and exact.converged
-        errors.append(measure.displacement_error(answer.positions, exact.positions, shell) if both else None)
-        areas.append(area_difference(answer, exact, mesh) if both else None)
+        errors.append(answer_error(answer, exact, shell))
+        areas.append(None if errors[-1] is None else area_difference(answer, exact, mesh))
         turns.append(turn_at(answer.positions, mesh, tip) if answer.converged else None)
     frame_ms, work, motion, told = timed_frames(model, case)
     known = path.known
@@ -189,6 +199,11 @@ def measure_row(
         found = model.tangent_eigenvalue(answers[known[-1]], factor * case.load)
         frequency = None if found is None else float(np.sqrt(max(found, 0.0) / path.lowest))
     missed = any(not answers[k].converged for k in known) or motion is Outcome.DIVERGED
+    near_errors: list[float | None] = [None] * len(path.near)
+    if not missed:
+        near_answers = path.near_answers if is_truth else static_answers(model, case, path, near=True)
+        both = zip(near_answers, path.near_answers, strict=True)
+        near_errors = [answer_error(answer, exact, shell) for answer, exact in both]
     return Measurement(
         candidate,
         preprocessing,
@@ -204,14 +219,25 @@ def measure_row(
         missed,
         answers[-1].positions,
         None if outside is None else measure.displacement_error(answers[-1].positions, outside, shell),
+        near_errors,
     )
 
 
-def static_answers(model: Model, case: Case, path: LoadPath) -> list[Equilibrium]:
-    """Equilibria of ``model`` at the loads of ``path``; stops once they cost many times those of DS."""
+def answer_error(answer: Equilibrium, exact: Equilibrium, shell: Shell) -> float | None:
+    """Relative displacement error of an answer; None unless both are valid."""
+    if not answer.converged or not exact.converged:
+        return None
+    return measure.displacement_error(answer.positions, exact.positions, shell)
+
+
+def static_answers(model: Model, case: Case, path: LoadPath, *, near: bool = False) -> list[Equilibrium]:
+    """Equilibria of ``model`` at the loads of ``path``, or at those ``near`` its snap.
+
+    They stop once they cost many times those of DS.
+    """
     answers: list[Equilibrium] = []
     cost = 0.0
-    for factor in path.factors:
+    for factor in path.near if near else path.factors:
         if cost > _STATICS_LIMIT * path.cost:
             answers.append(replace(answers[-1], outcome=Outcome.STOPPED))
             continue

@@ -39,7 +39,7 @@ _GAIN = 0.02
 _FINDINGS = (
     *("key", "rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
     *("elements", "solves", "bytes_read", "cost", "answer_seconds"),
-    *("statuses", "frequency", "motion", "worst_error", "final_error", "outside_error"),
+    *("statuses", "frequency", "motion", "worst_error", "final_error", "near_errors", "outside_error"),
 )
 """What of a row goes to the findings."""
 
@@ -94,6 +94,7 @@ class Tradeoff:
             "note": self.case.told,
             "vertices": len(self.case.shell.rest_positions),
             "load_factors": self.path.factors,
+            "near_factors": self.path.near,
             "ds_statuses": [answer.status for answer in self.path.answers],
             "ds_tangents": self.path.tangents,
             "snap": None if self.path.snap is None else str(self.path.snap),

@@ -208,6 +208,25 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
 
 
 @njit
+def distances(starts: Index, neighbours: Index, vertex: int) -> Index:
+    """Edges (n,) on the shortest way from a vertex; n to another part of a graph that is not connected."""
+    n = len(starts) - 1
+    found = np.full(n, n, np.int64)
+    queue = np.empty(n, np.int64)
+    found[vertex], queue[0], count, k = 0, vertex, 1, 0
+    while k < count:
+        i = queue[k]
+        k += 1
+        for e in range(starts[i], starts[i + 1]):
+            j = neighbours[e]
+            if found[j] == n:
+                found[j] = found[i] + 1
+                queue[count] = j
+                count += 1
+    return found
+
+
+@njit
 def entry_places(
     starts: Index,
     indices: Index,

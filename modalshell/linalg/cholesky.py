@@ -71,7 +71,7 @@ class CholeskyAnalysis:
         self._height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
         self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
-        self._storage = multifrontal.storage(first, row_starts, parent, panels, self.block)
+        self._storage, self._work = multifrontal.storage(first, row_starts, parent, panels, self.block)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
@@ -83,9 +83,9 @@ class CholeskyAnalysis:
 
     def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""
-        values, numbers = np.empty(self._storage), np.empty(6, np.int32)
+        values, work, numbers = np.empty(self._storage), np.empty(self._work), np.empty(6, np.int32)
         with _blas().limit(limits=1, user_api="blas"):
-            wrong = multifrontal.factorise(matrix.data, *self._to_factorise, values, numbers, *BLAS)
+            wrong = multifrontal.factorise(matrix.data, *self._to_factorise, values, work, numbers, *BLAS)
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
         return BlockCholesky(self, values)

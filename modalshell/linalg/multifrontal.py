@@ -24,6 +24,7 @@ def factorise(
     parent: Index,
     panels: Index,
     values: Array,
+    work: Array,
     numbers: Any,
     addresses: Index,
     letters: Any,
@@ -32,76 +33,127 @@ def factorise(
     """Factorise into ``values``; returns -1, or the first unknown, in elimination order, whose pivot is not positive.
 
     Each supernode's panel holds its columns of L, column-major; its entries of the matrix are ``data[sources]`` from
-    ``entries[s]`` on. Its update matrix waits for its parent, the lower triangle packed, on a stack that grows down
-    from the end of ``values``, where no panel is yet: children are contiguous in postorder, so that a supernode finds
-    theirs on top.
+    ``entries[s]`` on. Its update matrix is formed in ``work``, which has room for the widest (below, below), and waits
+    for its parent, the lower triangle packed, on a stack that grows down from the end of ``values``, where no panel is
+    yet: children are contiguous in postorder, so that a supernode finds theirs on top.
     """
     lower, no = address(letters), address(letters) + 1
     transposed, right = address(letters) + 2, address(letters) + 3
     p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
     p_info = address(numbers) + 12
     p_one, p_minus, p_zero = (address(scalars), address(scalars) + 8, address(scalars) + 16)
-    base = address(values)
+    base, own = address(values), address(work)
     count = len(parent)
     begins = np.empty(count, np.int64)  # of the updates on the stack
     waiting = np.empty(count, np.int64)
+    runs, targets = np.empty(len(relative) + 1, np.int64), np.empty(len(relative), np.int64)
     depth, top = 0, len(values)
     for s in range(count):
-        columns = first[s + 1] - first[s]
-        width, height = columns * block, (row_starts[s + 1] - row_starts[s]) * block
+        width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
         below = height - width
         panel = panels[s]
         values[panel : panels[s + 1]] = 0.0
         for e in range(entries[s], entries[s + 1]):
             values[places[e]] = data[sources[e]]
-        update, bottom = top - below * below, top
         has_children = depth > 0 and parent[waiting[depth - 1]] == s
         if has_children:
             for j in range(below):
-                values[update + j * below + j : update + (j + 1) * below] = 0.0
+                work[j * below + j : (j + 1) * below] = 0.0
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
             child, source = waiting[depth], begins[depth]
             rows = row_starts[child] + first[child + 1] - first[child]
-            blocks = row_starts[child + 1] - rows
-            size = blocks * block
-            bottom = source + size * (size + 1) // 2
-            for jb in range(blocks):
-                target = relative[rows + jb]
-                for dj in range(block):
-                    source -= jb * block + dj  # of the column's entries above the diagonal, which are not stored
-                    if target < columns:
-                        column = panel + (target * block + dj) * height
-                    else:
-                        column = update + ((target - columns) * block + dj) * below - width
-                    for di in range(dj, block):
-                        values[column + target * block + di] += values[source + jb * block + di]
-                    for ib in range(jb + 1, blocks):
-                        row = column + relative[rows + ib] * block
-                        for di in range(block):
-                            values[row + di] += values[source + ib * block + di]
-                    source += size
+            size = (row_starts[child + 1] - rows) * block
+            found = _runs(relative, rows, row_starts[child + 1], block, runs, targets)
+            run = 0
+            for j in range(size):
+                run += j == runs[run + 1]
+                column = targets[run] + j - runs[run]
+                if column < width:
+                    _add_column(values, source - j, j, run, found, runs, targets, values, panel + column * height)
+                else:
+                    begin = (column - width) * below - width
+                    _add_column(values, source - j, j, run, found, runs, targets, work, begin)
+                source += size - j
+            top = source
+        if width == 1:  # arithmetic that calls would cost more than
+            if not values[panel] > 0.0:
+                return int(first[s] * block)
+            top -= below * (below + 1) // 2
+            _eliminate_one(values, panel, below, work, has_children, top)
+            if below > 0:
+                waiting[depth], begins[depth] = s, top
+                depth += 1
+            continue
         numbers[0], numbers[1], numbers[2] = width, height, below
         at = base + 8 * panel
         call(addresses[POTRF], (lower, p_width, at, p_height, p_info))
         if numbers[3] != 0:
             return int(first[s] * block + numbers[3] - 1)
-        top = bottom
         if below > 0:
-            under, own = at + 8 * width, base + 8 * update
+            under = at + 8 * width
             call(
                 addresses[TRSM], (right, lower, transposed, no, p_below, p_width, p_one, at, p_height, under, p_height)
             )
             beta = p_one if has_children else p_zero
             call(addresses[SYRK], (lower, no, p_below, p_width, p_minus, under, p_height, beta, own, p_below))
-            top = bottom
-            for j in range(below - 1, -1, -1):  # packed, over the children's updates, which are done with
-                for i in range(below - 1, j - 1, -1):
-                    top -= 1
-                    values[top] = values[update + j * below + i]
+            top -= below * (below + 1) // 2
             waiting[depth], begins[depth] = s, top
             depth += 1
+            target = top
+            for j in range(below):
+                values[target : target + below - j] = work[j * below + j : (j + 1) * below]
+                target += below - j
     return -1
+
+
+@njit
+def _runs(relative: Index, begin: int, end: int, block: int, runs: Index, targets: Index) -> int:
+    """Part rows of unknowns where those of the parent are not contiguous; returns the number of runs.
+
+    ``runs`` receives where each begins, and the end of the last, ``targets`` the first row of each in the parent.
+    """
+    found = 0
+    for e in range(begin, end):
+        if e == begin or relative[e] != relative[e - 1] + 1:
+            runs[found], targets[found] = (e - begin) * block, relative[e] * block
+            found += 1
+    runs[found] = (end - begin) * block
+    return found
+
+
+@njit
+def _add_column(
+    values: Array, source: int, j: int, run: int, found: int, runs: Index, targets: Index, out: Array, column: int
+) -> None:
+    """Add rows from ``j`` on of the column whose row 0 would be at ``values[source]`` to that at ``out[column]``."""
+    begin = j
+    for k in range(run, found):
+        start, shift = np.uintp(source + begin), np.uintp(column + targets[k] + begin - runs[k])
+        for i in range(np.uintp(runs[k + 1] - begin)):
+            out[shift + i] += values[start + i]
+        begin = runs[k + 1]
+
+
+@njit
+def _eliminate_one(values: Array, panel: int, below: int, work: Array, has_children: bool, top: int) -> None:
+    """Eliminate one unknown, and put its packed update at ``top``: what it adds to that of children in ``work``."""
+    values[panel] = np.sqrt(values[panel])
+    inverse = 1.0 / values[panel]
+    column = np.uintp(panel + 1)
+    for i in range(np.uintp(below)):
+        values[column + i] *= inverse
+    target = np.uintp(top)
+    for j in range(below):
+        size, under, entry = np.uintp(below - j), column + np.uintp(j), -values[panel + 1 + j]
+        if has_children:
+            own = np.uintp(j * below + j)
+            for i in range(size):
+                values[target + i] = work[own + i] + entry * values[under + i]
+        else:
+            for i in range(size):
+                values[target + i] = 0.0 + entry * values[under + i]
+        target += size
 
 
 @njit
@@ -184,14 +236,14 @@ def solve(
 
 
 @njit
-def storage(first: Index, row_starts: Index, parent: Index, panels: Index, block: int) -> int:
-    """How many numbers :func:`factorise` needs for the panels so far and the updates that wait, at most."""
-    most, top, depth = 0, 0, 0
+def storage(first: Index, row_starts: Index, parent: Index, panels: Index, block: int) -> tuple[int, int]:
+    """How many numbers :func:`factorise` needs for the panels so far and the updates that wait, and as ``work``."""
+    most, widest, top, depth = 0, 0, 0, 0
     sizes = np.empty(len(parent), np.int64)
     waiting = np.empty(len(parent), np.int64)
     for s in range(len(parent)):
         below = (row_starts[s + 1] - row_starts[s] - (first[s + 1] - first[s])) * block
-        most = max(most, panels[s + 1] + top + below * below)
+        most, widest = max(most, panels[s + 1] + top), max(widest, below)
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
             top -= sizes[depth]
@@ -199,4 +251,5 @@ def storage(first: Index, row_starts: Index, parent: Index, panels: Index, block
             waiting[depth], sizes[depth] = s, below * (below + 1) // 2
             depth += 1
             top += below * (below + 1) // 2
-    return most
+            most = max(most, panels[s + 1] + top)
+    return most, widest**2

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from modalshell.checks import checked_number, shown
+from modalshell.checks import checked_choice, checked_number, shown
 from modalshell.errors import OptionError
 from modalshell.mesh.lloyd import delaunay_faces, signed_areas
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
-from modalshell.mesh.triangulate import check_angle, check_cells, check_family, check_size, mirrored, shifted_column
+from modalshell.mesh.triangulate import FAMILIES, check_angle, check_cells, check_size, mirrored, shifted_column
 
 STALK_LENGTH = 0.08  # of the leaf's length
 STALK_WIDTH = 0.2  # of the leaf's width
@@ -59,7 +59,9 @@ def leaf(
     if across % 2 or along < 4:
         raise OptionError(f"a leaf needs at least 4 cells along and an even number across, got {shown(cells)}")
     half_width = 0.5 * check_size(width, "width")
-    points, faces = mirrored(*_half_blade(length, half_width, along, across // 2, check_family(family)))
+    points, faces = mirrored(
+        *_half_blade(length, half_width, along, across // 2, checked_choice("family", family, FAMILIES))
+    )
     s, t = points[:, 0], np.abs(points[:, 1])
     y = np.sin(half_fold) * points[:, 1]
     drop = 0.0 if fold == 180.0 else float(np.cos(half_fold))

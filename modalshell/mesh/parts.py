@@ -37,7 +37,7 @@ def chosen_part(mesh: TriangleMesh, component: Component | None = None, join: fl
     if component is None or component == "all":
         return mesh
     labels = mesh.components
-    order = _by_area(mesh)
+    order = parts_by_area(mesh)
     number = 0 if component == "largest" else checked_count("component", component, at_least=0)
     if number >= len(order):
         raise MeshError(f"component must be 'largest', 'all' or a number from 0 to {len(order) - 1} (got {number})")
@@ -67,7 +67,7 @@ def loose_parts_fault(mesh: TriangleMesh, held: NDArray[np.bool_]) -> str:
     )
 
 
-def _by_area(mesh: TriangleMesh) -> IntArray:
+def parts_by_area(mesh: TriangleMesh) -> IntArray:
     """Labels of the parts, the largest first."""
     areas = np.bincount(mesh.components[mesh.faces[:, 0]], weights=mesh.face_areas)
     return np.argsort(-areas, kind="stable")
@@ -75,7 +75,7 @@ def _by_area(mesh: TriangleMesh) -> IntArray:
 
 def _joining(mesh: TriangleMesh) -> str:
     """Advice on a distance to join parts by, if a small one suffices and leaves a valid mesh; else ""."""
-    size = float(np.ptp(mesh.vertices, axis=0).max())
+    size = mesh.size
     distance = 1.01 * float(_gaps(mesh, _NEAR * size).max()) + 1e-12 * size
     if not distance <= _NEAR * size:
         return ""

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from modalshell.checks import checked_choice
 from modalshell.errors import OptionError
 from modalshell.mesh.leaf_shape import leaf
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
-from modalshell.mesh.triangulate import check_angle, check_cells, check_family, check_size, mirrored, rectangle
+from modalshell.mesh.triangulate import FAMILIES, check_angle, check_cells, check_size, mirrored, rectangle
 
 __all__ = ["cylinder_panel", "flat_beam", "leaf", "sheet", "v_beam"]
 
@@ -135,7 +136,7 @@ def developed_halves(length: float, width: float, cells: Sequence[int], family: 
     if across % 2:
         raise OptionError(f"cells[1] must be even to have a row of edges on the ridge, got {across}; use {across + 1}")
     half = 0.5 * check_size(width, "width")
-    if check_family(family) in ("equilateral", "lloyd", "delaunay"):
+    if checked_choice("family", family, FAMILIES) in ("equilateral", "lloyd", "delaunay"):
         return mirrored(*rectangle(length, half, (along, across // 2), family))
     points, faces = rectangle(length, width, cells, family)
     side = np.linspace(0.0, half, across // 2 + 1)  # mirrored rather than shifted, so that the ridge is exactly y = 0

@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
+from modalshell.mesh.topology import FloatArray, HalfEdges, IntArray, connected_parts, half_edges
+from modalshell.mesh.winding import flips_and_tears
 
 
 class Sheets(NamedTuple):
@@ -60,7 +59,8 @@ def cut_into_sheets(vertices: FloatArray, faces: IntArray) -> Sheets:
         if not bisected:
             break
     pairs, _ = _paired_half_edges(vertices, faces)
-    flip, torn = _sides(faces, pairs)
+    corners = faces.ravel()[pairs]
+    flip, torn = flips_and_tears(pairs, corners[:, 0] == corners[:, 1], len(faces))
     if torn.any():
         vertices, faces = _fans_apart(vertices, faces, pairs[~torn])
     faces = np.where(flip[:, None], faces[:, [0, 2, 1]], faces)
@@ -107,8 +107,7 @@ def _fans_apart(vertices: FloatArray, faces: IntArray, pairs: IntArray) -> tuple
     same = corners[a] == corners[b]
     left = np.concatenate((a, following[a]))
     right = np.concatenate((np.where(same, b, following[b]), np.where(same, following[b], b)))
-    graph = coo_array((np.ones(len(left), dtype=np.int8), (left, right)), shape=(len(corners),) * 2)
-    _, fan = connected_components(graph, directed=False)
+    fan = connected_parts(np.column_stack((left, right)), len(corners))
     _, first = np.unique(fan, return_index=True)
     owner = corners[first]
     order = np.lexsort((first, owner))
@@ -147,33 +146,3 @@ def _bisect_repeated_edges(vertices: FloatArray, faces: IntArray) -> tuple[Float
         return vertices, faces, False
     kept = np.concatenate((faces[~touched], np.array(halves, dtype=np.int64)))
     return np.vstack((vertices, points)), kept, True
-
-
-def _sides(faces: IntArray, pairs: IntArray) -> tuple[BoolArray, BoolArray]:
-    """Faces (T,) to flip so that paired ones are wound alike, and pairs (P,) that no choice of flips satisfies.
-
-    Of the two answers for each part the one with fewer flips is taken.
-    """
-    corners = faces.ravel()
-    a, b = pairs.T
-    left, right = a // 3, b // 3
-    opposed = corners[a] == corners[b]  # both run the same way: one must be flipped
-    count = len(faces)
-    graph = coo_array((np.ones(len(a), dtype=np.int8), (left, right)), shape=(count, count)).tocsr()
-    _, part = connected_components(graph, directed=False)
-    weights = coo_array((opposed + 1, (np.minimum(left, right), np.maximum(left, right))), shape=(count, count)).tocsr()
-    flip = np.zeros(count, dtype=np.bool_)
-    _, roots = np.unique(part, return_index=True)
-    if opposed.any():
-        crooked = np.unique(part[left[opposed]])
-        for root in roots[crooked]:
-            order, parents = breadth_first_order(graph, root, directed=False)
-            order = order[1:]
-            above = parents[order]
-            turned = np.asarray(weights[np.minimum(order, above), np.maximum(order, above)]).ravel() == 2
-            for face, parent, turn in zip(order.tolist(), above.tolist(), turned.tolist(), strict=True):
-                flip[face] = flip[parent] != turn
-    torn = (flip[left] ^ flip[right]) != opposed
-    share = np.bincount(part, weights=flip) / np.bincount(part)
-    flip = flip ^ (share > 0.5)[part]
-    return flip, torn

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -47,6 +49,12 @@ def half_edges(faces: IntArray, vertex_count: int) -> HalfEdges:
         counts=counts.astype(np.int64),
         forward=(start == low).reshape(-1, 3),
     )
+
+
+def connected_parts(pairs: IntArray, count: int) -> IntArray:
+    """Number of the connected part of each of ``count`` things, shape (count,), of which pairs (P, 2) are joined."""
+    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def faces_of_edges(links: HalfEdges) -> IntArray:

@@ -6,13 +6,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from modalshell.checks import checked_vectors
 from modalshell.errors import MeshError
 from modalshell.mesh import validation
-from modalshell.mesh.topology import FloatArray, IntArray, faces_of_edges, hinges_of_edges
+from modalshell.mesh.topology import FloatArray, IntArray, connected_parts, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.render.picture import SMALL
@@ -143,11 +141,7 @@ class TriangleMesh(ReadOnlyArrays):
     @cached_property
     def components(self) -> IntArray:
         """Label of each vertex's connected component, shape (n,), counted from 0."""
-        n = len(self.vertices)
-        ones = np.ones(len(self.edges), dtype=np.int8)
-        graph = coo_array((ones, (self.edges[:, 0], self.edges[:, 1])), shape=(n, n))
-        _, labels = connected_components(graph, directed=False)
-        return read_only(labels.astype(np.int64))
+        return read_only(connected_parts(self.edges, len(self.vertices)))
 
     def shared_among_corners(self, face_values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum at each vertex (n,) of a third of every adjacent triangle's value (T,), as lumped masses are made."""

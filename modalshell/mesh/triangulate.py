@@ -55,7 +55,7 @@ def rectangle(length: float, width: float, cells: Sequence[int], family: str) ->
     """
     across, along = check_size(width, "width"), check_size(length, "length")
     columns, rows = check_cells(cells)
-    check_family(family)
+    checked_choice("family", family, FAMILIES)
     if family == "equilateral":
         return _equilateral(along, across, columns, rows)
     if family in ("lloyd", "delaunay"):
@@ -108,11 +108,6 @@ def check_cells(cells: Sequence[int]) -> tuple[int, int]:
             stacklevel=4,
         )
     return along, across
-
-
-def check_family(family: str) -> str:
-    """Return `family` if it names a mesh family, or raise OptionError."""
-    return checked_choice("family", family, FAMILIES)
 
 
 def _lattice(length: float, width: float, columns: int, rows: int, *, chessboard: bool) -> tuple[FloatArray, IntArray]:

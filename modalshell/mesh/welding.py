@@ -6,14 +6,12 @@ trimesh merges vertices that round to one point of a grid: two close ones on bot
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from modalshell.checks import checked_number
 from modalshell.errors import MeshError
-from modalshell.mesh.topology import FloatArray, IntArray
-from modalshell.mesh.validation import COINCIDENT, DEGENERATE, degenerate, unused_vertices
+from modalshell.mesh.topology import FloatArray, IntArray, connected_parts
+from modalshell.mesh.validation import COINCIDENT, DEGENERATE, degenerate
 
 _ROUNDS = 50
 """Number of passes that repair flat faces: each repairs all except neighbours of repaired ones."""
@@ -45,9 +43,7 @@ def weld_arrays(
     # Exact copies first: a k-d tree would list every pair among many copies of one point.
     points, inverse = np.unique(vertices, axis=0, return_inverse=True)
     pairs = cKDTree(points).query_pairs(tolerance, output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    _, cluster = connected_components(graph, directed=False)
-    label = cluster[inverse.ravel()]
+    label = connected_parts(pairs, len(points))[inverse.ravel()]
     representative = np.full(int(label.max()) + 1, len(vertices), dtype=np.int64)
     np.minimum.at(representative, label, np.arange(len(vertices)))
     merged = representative[label][faces]
@@ -102,8 +98,7 @@ def without_needles(vertices: FloatArray, faces: IntArray, limit: float) -> IntA
         short = lengths[row, side] <= 3.0 * limit * lengths.max(axis=1)
         ends = np.stack((thin[row, side], thin[row, (side + 1) % 3]))[:, short]
         if ends.size:
-            graph = coo_array((np.ones(ends.shape[1], dtype=np.int8), ends), shape=(len(vertices),) * 2)
-            _, cluster = connected_components(graph, directed=False)
+            cluster = connected_parts(ends.T, len(vertices))
             _, first = np.unique(cluster, return_index=True)
             faces = first[cluster][faces]
             faces = faces[(faces != faces[:, [1, 2, 0]]).all(axis=1)]
@@ -114,7 +109,5 @@ def without_needles(vertices: FloatArray, faces: IntArray, limit: float) -> IntA
 
 def drop_unused(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     """Drop vertices that are in no face and renumber; the order of the rest stays."""
-    unused = unused_vertices(faces, len(vertices))
-    keep = np.ones(len(vertices), dtype=np.bool_)
-    keep[unused] = False
+    keep = np.bincount(faces.ravel(), minlength=len(vertices)) > 0
     return vertices[keep], (np.cumsum(keep) - 1)[faces]

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from typing import final
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, final
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from modalshell.brief import brief
-from modalshell.checks import checked_kind, shown
+from modalshell.checks import checked_count, checked_kind, shown
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
+from modalshell.models.coarse_mesh import remeshed_to_supports
 from modalshell.modes import solve_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.prolongation import closest_points
@@ -22,6 +23,8 @@ from modalshell.typing import Array, Index
 
 _WIDEST = 2.5
 """Logarithm of the largest factor on the membrane that calibration tries."""
+_SOFTEST, _STIFFEST = -1.2, 0.6
+"""Logarithms of the membrane's factor beyond which the flexure is scaled in its place: meshes are not so far apart."""
 _MEMBRANE_SHARE = 0.1
 """Slope of the lowest eigenvalue over the membrane stiffness, both as logarithms, below which bending decides."""
 _COMPARED = 6
@@ -52,17 +55,24 @@ class CoarseMesh:
         Short name.
     material : Material, Isotropic or None
         Where that is another than the fine shell's.
-    cells : tuple of int, or None
-        Cells along and across of a generated shape.
+    options : mapping
+        Keys of a scene's ``[model]`` table that make it: ``cells`` of a generated shape, or ``triangles``; empty if no
+        scene can name it.
     """
 
     mesh: TriangleMesh
     name: str
     material: Material | Isotropic | None = None
-    cells: tuple[int, int] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
-def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropic | None = None) -> Shell:
+def remeshed(shell: Shell, triangles: int) -> CoarseMesh:
+    """The surface of ``shell`` in about ``triangles`` triangles; see :func:`remeshed_to_supports`."""
+    mesh = remeshed_to_supports(shell, triangles)
+    return CoarseMesh(mesh, f"{triangles} triangles", options={"triangles": triangles})
+
+
+def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Isotropic | None = None) -> Shell:
     """A coarse shell on ``mesh`` with the supports of ``shell`` and, by calibration, its lowest frequencies.
 
     A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Where one of the
@@ -70,15 +80,16 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
     are scaled until the elastic eigenvalues of these two agree. Where the membrane decides the lowest, the flexure is
     scaled by half as much, as a logarithm: the bending mode is then a twist, and uniform bends ask for less. Else one
     stiffness is scaled, until the lowest eigenvalues agree: the membrane, or the flexure where the lowest mode hardly
-    stretches. Sheets of :class:`Isotropic` need no calibration. To clamp alike, give ``mesh`` a row of vertices where
-    the fine shell's held region ends.
+    stretches or the membrane's factor would be beyond 0.3 to 1.8. Sheets of :class:`Isotropic` need no calibration. To
+    clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
 
     Parameters
     ----------
     shell : Shell
         The fine shell.
-    mesh : TriangleMesh
-        The same surface with fewer vertices.
+    mesh : TriangleMesh or int
+        The same surface with fewer vertices; or about how many triangles to remesh it in (extra ``remesh``), with an
+        edge wherever the clamped region ends. On hinges the new mesh has a twist stiffness of its own: compare.
     material : Material or Isotropic, optional
         Stiffnesses for ``mesh``; without it those of ``shell``, which must then be single numbers, or functions of an
         :class:`Isotropic`. The shear stiffness of a :class:`Material`, a force, is scaled by edge length.
@@ -91,13 +102,19 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
     Raises
     ------
     OptionError
-        If ``material`` is left out and that of ``shell`` has values of single elements.
+        If ``material`` is left out and that of ``shell`` has values of single elements, or if a number of triangles
+        is given and MeshLab is not installed or they are not fewer than those of ``shell``.
+    MeshError
+        If MeshLab fails on this surface.
     SupportError
         If no vertex of ``mesh`` lies where ``shell`` is held, or if those that do leave it free to turn.
     """
     checked_kind("shell", shell, Shell)
-    checked_kind("mesh", mesh, TriangleMesh)
     shell.require_clamps("a coarse shell")
+    if not isinstance(mesh, TriangleMesh):
+        if isinstance(mesh, bool) or not isinstance(mesh, int | np.integer):
+            raise OptionError(f"mesh must be a TriangleMesh or a number of triangles (got {shown(mesh)})")
+        mesh = remeshed_to_supports(shell, checked_count("mesh", mesh, at_least=4))
     given = shell.material if material is None else material
     if not isinstance(given, Material | Isotropic):
         raise OptionError(f"material must be a Material or an Isotropic (got {shown(given)})")
@@ -139,7 +156,9 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh, material: Material | Isotropi
 
     low, middle, high = excess(-_WIDEST), excess(0.0), excess(_WIDEST)
     if high - low > _MEMBRANE_SHARE * 2.0 * _WIDEST and low < 0.0 < high:
-        return stiffened(float(np.exp(brentq(excess, -_WIDEST, _WIDEST, xtol=1e-3))), 1.0)
+        membrane = float(brentq(excess, -_WIDEST, _WIDEST, xtol=1e-3))
+        if _SOFTEST < membrane < _STIFFEST:
+            return stiffened(float(np.exp(membrane)), 1.0)
     return stiffened(1.0, float(np.exp(-middle)))
 
 

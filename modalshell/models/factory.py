@@ -9,7 +9,7 @@ import numpy as np
 
 from modalshell.errors import OptionError
 from modalshell.models.base import Model
-from modalshell.models.coarse_shell import CoarseMesh, coarse_shell
+from modalshell.models.coarse_shell import CoarseMesh, coarse_shell, remeshed
 from modalshell.models.registry import ModelSpec
 from modalshell.modes import Basis, solve_modes
 from modalshell.shell import Shell
@@ -33,7 +33,8 @@ class ModelFactory:
     load : callable, optional
         Returns the whole load (n, 3) [N], fractions of which models are trained on.
     coarse : callable, optional
-        Returns a coarse mesh of the shell's surface with these cells along and across, or a default for None.
+        Returns a coarse mesh of the shell's surface with these cells along and across, or about this many triangles, or
+        by default for None of both. Without it a number of triangles is remeshed (extra ``remesh``).
     solve : callable
         Returns the basis of a shell with a number of modes.
     """
@@ -42,7 +43,7 @@ class ModelFactory:
         self,
         shell: Shell,
         load: Callable[[], Array] | None = None,
-        coarse: Callable[[tuple[int, int] | None], CoarseMesh] | None = None,
+        coarse: Callable[[tuple[int, int] | None, int | None], CoarseMesh] | None = None,
         solve: Callable[[Shell, int], Basis] = solve_modes,
     ) -> None:
         self.shell = shell
@@ -70,7 +71,7 @@ class ModelFactory:
         options : mapping
             Keys of its ``[model]`` table; the others keep their defaults.
         coarse : CoarseMesh, optional
-            The mesh of a model that needs a coarse one, in place of the option ``cells``.
+            The mesh of a model that needs a coarse one, in place of the options ``cells`` and ``triangles``.
 
         Raises
         ------
@@ -83,11 +84,8 @@ class ModelFactory:
                 rest["count"] = rest.pop("modes")
             return spec.builder(self.shell, **rest)
         if spec.on_coarse_mesh:
-            cells = rest.pop("cells", None)
-            if coarse is None:
-                if self._coarse is None:
-                    raise OptionError(f"{spec.name} needs a coarser mesh of the surface: give one")
-                coarse = self._coarse(cells)
+            size = rest.pop("cells", None), rest.pop("triangles", None)
+            coarse = coarse or self._coarse_mesh(spec, *size)
             given = self.shell, coarse_shell(self.shell, coarse.mesh, coarse.material)
             if spec.needs == "coarse training":
                 return spec.builder(*given, self._training_load(spec), **rest)
@@ -97,6 +95,13 @@ class ModelFactory:
             return spec.builder(basis, **rest)
         load = self._training_load(spec)
         return spec.builder(basis, np.array([share * load for share in TRAINING_SHARES]), **rest)
+
+    def _coarse_mesh(self, spec: ModelSpec, cells: tuple[int, int] | None, triangles: int | None) -> CoarseMesh:
+        if self._coarse is not None:
+            return self._coarse(cells, triangles)
+        if triangles is None:
+            raise OptionError(f"{spec.name} needs a coarser mesh of the surface: give one, or a number of triangles")
+        return remeshed(self.shell, triangles)
 
     def _training_load(self, spec: ModelSpec) -> Array:
         if self._load is None:

@@ -138,12 +138,13 @@ def fit(
         with np.errstate(over="ignore"):  # bounds of what is not determined
             return np.where(logarithmic, np.exp(np.where(logarithmic, parameters, 0.0)), parameters)
 
-    def misfit(parameters: Array) -> Array:
-        if not np.array_equal(parameters, last.get("parameters", np.empty(0))):
+    def misfit(parameters: Array, *, settled: bool = False) -> Array:
+        known = np.array_equal(parameters, last.get("parameters", np.empty(0)))
+        if not known or (settled and not measured.settled):
             changed = dict(zip(names, constants(parameters).tolist(), strict=True))
             material: Material | Isotropic = replace(shell.material, **changed)
             try:
-                left, state = measured.misfit(shell.with_material(material))
+                left, state = measured.misfit(shell.with_material(material), names, settled=settled)
             except SolverError as error:
                 told = ", ".join(f"{name} = {value:.4g}" for name, value in changed.items())
                 raise SolverError(f"at {told}: {error}") from error
@@ -163,9 +164,9 @@ def fit(
     found = scipy.optimize.least_squares(
         misfit, first, jacobian, (low, high), x_scale="jac", ftol=1e-10, xtol=1e-8, gtol=1e-14, max_nfev=_LIMIT
     )
-    left = misfit(found.x)
+    left = misfit(found.x, settled=True)
     values = constants(found.x)
-    spread = _half_widths(np.asarray(found.jac), found.fun, confidence)
+    spread = _half_widths(np.asarray(found.jac), left, confidence)
     bounds = [constants(found.x + side * spread) for side in (-1.0, 1.0)]
     if not np.isfinite(bounds).all():
         raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")

@@ -14,25 +14,36 @@ from modalshell.errors import LoadError, OptionError, SolverError
 from modalshell.loads import Load, Scaled
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.nearby import KnownEquilibrium
 from modalshell.modes import solve_modes
 from modalshell.selection import Selection, selected
 from modalshell.shell import Isotropic, Material, Shell
+from modalshell.statics.newton import GOAL
 from modalshell.typing import Array
 
-_NEAR = 0.1
-"""Share of the constants' change up to which equilibria are predicted."""
+_SHARE, _LOOSE = 1e-3, 1e-3
+"""Residual of an equilibrium over the constants' change since the last one, and at most."""
 
 
 class Measurements(ABC):
     """Measured numbers, and what a shell says of them."""
 
     @abstractmethod
-    def misfit(self, shell: Shell) -> tuple[Array, Equilibrium | None]:
-        """Difference (p,) of the shell's numbers from those measured, and its last equilibrium."""
+    def misfit(self, shell: Shell, names: list[str], *, settled: bool = False) -> tuple[Array, Equilibrium | None]:
+        """Difference (p,) of the shell's numbers from those measured, and its last equilibrium.
+
+        With its derivatives by constants of the material. Unless it is to be ``settled`` it may be loose by a small
+        share of its change since the last one.
+        """
 
     @abstractmethod
     def slopes(self, names: list[str]) -> Array:
         """Derivatives (p, k) of the last misfit by constants of the material."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last misfit is exact."""
+        return True
 
 
 @final
@@ -56,7 +67,13 @@ class MeasuredFrequencies(Measurements):
             raise OptionError(f"frequencies must ascend (got {values.tolist()})")
         self._values = values
 
-    def misfit(self, shell: Shell) -> tuple[Array, Equilibrium | None]:
+    def misfit(
+        self,
+        shell: Shell,
+        names: list[str],
+        *,
+        settled: bool = False,
+    ) -> tuple[Array, Equilibrium | None]:
         """Shares of the measured frequencies."""
         rigid = solve_modes(shell, 1).rigid_modes if not shell.unknowns.supported.any() else 0
         self._basis = solve_modes(shell, 6 * bool(rigid) + self._values.size)
@@ -120,44 +137,71 @@ class MeasuredPositions(Measurements):
         for level in levels.tolist():
             scaled = [one if factors is None else Scaled(one, ((0.0, 1.0), (level, level))) for one in loads or ()]
             self._levels.append((level * weight, level * push, scaled))
-        self._answers: list[Equilibrium] = []
+        self._factors = levels
+        self._known: list[KnownEquilibrium] = []
         self._body = DiscreteShell(shell)
-        self._moves: tuple[Material | Isotropic, list[str], list[Array]] | None = None
+        self._goal = GOAL
 
-    def misfit(self, shell: Shell) -> tuple[Array, Equilibrium | None]:
-        """Differences of coordinates [m], level after level, each begun at the last answers."""
-        body, answers = DiscreteShell(shell), list[Equilibrium]()
+    def misfit(self, shell: Shell, names: list[str], *, settled: bool = False) -> tuple[Array, Equilibrium | None]:
+        """Differences of coordinates [m], level after level; while constants change by much a looser balance serves."""
+        body, known = DiscreteShell(shell), list[KnownEquilibrium]()
         body.factoriser = self._body.factoriser  # of one pattern: it is analysed once
-        starts = self._starts(shell.material)
-        for index, (gravity, force, loads) in enumerate(self._levels):
-            start = starts[index] if starts else answers[-1].positions if answers else None
-            answer = body.equilibrium(gravity=gravity, force=force, loads=loads, start=start)
-            if not answer.converged and start is not None:
-                answer = body.equilibrium(gravity=gravity, force=force, loads=loads)
-            if not answer.converged:
-                raise SolverError(f"no equilibrium was found ({answer.status}): begin nearer to the answer")
-            answers.append(answer)
-        self._body, self._answers = body, answers
-        found = [self._rows @ answer.positions[self._vertices] for answer in answers]
-        return (np.stack(found) - self._measured)[self._seen], answers[-1]
+        steps = _steps(names, self._body.shell.material, shell.material)
+        change = float(np.abs(steps[:, 1]).max())
+        self._goal = GOAL if settled or not self._known else min(_LOOSE, max(GOAL, _SHARE * change))
+        for index in range(len(self._levels)):
+            found = self._near(body, index, known, names, steps[:, 0])
+            known.append(found or self._far(body, index, known, names))
+        self._body, self._known = body, known
+        seen = [self._rows @ one.state.positions[self._vertices] for one in known]
+        return (np.stack(seen) - self._measured)[self._seen], known[-1].state
 
     def slopes(self, names: list[str]) -> Array:
         """Derivatives of the differences."""
-        moves = [self._body.sensitivity(answer, wrt=names) for answer in self._answers]
-        self._moves = self._body.shell.material, names, moves
+        moves = [one.rates[:, :, : len(names)] for one in self._known]
         return np.stack([np.tensordot(self._rows, move[self._vertices], 1) for move in moves])[self._seen]
 
-    def _starts(self, material: Material | Isotropic) -> list[Array]:
-        """Last answers, moved along their derivatives where the constants changed by little."""
-        starts = [answer.positions for answer in self._answers]
-        if self._moves is None:
-            return starts
-        before, names, moves = self._moves
-        old, new = (np.array([getattr(one, name) for name in names]) for one in (before, material))
-        if (np.abs(new - old) > _NEAR * np.maximum(np.abs(old), 1e-3)).any():
-            return starts
-        steps = new - old
-        return [start + move @ steps for start, move in zip(starts, moves, strict=True)]
+    @property
+    def settled(self) -> bool:
+        """Whether the last misfit is that of full balance."""
+        return self._goal <= GOAL
+
+    def _near(
+        self, body: DiscreteShell, index: int, known: list[KnownEquilibrium], names: list[str], steps: Array
+    ) -> KnownEquilibrium | None:
+        """The equilibrium at a level from the last one there, or at first from that of the level before."""
+        gravity, force, loads = self._levels[index]
+        if self._known:
+            before = self._known[index]
+            step = before.rates[:, :, : len(names)] @ steps
+        elif known and self._factors[index - 1]:
+            before, names = known[-1], [*names, "load"]
+            step = (self._factors[index] / self._factors[index - 1] - 1.0) * before.rates[:, :, -1]
+        else:
+            return None
+        return before.near(body, body.shell.loading(gravity, force, loads), gravity, step, names, self._goal)
+
+    def _far(
+        self, body: DiscreteShell, index: int, known: list[KnownEquilibrium], names: list[str]
+    ) -> KnownEquilibrium:
+        """The equilibrium at a level as the model finds it."""
+        gravity, force, loads = self._levels[index]
+        starts = [one.state.positions for one in (self._known[index : index + 1] or known[-1:])]
+        for start in (*starts, None):
+            answer = body.equilibrium(gravity=gravity, force=force, loads=loads, start=start)
+            if answer.converged:
+                return KnownEquilibrium.of(body, answer, names if self._known else [*names, "load"])
+        raise SolverError(f"no equilibrium was found ({answer.status}): begin nearer to the answer")
+
+
+def _steps(names: list[str], old: Material | Isotropic, new: Material | Isotropic) -> Array:
+    """Changes of constants (k, 2): to the first order in logarithms, and as shares; of Poisson's ratio as they are."""
+    pairs = [(float(getattr(old, name)), float(getattr(new, name))) for name in names]
+    shares = [
+        new - old if name == "poisson" else np.log(new / old) for name, (old, new) in zip(names, pairs, strict=True)
+    ]
+    sizes = [1.0 if name == "poisson" else old for name, (old, _) in zip(names, pairs, strict=True)]
+    return np.stack([np.multiply(sizes, shares), shares], axis=1)
 
 
 def checked_factors(factors: ArrayLike) -> Array:

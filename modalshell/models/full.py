@@ -29,6 +29,7 @@ from modalshell.statics.bifurcation import BIFURCATION, LIMIT
 from modalshell.statics.boundary import lead
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.newton import Factored
 from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
@@ -38,6 +39,9 @@ from modalshell.typing import Array, Index
 
 _ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
 _LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
+_KEPT = 1e-5
+"""Move, in sizes of the shell, within which statics keep a factor that takes in internal unknowns: it costs four times
+that of a hinge shell, for which another factor is as cheap as a second solve."""
 _ROUNDING = 1e-10
 """Share of the mean diagonal entry of a Hessian below which an eigenvalue counts as zero."""
 
@@ -99,18 +103,17 @@ class FullModel(Model):
         before = dict(self.costs)
         patches = held_patches(constraints, self.shell) if constraints else []
         first = None if start is None else hold(self.shell, start)
-        model, origin = self.centred()
+        problem, origin = self.problem(loading)
+        shell, live = problem.shell, problem.live
         if origin.any() and first is not None:
             first = first - origin
-        live = LiveLoads(loading, origin=origin) if loading.live else None
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             if patches:
                 # The load comes with the first step: a loose shell may have no rest of its own under it.
                 result = lead(
-                    model.shell, load, first, patches, origin, Factoriser(self.factoriser.backend), self.costs, live
+                    shell, load, first, patches, origin, Factoriser(self.factoriser.backend), self.costs, live
                 )
             else:
-                problem = model._statics(load, live)
                 result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
         notes = [f"a stable branch ends at a {_ENDS[kind]} at {share:.4g} of the load" for kind, share in result.jumps]
         note = "; ".join(notes + [_LEFT] * result.left_saddle)
@@ -124,7 +127,7 @@ class FullModel(Model):
             result.stable,
             costs=self.costs.since(before),
             constraint_residuals=np.zeros(len(constraints)),
-            constraint_reactions=_reactions(model.shell, constraints, patches, result.point, load, live),
+            constraint_reactions=_reactions(shell, constraints, patches, result.point, load, live),
         )
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
@@ -147,12 +150,20 @@ class FullModel(Model):
         model.shell = shell
         return model, origin
 
+    def problem(self, loading: Loading) -> tuple[Potential, Array]:
+        """The potential under a load about the origin (see :meth:`centred`), and where its origin was (3,) [m]."""
+        model, origin = self.centred()
+        live = LiveLoads(loading, origin=origin) if loading.live else None
+        return model._statics(loading.dead, live), origin
+
     @abstractmethod
     def holding(self, vertices: Index) -> FullModel:
         """The same model, with further vertices held."""
 
     def _statics(self, load: Array, live: LiveLoads | None = None) -> Potential:
-        return Potential(load, self.shell.rest_positions, self.shell, self.factoriser, self.costs, live)
+        kept_within = _KEPT if self.shell.pattern.internal is not None else 0.0
+        rest = self.shell.rest_positions
+        return Potential(load, rest, self.shell, self.factoriser, self.costs, live, kept_within=kept_within)
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium, by the implicit-function theorem.
@@ -187,16 +198,20 @@ class FullModel(Model):
         """
         loading = checked_state(state).loading
         assert loading is not None
-        live = LiveLoads(loading) if loading.live else None
         self.shell.checked_positions(state.positions)
         names, weights = checked_names(wrt), checked_weights(of, self.shell)
-        tangent = Tangent(self._statics(loading.dead, live), state, of_material=self.of_material)
+        tangent = self.tangent(state, loading)
         for name in names:
             tangent.check(name, adjoint=weights is not None)
         if weights is None:
             return np.concatenate([tangent.moved(name) for name in names], axis=2)
         adjoint = tangent.solve(weights)
         return np.concatenate([tangent.pulled(name, adjoint, weights) for name in names])
+
+    def tangent(self, state: Equilibrium, loading: Loading, factor: Factored | None = None) -> Tangent:
+        """The tangent at a state under a load, with the factor of its exact Hessian where that is known."""
+        live = LiveLoads(loading) if loading.live else None
+        return Tangent(self._statics(loading.dead, live), state, of_material=self.of_material, factor=factor)
 
     def followable(self, load: Array) -> Followable:
         """The shell about the origin, every vertex an unknown."""

@@ -34,7 +34,7 @@ from modalshell.statics.newton import NewtonResult
 from modalshell.statics.trust_region import minimise
 from modalshell.statics.verdict import ACCEPTED, verdict
 from modalshell.typing import Array, Progress
-from modalshell.work import count_products
+from modalshell.work import count_elements, count_products, count_read, count_solves
 
 _MISSED = 0.02
 """Largest fraction of a load's linear compliance outside the basis."""
@@ -102,6 +102,9 @@ class HybridStress(Model):
         size, modes = self._reduced.membrane.linear.shape
         hinges = len(self._reduced.hinges)
         self._products = 2 * modes * size**2 + 2 * hinges * size * (size + 9) + size**3 // 6
+        read = *self._reduced.membrane, self._reduced.flat, self._reduced.modes
+        self._bytes = sum(part.nbytes for part in read)
+        self._checked = sum(elements.rest.size for elements in coarse.elements[:2])
         self._last_load = PerThread(_LastLoad)
         self._free = coarse.free_unknowns
         part = sps.csc_array(stiffness[self._free][:, self._free])
@@ -199,6 +202,7 @@ class HybridStress(Model):
 
     def _sees(self, z: Array, energy: float, seen: float) -> bool:
         """Whether the assumed stresses see the membrane at z, of their energy ``seen`` and the whole ``energy`` [J]."""
+        count_elements(self._checked)
         shell = self.coarse.coarse.shell
         return self._trained.unseen(shell, self._coarse_positions(z), energy, seen) <= self._trained.strain_limit
 
@@ -206,9 +210,17 @@ class HybridStress(Model):
         """The same, of any state."""
         modes = self._reduced.membrane.linear.shape[1]
         energy, strains, *_ = evaluate(self._reduced, z, np.zeros(modes))
+        self._count(1)
         return self._sees(z, energy, 0.5 * float(strains[:modes] @ strains[:modes]))
 
+    def _count(self, evaluations: int) -> None:
+        """Count evaluations of the reduced energy with its derivatives."""
+        count_elements(evaluations * len(self._reduced.hinges))
+        count_read(evaluations * self._bytes)
+        count_products(evaluations * self._products)
+
     def _coarse_positions(self, z: Array) -> Array:
+        count_read(self._basis.nbytes)
         return self.coarse.coarse.shell.rest_positions + (self._basis @ z).reshape(-1, 3)
 
     def _coordinates_of(self, coarse_positions: Array) -> Array:
@@ -269,6 +281,7 @@ class HybridStress(Model):
         """Energy, gradient and Hessian, that of hinges with a rest angle without their second derivatives."""
         modes = self._reduced.membrane.linear.shape[1]
         strains = evaluate(self._reduced, z, np.zeros(modes))[1]
+        self._count(2)
         value, _, _, gradient, lower = evaluate(self._reduced, z, strains[:modes])
         return value, gradient, np.tril(lower) + np.tril(lower, -1).T
 
@@ -283,7 +296,13 @@ class HybridStress(Model):
         spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
         hessian = differences(lambda z: self._energy(z)[1], z)
         constants = forces_by_constants(small, self._reduced, self._trained.stresses, z)
-        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
+
+        def by_constant(name: str) -> Array:
+            if name not in constants:
+                raise OptionError(f"the coarse shell has no one {name} above 0 for its whole mesh: take DS")
+            return constants[name]
+
+        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), by_constant)
         return tangent.derivative(wrt, of)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
@@ -313,7 +332,8 @@ class HybridStress(Model):
             moved, solved, energy, seen, iterations = implicit_step(
                 self._reduced, z, rates, last.push, dt, *factors, _STEP_GOAL
             )
-            count_products((iterations + 2) * self._products)
+            self._count(iterations + 2)
+            count_solves(len(z), iterations)
             if solved and self._sees(moved, energy, seen):
                 return MotionState(moved, (moved - z) / dt), True
         if state.coordinates.ndim == 1:

@@ -29,15 +29,13 @@ from modalshell.outcome import Outcome
 from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.dense import WorkPotential
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
-from modalshell.statics.modal_balance import balance
+from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
 from modalshell.typing import Array, Index
 
 CONSTRAINT_MET = 1e-6
 """Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
 
-_DIFFERENCE = 1e-5
-"""Turn [rad] over which a modal force is differenced."""
 _FIXED_POINT = 1e-7
 """Relative change of the coordinates at which a fixed-point iteration has converged."""
 _FIXED_POINT_LIMIT = 200
@@ -87,19 +85,13 @@ class ModalModel(Model):
 
     def modal_force_jacobian(self, q: Array, load: Array) -> Array:
         """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless overridden."""
-        jacobian = np.empty((q.size, q.size))
-        turns = np.maximum(np.abs(self.basis.rotations).max(axis=0), 1e-300)
-        for k in range(q.size):
-            change = np.zeros_like(q)
-            change[k] = _DIFFERENCE / turns[k]
-            ahead, behind = (self.modal_force(q + side * change, load) for side in (1.0, -1.0))
-            jacobian[:, k] = (ahead - behind) / (2.0 * change[k])
-        return jacobian
+        return differences(lambda q: self.modal_force(q, load), q, self.basis.rotations)
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
 
-        Repeated eigenvalues do no harm, unless the basis ends within one.
+        Repeated eigenvalues do no harm, unless the basis ends within one. Rest angles act by the couples that they
+        cause at rest, in the frame of the modes' own elastic forces.
         """
         return ModalTangent(self, state).derivative(wrt, of)
 
@@ -131,20 +123,17 @@ class ModalModel(Model):
         begin = None if start is None else self.coordinates_of(start)
         self._refuse_slack()
 
-        def force(q: Array) -> Array:
-            positions = self.shell.rest_positions + self.raw_displacement(q)
-            return self.modal_force(q, loading.force(positions))
-
         basis = self.basis
+
+        def force(q: Array, share: float) -> Array:
+            positions = self.shell.rest_positions + self.raw_displacement(q)
+            return share * self.modal_force(q, loading.force(positions))
+
+        def slope(q: Array, share: float) -> Array:
+            return differences(lambda q: force(q, share), q, basis.rotations)
+
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as no fixed point
-            found = balance(
-                force,
-                basis.eigenvalues,
-                basis.rigid_modes,
-                self.largest_turn,
-                np.abs(basis.rotations).max(axis=0),
-                begin,
-            )
+            found = balance(force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, begin, retry=True)
         return self._answer(found)
 
     def _refuse_slack(self) -> None:

@@ -11,18 +11,19 @@ from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
+from modalshell.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base import Model
 from modalshell.models.distortion import Distortion
 from modalshell.models.equilibrium import Equilibrium
-from modalshell.models.reduced_sensitivity import LinearTangent, dead_state
+from modalshell.models.reduced_sensitivity import LinearTangent, dead_state, pulled_by_rest_angles
 from modalshell.modes import solve_modes
 from modalshell.outcome import Outcome
 from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.reduction.derivatives import modal_derivatives
 from modalshell.reduction.reduced_energy import ReducedEnergy
 from modalshell.reduction.reduced_potential import ReducedPotential
-from modalshell.shell import GAUSS_NEWTON, Isotropic, Shell
+from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.path import Followable
@@ -126,19 +127,33 @@ class ModalDerivatives(Model):
         return ReducedPotential(push, np.zeros_like(push), self.energy, self._scaling, self.basis.edge_change)
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
-        """Derivative of an equilibrium under dead loads; see :class:`Model`.
+        """Derivative of an equilibrium under dead loads at a held span; see :class:`Model`.
 
-        By loads, the density, and Young's modulus of an :class:`Isotropic`: these leave the span of U as it is. By
-        other constants the span changes, and what it locks with it: there the derivative of the answer on one span is
-        none of the model's.
+        U stays as it was built: loads, the density, and Young's modulus of an :class:`Isotropic` leave its span as it
+        is; a model that is built anew with another constant has another span, and with it another error. By rest angles
+        it is that of the same energy on the same span, too. A model with cubature knows loads and the density, and
+        constants that all its elements go with.
         """
         z, vectors = dead_state(state)[0], self._vectors
-        constants: dict[str, Array] = {}
-        material = self.shell.material
-        if isinstance(material, Isotropic) and isinstance(material.young, float) and not self.shell.energies:
-            constants["young"] = -self.energy.gradient(z)[1] / material.young
         hessian = self.energy.hessian(z)[2]
-        return LinearTangent(self.shell, state, hessian, vectors, vectors, constants).derivative(wrt, of)
+        x = self._positions(z)
+
+        def by_constant(name: str) -> Array:
+            if name == "young" and not self.shell.energies:  # of elements with weights, too
+                return -self.energy.gradient(z)[1] / self.shell.material.young  # type: ignore[union-attr, operator]
+            self._refuse_cubature(name)
+            return -(self.shell.rates_by_constant(name, x).ravel() @ vectors)
+
+        def by_rest_angles() -> Array:
+            self._refuse_cubature("rest_angles")
+            return -pulled_by_rest_angles(self.shell, x, vectors)
+
+        tangent = LinearTangent(self.shell, state, hessian, vectors, vectors, by_constant, by_rest_angles)
+        return tangent.derivative(wrt, of)
+
+    def _refuse_cubature(self, name: str) -> None:
+        if self.cubature is not None:
+            raise OptionError(f"cubature's weights were trained for one {name}: take cubature=False, or DS")
 
     def followable(self, load: Array) -> Followable:
         """The reduced potential, coordinates z as unknowns."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol, final
 
@@ -28,6 +28,8 @@ from modalshell.typing import Array
 
 _CONDITION = 1e14
 _FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
+_OTHERS = (*LOADS, "rest_angles")
+"""What is no constant of the material."""
 _TURN = 1e-3
 """Turn [rad] over which displacements are differenced."""
 
@@ -81,6 +83,10 @@ class ReducedTangent(ABC):
     def by_constant(self, name: str) -> Array:
         """Generalised force (r,) of a change of a constant, without that of the load."""
 
+    def by_rest_angles(self) -> Array:
+        """Generalised forces (r, H) of changes of the rest angles."""
+        raise OptionError("this model has no derivative by rest angles: take DS")
+
     @abstractmethod
     def moved(self, rates: Array, name: str) -> Array:
         """Rates (n, 3, k) of the positions, of the coordinates' (r, k) and of a parameter itself."""
@@ -97,8 +103,10 @@ class ReducedTangent(ABC):
         """Derivatives (n, 3, k), or (k,) with ``of``."""
         names, weights = checked_names(wrt), checked_weights(of, self.shell)
         for name in names:
-            if name not in LOADS:
-                checked_constant(self.shell, name, LOADS)
+            if name == "supports":
+                raise OptionError("the span of a reduced model ends at its supports where they are: take DS")
+            if name not in _OTHERS:
+                checked_constant(self.shell, name, _OTHERS)
         tangent = self.tangent()
         if not np.linalg.cond(tangent) < _CONDITION:
             raise SolverError("the tangent of the equilibrium is singular, so that it has no derivatives")
@@ -107,9 +115,12 @@ class ReducedTangent(ABC):
             if name == "force":
                 found.append(self.by_force(weights, np.asarray(np.linalg.inv(tangent), dtype=np.float64)))
                 continue
-            pushes = self.pushes(load_rates(self.shell, self.state, name))
-            if name not in LOADS:
-                pushes = pushes + self.by_constant(name)[:, None]
+            if name == "rest_angles":
+                pushes = self.by_rest_angles()
+            else:
+                pushes = self.pushes(load_rates(self.shell, self.state, name))
+                if name not in LOADS:
+                    pushes = pushes + self.by_constant(name)[:, None]
             rates = np.asarray(np.linalg.solve(tangent, pushes), dtype=np.float64)
             found.append(self.moved(rates, name) if weights is None else self.gained(weights, rates, name))
         return np.concatenate(found, axis=-1)
@@ -124,6 +135,12 @@ def dead_state(state: Equilibrium) -> tuple[Array, Array]:
     if loading.live:
         raise OptionError("reduced models have derivatives under dead loads alone: take DS for loads that follow")
     return state.coordinates, loading.dead
+
+
+def pulled_by_rest_angles(shell: Shell, x: Array, fields: Array) -> Array:
+    """Derivatives (r, H) of the gradient at ``x`` (n, 3) along ``fields`` (3n, r) by every hinge's rest angle."""
+    steps = np.ascontiguousarray(fields.T).reshape(-1, *x.shape)
+    return np.stack([shell.elastic_energy.pulled_by_rest_angles(x, step) for step in steps])
 
 
 @final
@@ -159,8 +176,14 @@ class ModalTangent(ReducedTangent):
         slope = further.modal_force_jacobian(still, self._load)[:count, count:] @ self._q
         return self._elastic(further.modal_force(still, self._load)[count:] + slope - stiffness @ self._q)
 
+    def by_rest_angles(self) -> Array:
+        """Those of the linear couples, at rest, in the frame of the modes' own elastic forces."""
+        return self._elastic(-pulled_by_rest_angles(self.shell, self.shell.rest_positions, self._model.basis.modes))
+
     def moved(self, rates: Array, name: str) -> Array:
-        """Differences of fourth order of the displacement along the rates."""
+        """Differences of fourth order of the displacement along the rates, or the coordinates if these are fewer."""
+        if name in _OTHERS and rates.shape[1] > self._q.size:
+            return (self._columns() @ rates).reshape(*self.shell.rest_positions.shape, -1)
         return np.stack([self._along(*self._directed(rate, name)) for rate in rates.T], axis=2)
 
     def gained(self, weights: Array, rates: Array, name: str) -> Array:
@@ -177,8 +200,12 @@ class ModalTangent(ReducedTangent):
         if weights is not None:
             rate = solved.T @ self._model.displacement_gradient(self._q, weights)
             return self._along(self._model, self._q, rate).ravel()
-        columns = np.stack([self._along(self._model, self._q, unit).ravel() for unit in np.eye(self._q.size)], axis=1)
+        columns = self._columns()
         return (columns @ solved @ columns.T).reshape(*self.shell.rest_positions.shape, -1)
+
+    def _columns(self) -> Array:
+        """Derivatives (3n, m) of the displacements by the coordinates."""
+        return np.stack([self._along(self._model, self._q, unit).ravel() for unit in np.eye(self._q.size)], axis=1)
 
     def _elastic(self, rows: Array) -> Array:
         rows = rows.copy()
@@ -187,7 +214,7 @@ class ModalTangent(ReducedTangent):
 
     def _directed(self, rate: Array, name: str) -> tuple[Warped, Array, Array]:
         """Model, coordinates, and direction in which a parameter moves them."""
-        if name in LOADS:
+        if name in _OTHERS:
             return self._model, self._q, rate
         still = np.concatenate([self._q, np.zeros_like(self._q)])
         return self._extended(name)[0], still, np.concatenate([rate, self._q])
@@ -229,8 +256,10 @@ class LinearTangent(ReducedTangent):
         Derivative of the positions by the coordinates.
     reduced : ndarray, shape (3n, r)
         What takes a force to a generalised one.
-    constants : dict of ndarray, shape (r,)
-        Derivatives of the elastic force by the constants that the model knows.
+    by_constant : callable
+        Derivative (r,) of the elastic force by a constant.
+    by_rest_angles : callable, optional
+        Its derivatives (r, H) by the rest angles.
     """
 
     def __init__(
@@ -240,10 +269,12 @@ class LinearTangent(ReducedTangent):
         hessian: Array,
         columns: Array,
         reduced: Array,
-        constants: dict[str, Array],
+        by_constant: Callable[[str], Array],
+        by_rest_angles: Callable[[], Array] | None = None,
     ) -> None:
         self.shell, self.state = shell, state
-        self._hessian, self._columns, self._reduced, self._constants = hessian, columns, reduced, constants
+        self._hessian, self._columns, self._reduced = hessian, columns, reduced
+        self._by_constant, self._by_rest_angles = by_constant, by_rest_angles
 
     def tangent(self) -> Array:
         """The Hessian."""
@@ -255,11 +286,11 @@ class LinearTangent(ReducedTangent):
 
     def by_constant(self, name: str) -> Array:
         """Derivative of the elastic force."""
-        if name == "density":
-            return np.zeros(len(self._hessian))
-        if name not in self._constants:
-            raise OptionError(f"{name} changes the span of this model's positions, which has no derivative: take DS")
-        return self._constants[name]
+        return np.zeros(len(self._hessian)) if name == "density" else self._by_constant(name)
+
+    def by_rest_angles(self) -> Array:
+        """Derivatives of the elastic force."""
+        return super().by_rest_angles() if self._by_rest_angles is None else self._by_rest_angles()
 
     def moved(self, rates: Array, name: str) -> Array:
         """Product with the columns."""

@@ -33,15 +33,20 @@ class Tangent:
         The state.
     of_material : bool
         Whether the model's energies are those of the shell's material.
+    factor : Factored, optional
+        Of the exact Hessian at the state, where it is known.
     """
 
-    def __init__(self, problem: Potential, state: Equilibrium, *, of_material: bool) -> None:
+    def __init__(
+        self, problem: Potential, state: Equilibrium, *, of_material: bool, factor: Factored | None = None
+    ) -> None:
         self._problem, self._state, self._of_material = problem, state, of_material
         self._shell, self._x = problem.shell, state.positions
+        self._known = factor
 
     @cached_property
     def _factor(self) -> Factored:
-        return self._problem.factor(self._problem.linearise(self._x, EXACT)[1])
+        return self._known or self._problem.factor(self._problem.linearise(self._x, EXACT)[1])
 
     def check(self, name: str, *, adjoint: bool) -> None:
         """OptionError for a name that is no parameter, or where its derivative is not to be had."""

@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import final
 
 import numpy as np
-import scipy.linalg
 
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
@@ -15,23 +14,15 @@ from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
 from modalshell.models.modal import ModalModel
 from modalshell.modes import Basis
-from modalshell.outcome import Outcome
 from modalshell.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.reduction.warp_frame import WarpFrame
-from modalshell.statics.least_potential import WOUND_UP, Statics, least_potential
+from modalshell.statics.least_potential import Statics, least_potential
+from modalshell.statics.modal_balance import balance
 from modalshell.typing import Array, Index
 from modalshell.work import count_products, count_read
 
-_TOLERANCE = 1e-9
-"""Relative residual at which an equilibrium has converged."""
-_SMALLEST_LOAD_STEP = 1.0 / 1024.0
-"""Smallest load step, relative to the load."""
-_NEWTON_LIMIT = 12
-"""Newton iterations at one load at most."""
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""
-_LOAD_TURN = 0.5
-"""Largest predicted rotation of a vertex [rad] per load step."""
 
 
 @final
@@ -170,98 +161,18 @@ class ModalWarping(ModalModel):
     def _free_statics(self, load: Array, start: Array | None) -> Statics:
         if self.consistent_force:
             return least_potential(self, load, start)
-        if self.basis.count == self.basis.rigid_modes:
-            return Statics(np.zeros(self.basis.count), 0.0, 0, stable=True)
-        root = np.sqrt(self.basis.eigenvalues[self._elastic])
-        scale = float(np.linalg.norm((self._modes.T @ load.ravel()) / root)) or 1.0
-        # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
-        if start is not None:
-            y, residual, iterations, solved = self._newton(root * start[self._elastic], load, 1.0, root, scale)
-        else:
-            y, residual, iterations, solved = self._follow(load, root, scale)
-        q = np.zeros(self.basis.count)
-        q[self._elastic] = y / root
-        if not solved:
-            message = "the branch from rest ends before this load"
-            return Statics(q, residual, iterations, Outcome.NO_FIXED_POINT, message)
-        stable = self._stable(y, load, root)
-        if self.largest_turn(q) > WOUND_UP:
-            message = "a vertex has turned by more than 2 pi"
-            return Statics(q, residual, iterations, Outcome.WOUND_UP, message, stable)
-        if not stable:
-            message = "a fixed point that even heavily damped motion leaves"
-            return Statics(q, residual, iterations, Outcome.UNSTABLE, message, stable)
-        return Statics(q, residual, iterations, stable=True)
+        elastic = self._elastic
 
-    def _balance(self, y: Array, load: Array, root: Array) -> Array:
-        """Out-of-balance ``y - p / sqrt(lambda)``."""
-        rotated = np.empty_like(load)
-        rotations.rotate((self._rotations @ (y / root)).reshape(-1, 3), load, -1.0, rotated)
-        return y - (self._modes.T @ rotated.ravel()) / root
+        def force(q: Array, share: float) -> Array:
+            rotated, pushed = np.empty_like(load), np.zeros_like(q)
+            rotations.rotate((self._rotations @ q[elastic]).reshape(-1, 3), share * load, -1.0, rotated)
+            pushed[elastic] = self._modes.T @ rotated.ravel()
+            return pushed
 
-    def _jacobian(self, y: Array, load: Array, root: Array) -> Array:
-        """Jacobian of :meth:`_balance` (elastic modes, elastic modes); not symmetric."""
-        q = np.zeros(self.basis.count)
-        q[self._elastic] = y / root
-        slope = self.modal_force_jacobian(q, load)[self._elastic, self._elastic]
-        return np.eye(root.size) - slope / root[:, None] / root
+        def slope(q: Array, share: float) -> Array:
+            return self.modal_force_jacobian(q, share * load)
 
-    def _stable(self, y: Array, load: Array, root: Array) -> bool:
-        """Whether heavily damped motion returns to y: all eigenvalues of the Jacobian have positive real part."""
-        return bool(scipy.linalg.eigvals(self._jacobian(y, load, root)).real.min() > 0.0)
-
-    def _newton(
-        self, y: Array, load: Array, factor: float, root: Array, scale: float
-    ) -> tuple[Array, float, int, bool]:
-        """Newton at one load factor; gives up when the residual grows twice in a row."""
-        scaled = factor * load
-        residual = np.inf
-        growths = 0
-        for iteration in range(_NEWTON_LIMIT + 1):
-            balance = self._balance(y, scaled, root)
-            previous, residual = residual, float(np.linalg.norm(balance)) / scale
-            if residual <= _TOLERANCE:
-                return y, residual, iteration, True
-            growths = growths + 1 if residual >= previous else 0
-            if iteration == _NEWTON_LIMIT or growths == 2:
-                break
-            jacobian = self._jacobian(y, scaled, root)
-            if np.linalg.cond(jacobian) > 1e12:
-                break
-            y = y - np.linalg.solve(jacobian, balance)
-        return y, residual, iteration, False
-
-    def _turn(self, y: Array, root: Array) -> float:
-        """Largest rotation of a vertex [rad] at y."""
-        return float(rotations.largest_angle((self._rotations @ (y / root)).reshape(-1, 3)))
-
-    def _follow(self, load: Array, root: Array, scale: float) -> tuple[Array, float, int, bool]:
-        """Follow the branch from rest with load steps that halve where Newton fails and double where it does not.
-
-        A step is also refused if it moves farther than twice what the tangent at its beginning says, or turns a vertex
-        far: Newton would jump to another branch. The Jacobian is not symmetric, so that neither mixed Newton's minimum
-        nor its symmetric factors serve here.
-        """
-        y = np.zeros(root.size)
-        factor, step, iterations = 0.0, 0.25, 0
-        while factor < 1.0:
-            step = min(step, 1.0 - factor)
-            # dy/dfactor = J^-1 p / sqrt(lambda), and p / sqrt(lambda) = y / factor on the branch.
-            tangent = y / factor if factor > 0 else -self._balance(y, load, root)
-            tangent = np.asarray(np.linalg.solve(self._jacobian(y, factor * load, root), tangent))
-            step = min(step, _LOAD_TURN / max(self._turn(tangent, root), 1e-300))
-            trial, _, used, solved = self._newton(y + step * tangent, load, factor + step, root, scale)
-            iterations += used
-            reach = step * float(np.linalg.norm(tangent))
-            near = np.linalg.norm(trial - y - step * tangent) <= reach
-            if solved and near and self._turn(trial - y, root) <= 2.0 * _LOAD_TURN:
-                y, factor, step = np.asarray(trial), factor + step, 2.0 * step
-                continue
-            step *= 0.5
-            if step < _SMALLEST_LOAD_STEP:
-                break
-        residual = float(np.linalg.norm(self._balance(y, load, root))) / scale
-        return y, residual, iterations, factor >= 1.0
+        return balance(force, slope, self.basis.eigenvalues, self.basis.rigid_modes, self.largest_turn, start)
 
 
 def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:

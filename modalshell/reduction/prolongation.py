@@ -19,6 +19,7 @@ from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.typing import Array, Index
+from modalshell.work import count_read
 
 _NEAR = 12
 """Coarse triangles, by their centres, among which the one under a point is looked for."""
@@ -80,6 +81,7 @@ class Prolongation(ReadOnlyArrays):
             self._heights = np.empty(0)
         self._under, self._faces = under, np.array(coarse.faces, dtype=np.int64)
         self._shape = shape
+        self._bytes = self._starts.nbytes + self._columns.nbytes + self._weights.nbytes
 
     @property
     def matrix(self) -> sps.csr_array:
@@ -89,12 +91,14 @@ class Prolongation(ReadOnlyArrays):
     def prolong(self, positions: Array) -> Array:
         """Fine positions (n, 3) [m] from coarse ones (k, 3) [m]."""
         fine = np.empty((self._shape[0], 3))
+        count_read(self._bytes)
         _prolong(positions, self._starts, self._columns, self._weights, self._faces, self._under, self._heights, fine)
         return fine
 
     def restrict(self, load: Array) -> Array:
         """Load (n, 3) [N] on the coarse vertices (k, 3): the same force and, on a flat rest shape, torque."""
         coarse = np.zeros((self._shape[1], 3))
+        count_read(self._bytes)
         _restrict(load, self._starts, self._columns, self._weights, coarse)
         return coarse
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 
-from modalshell.errors import OptionError
+from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
-from modalshell.models.coarse_shell import CoarseMesh, drawn_to_supports
+from modalshell.models.coarse_shell import CoarseMesh, drawn_to_supports, remeshed
 from modalshell.scene.parts import Shape, build_material
 from modalshell.scene.tables import MeshFile, PhysicalSheet, Stiffnesses
-from modalshell.shell import Shell
+from modalshell.shell import Isotropic, Material, Shell
 
 _COARSENINGS = (2.0, 3.0, 4.0)
 """Factors by which the cells of coarser meshes are larger."""
@@ -25,29 +27,67 @@ def scene_coarse_mesh(
     material: Stiffnesses | PhysicalSheet,
     shell: Shell,
     cells: tuple[int, int] | None = None,
+    triangles: int | None = None,
 ) -> CoarseMesh:
-    """The scene's shape with ``cells`` along and across, by default half as many; OptionError for mesh files."""
-    given: Any = table
-    if not isinstance(table, Shape):
-        raise OptionError("coarse meshes are made of shapes with cells: name a [mesh] shape in place of a file")
+    """A coarse mesh of the scene's surface, by default with cells twice as large.
+
+    A shape is generated with ``cells`` along and across, or with those that give about as many as
+    ``triangles``. The mesh of a file is remeshed (extra ``remesh``).
+    """
     if not _uniform(material):
         raise OptionError("coarse meshes take a material of single numbers: values per triangle belong to one mesh")
-    cells = cells or coarse_cells(given.cells, _COARSENINGS[0])
-    mesh: TriangleMesh = drawn_to_supports(shell, msgspec.structs.replace(given, cells=cells).build())
-    own = build_material(material, mesh, Path()) if isinstance(material, PhysicalSheet) else None
-    return CoarseMesh(mesh, f"{cells[0]}x{cells[1]}", own, cells)
+    if cells is not None and triangles is not None:
+        raise OptionError("cells and triangles both say how coarse the mesh is: leave one of them out")
+    if isinstance(table, Shape):
+        return _generated(table, material, shell, cells, triangles)
+    if cells is not None:
+        raise OptionError("cells must be left out with a mesh file, which has none: give triangles in their place")
+    made = remeshed(shell, triangles or round(len(shell.mesh.faces) / _COARSENINGS[0] ** 2))
+    return replace(made, material=_own(material, made.mesh))
+
+
+def _generated(
+    table: Shape,
+    material: Stiffnesses | PhysicalSheet,
+    shell: Shell,
+    cells: tuple[int, int] | None,
+    triangles: int | None,
+) -> CoarseMesh:
+    """The shape with ``cells``, or with about ``triangles``."""
+    given: Any = table
+    options: dict[str, Any] = {} if triangles is None else {"triangles": triangles}
+    if triangles is not None and triangles >= (count := len(shell.mesh.faces)):
+        raise OptionError(f"triangles must be fewer than the {count} of the shell (got {triangles})")
+    if cells is None:
+        factor = _COARSENINGS[0] if triangles is None else float(np.sqrt(len(shell.mesh.faces) / triangles))
+        cells = coarse_cells(given.cells, factor)
+    mesh = drawn_to_supports(shell, msgspec.structs.replace(given, cells=cells).build())
+    return CoarseMesh(mesh, f"{cells[0]}x{cells[1]}", _own(material, mesh), options or {"cells": cells})
+
+
+def _own(material: Stiffnesses | PhysicalSheet, mesh: TriangleMesh) -> Material | Isotropic | None:
+    """The material of shell theory on ``mesh``; None where the stiffnesses are those of the shell."""
+    return build_material(material, mesh, Path()) if isinstance(material, PhysicalSheet) else None
 
 
 def scene_coarse_meshes(
     table: MeshFile | Shape, material: Stiffnesses | PhysicalSheet, shell: Shell
 ) -> list[CoarseMesh]:
-    """Coarse meshes of a shape, at most half as fine; none for a mesh file or a material that varies."""
-    if not isinstance(table, Shape) or not _uniform(material):
+    """Coarse meshes at most half as fine; none for a material that varies, or a file where MeshLab cannot remesh it."""
+    if not _uniform(material):
         return []
-    given: Any = table
-    sizes = dict.fromkeys(coarse_cells(given.cells, factor) for factor in _COARSENINGS)
-    kept = [cells for cells in sizes if cells[0] * cells[1] <= 0.5 * given.cells[0] * given.cells[1]]
-    return [scene_coarse_mesh(table, material, shell, cells) for cells in kept]
+    if isinstance(table, Shape):
+        given: Any = table
+        sizes = dict.fromkeys(coarse_cells(given.cells, factor) for factor in _COARSENINGS)
+        kept = [cells for cells in sizes if cells[0] * cells[1] <= 0.5 * given.cells[0] * given.cells[1]]
+        return [scene_coarse_mesh(table, material, shell, cells) for cells in kept]
+    found = []
+    for factor in _COARSENINGS:
+        try:
+            found.append(scene_coarse_mesh(table, material, shell, None, round(len(shell.mesh.faces) / factor**2)))
+        except (MeshError, OptionError, SupportError):
+            continue
+    return found
 
 
 def _uniform(material: Stiffnesses | PhysicalSheet) -> bool:

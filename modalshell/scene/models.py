@@ -44,6 +44,7 @@ def _table(spec: ModelSpec) -> type[ModelTable]:
     fields: dict[str, tuple[Any, Any]] = {"modes": (Count, MODE_COUNT)} if spec.on_modes else {}
     if spec.on_coarse_mesh:
         fields["cells"] = (Cells | None, None)
+        fields["triangles"] = (Count | None, None)
     for name, parameter in list(inspect.signature(builder).parameters.items())[spec.given :]:
         if name == "count":
             fields["modes"] = (Count, parameter.default)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from typing import final
+
 import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
-from modalshell.shell.smoothed_membrane import plane_stress, strained_elements
+from modalshell.shell.smoothed_membrane import Strained, plane_stress
 from modalshell.shell.split_folds import SplitFolds, fold_moments
-from modalshell.typing import Array, Index
+from modalshell.typing import Array
 
 _COMPLEX = 1e-30
 """Imaginary step of Poisson's ratio, whose derivatives have no rounding of differences."""
@@ -23,43 +25,62 @@ def rates_by_constant(material: Isotropic, name: str) -> tuple[float, float]:
     return powers[0] / value, powers[1] / value
 
 
-def tensions_by_poisson(
-    mesh: TriangleMesh, material: Isotropic, smoothing: tuple[NDArray[np.bool_], Array, Index], stretches: Array
-) -> Array:
-    """Derivative (E,) of the tensions at half squared lengths ``stretches`` (E,)."""
-    stiffness, _, poisson = material.elasticity(mesh)
-    growth = (2.0 * poisson / (1.0 - poisson**2))[:, None, None]
-    plain = plane_stress(stiffness, poisson)
-    # The tensor is linear in nu apart from the stiffness before it.
-    slope = growth * plain + plane_stress(stiffness, poisson + 1.0) - plain
-    tensions = np.zeros_like(stretches)
-    for e in strained_elements(mesh, slope, *smoothing):
-        np.add.at(tensions, e.edges, e.tensions(stretches))
-    return tensions
+@final
+class SlopesByPoisson:
+    """Derivatives by Poisson's ratio, which follow from the shape at rest and serve every state.
 
-
-def couples_by_poisson(
-    mesh: TriangleMesh,
-    material: Isotropic,
-    folds: SplitFolds,
-    shares: FoldShares,
-    held: NDArray[np.bool_],
-    delta: Array,
-) -> Array:
-    """Derivative (H,) of the couples at fold angles ``delta`` (H,), shares at their minimum.
-
-    With moments ``K gamma``, ``gamma = P delta + S f``: the shares move by ``-(S^T K S)^-1 S^T K' gamma``.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Rest shape.
+    material : Isotropic
+        The sheet.
+    folds : SplitFolds
+        Its split folds.
+    held : ndarray of bool, shape (T,)
+        Triangles that do not bend.
+    strained : list of Strained
+        Its membrane elements.
     """
-    bending = np.flatnonzero(~held)
-    _, rigidity, poisson = material.elasticity(mesh)
-    moved = poisson[bending] + 1j * _COMPLEX
-    rigid = rigidity[bending] * (1.0 - poisson[bending] ** 2) / (1.0 - moved**2)
-    free = (folds.folds < 0) & (folds.share_index < 0)
-    slope = fold_moments(mesh, bending, rigid, moved, free).imag / _COMPLEX
-    least = -shares.solve(shares.coupling @ delta)
-    gamma = np.append(delta, 0.0)[folds.folds] + folds.shares * np.append(least, 0.0)[folds.share_index]
-    moments = np.einsum("tkl,tl->tk", slope, gamma)
-    pushed, couples = np.zeros(folds.share_count + 1), np.zeros(delta.size + 1)
-    np.add.at(pushed, folds.share_index, folds.shares * moments)
-    np.add.at(couples, folds.folds, moments)
-    return np.asarray(couples[:-1] - shares.coupling_transposed @ shares.solve(pushed[:-1]))
+
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        material: Isotropic,
+        folds: SplitFolds,
+        held: NDArray[np.bool_],
+        strained: list[Strained],
+    ) -> None:
+        stiffness, rigidity, poisson = material.elasticity(mesh)
+        growth = (2.0 * poisson / (1.0 - poisson**2))[:, None, None]
+        plain = plane_stress(stiffness, poisson)
+        # The tensor is linear in nu apart from the stiffness before it.
+        slope = growth * plain + plane_stress(stiffness, poisson + 1.0) - plain
+        self._folds = folds
+        self._membrane = [(e, e.elastic(slope)) for e in strained]
+        bending = np.flatnonzero(~held)
+        moved = poisson[bending] + 1j * _COMPLEX
+        rigid = rigidity[bending] * (1.0 - poisson[bending] ** 2) / (1.0 - moved**2)
+        free = (folds.folds < 0) & (folds.share_index < 0)
+        self._moments = fold_moments(mesh, bending, rigid, moved, free).imag / _COMPLEX
+
+    def tensions(self, stretches: Array) -> Array:
+        """Derivative (E,) of the tensions at half squared lengths ``stretches`` (E,)."""
+        tensions = np.zeros_like(stretches)
+        for e, elastic in self._membrane:
+            np.add.at(tensions, e.edges, e.tensions(elastic, stretches))
+        return tensions
+
+    def couples(self, shares: FoldShares, delta: Array) -> Array:
+        """Derivative (H,) of the couples at fold angles ``delta`` (H,), shares at their minimum.
+
+        With moments ``K gamma``, ``gamma = P delta + S f``: the shares move by ``-(S^T K S)^-1 S^T K' gamma``.
+        """
+        folds = self._folds
+        least = -shares.solve(shares.coupling @ delta)
+        gamma = np.append(delta, 0.0)[folds.folds] + folds.shares * np.append(least, 0.0)[folds.share_index]
+        moments = np.einsum("tkl,tl->tk", self._moments, gamma)
+        pushed, couples = np.zeros(folds.share_count + 1), np.zeros(delta.size + 1)
+        np.add.at(pushed, folds.share_index, folds.shares * moments)
+        np.add.at(couples, folds.folds, moments)
+        return np.asarray(couples[:-1] - shares.coupling_transposed @ shares.solve(pushed[:-1]))

@@ -45,7 +45,7 @@ class Shell(ReadOnlyArrays):
         The rest shape; its fold angles, areas and lengths are the rest values of the energies.
     material : Material or Isotropic
         Stiffnesses of the discrete-shell energies; or an isotropic sheet, whose energy is that of split folds.
-    clamped : array_like of bool, shape (n,), or of int, optional
+    clamped : str, array_like of bool, shape (n,), or of int, optional
         Vertices that are held, short for one :class:`Clamp`. To clamp an edge of a :class:`Material`'s shell hold two
         rows of vertices: with one row the triangles next to it can hinge freely about the clamped edge; the span then
         begins at the second row, and is shorter by the distance between them. An :class:`Isotropic` shell is clamped
@@ -77,7 +77,7 @@ class Shell(ReadOnlyArrays):
     MaterialError
         If the material's arrays do not fit the mesh.
     SupportError
-        If ``clamped`` has the wrong shape, names no such vertex, or holds every vertex; or for ``supports`` that do
+        If ``clamped`` has the wrong shape, selects no such vertex, or holds every vertex; or for ``supports`` that do
         not fit the mesh or one another.
     OptionError
         For a support that selects no vertex.
@@ -87,7 +87,7 @@ class Shell(ReadOnlyArrays):
         self,
         mesh: TriangleMesh,
         material: Material | Isotropic,
-        clamped: ArrayLike | None = None,
+        clamped: ArrayLike | str | None = None,
         supports: Sequence[Support] = (),
         *,
         energies: Sequence[Energy] = (),
@@ -102,7 +102,7 @@ class Shell(ReadOnlyArrays):
         count = len(mesh.vertices)
         each = _SPLIT_VERTEX_BYTES if isinstance(material, Isotropic) else _VERTEX_BYTES
         demand_memory(f"a shell of {count} vertices", each * count, "take a coarser mesh")
-        clamp = held_vertices(clamped, count)
+        clamp = held_vertices(clamped, count, mesh)
         self.supports = (*((Clamp(read_only(clamp)),) if clamp.any() else ()), *checked_supports(supports))
         unknowns = supported_unknowns(self.supports, mesh)
         self._slopes = held_slopes(self.supports, mesh)
@@ -111,8 +111,7 @@ class Shell(ReadOnlyArrays):
             warn_of_two_way_bending(mesh, unknowns.supported)
         self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
         self._support(unknowns)
-        face_mass = material.area_density(mesh) * mesh.face_areas
-        self.mass = read_only(mesh.shared_among_corners(face_mass))
+        self.mass = read_only(mesh.shared_among_corners(material.area_density(mesh) * mesh.face_areas))
 
     def _support(self, unknowns: Unknowns) -> None:
         self.unknowns = unknowns
@@ -168,8 +167,7 @@ class Shell(ReadOnlyArrays):
 
     def with_material(self, material: Material | Isotropic) -> Shell:
         """A shell of another material, with the same mesh, supports and further energies."""
-        given = self.mesh, material, None, self.supports
-        return Shell(*given, energies=self.energies, loose_parts=self.loose_parts)
+        return Shell(self.mesh, material, None, self.supports, energies=self.energies, loose_parts=self.loose_parts)
 
     @property
     def size(self) -> float:

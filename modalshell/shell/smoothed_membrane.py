@@ -86,38 +86,37 @@ class Strained(NamedTuple):
         As of :class:`MembraneElements`.
     strain : ndarray, shape (elements, 3, edges)
         B, to (E11, E22, 2 E12).
-    elastic : ndarray, shape (elements, 3, 3)
-        C [N m].
+    areas : ndarray, shape (elements, triangles)
+        Area of each triangle in the element [m^2], times ``parts``.
+    parts : float
+        Number that the areas are divided by: three edges share a triangle.
     """
 
     stencils: Index
     pairs: Index
     edges: Index
     strain: Array
-    elastic: Array
+    areas: Array
+    parts: float
     faces: Index
 
-    def tensions(self, stretches: Array) -> Array:
-        """Derivatives (elements, edges) of the energy by half squared lengths (E,)."""
+    def elastic(self, elastic: Array) -> Array:
+        """C (elements, 3, 3) [N m] of the elasticity (T, 3, 3) [N/m] of every triangle."""
+        return np.asarray(np.sum(self.areas[:, :, None, None] * elastic[self.faces], axis=1) / self.parts)
+
+    def tensions(self, elastic: Array, stretches: Array) -> Array:
+        """Derivatives (elements, edges) of the energy of C ``elastic`` by half squared lengths (E,)."""
         strains = np.einsum("eiq,eq->ei", self.strain, stretches[self.edges])
-        return np.asarray(np.einsum("eip,ei->ep", self.strain, np.einsum("eij,ej->ei", self.elastic, strains)))
+        return np.asarray(np.einsum("eip,ei->ep", self.strain, np.einsum("eij,ej->ei", elastic, strains)))
 
 
-def strained_elements(
-    mesh: TriangleMesh,
-    elastic: Array,
-    clamped: NDArray[np.bool_],
-    angles: Array,
-    mirrored: Index,
-) -> list[Strained]:
+def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Array, mirrored: Index) -> list[Strained]:
     """Pairs of triangles over smooth edges, single triangles for their other edges, and those at planes of symmetry.
 
     Parameters
     ----------
     mesh : TriangleMesh
         Rest shape.
-    elastic : ndarray, shape (T, 3, 3)
-        Elasticity of every triangle [N/m]; means by area count across smooth edges.
     clamped : ndarray of bool, shape (n,)
         Held vertices.
     angles : ndarray, shape (H,)
@@ -134,42 +133,39 @@ def strained_elements(
     # Seen from the edge, the left apex lies at +h, the right one at -h.
     strain[:, :, [0, 1, 2]] = (areas[0] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 2]], 1.0)
     strain[:, :, [0, 3, 4]] += (areas[1] / total)[:, None, None] * _strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
-    mean = (areas[0][:, None, None] * elastic[left] + areas[1][:, None, None] * elastic[right]) / 3.0
     both = np.column_stack([left, right])
-    pairs = Strained(np.ascontiguousarray(hinges), PAIR, _numbers(mesh, hinges, PAIR), strain, mean, both)
+    numbers = _numbers(mesh, hinges, PAIR)
+    pairs = Strained(np.ascontiguousarray(hinges), PAIR, numbers, strain, np.column_stack(areas), 3.0, both)
 
     smoothed = np.zeros(len(mesh.faces))
     mirrored = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]
     rim = mesh.edge_faces[mirrored, 0]
     np.add.at(smoothed, np.concatenate([left, right, rim]), 1.0)
     own = np.flatnonzero(smoothed < 3.0)
-    weight = ((3.0 - smoothed[own]) / 3.0 * mesh.face_areas[own])[:, None, None]
+    weight = ((3.0 - smoothed[own]) / 3.0 * mesh.face_areas[own])[:, None]
     faces = np.ascontiguousarray(mesh.faces[own])
     numbers = _numbers(mesh, faces, PAIR[:3])
     strain = _strain_of_lengths(mesh, faces, 1.0)
-    found = [pairs, Strained(faces, PAIR[:3], numbers, strain, weight * elastic[own], own[:, None])]
+    found = [pairs, Strained(faces, PAIR[:3], numbers, strain, weight, 1.0, own[:, None])]
     if rim.size:
         ends = mesh.edges[mirrored]
         triangles = np.column_stack([ends, mesh.faces[rim].sum(axis=1) - ends.sum(axis=1)])
         strain = _strain_of_lengths(mesh, triangles, 1.0)
         strain[:, 2] = 0.0
         numbers = _numbers(mesh, triangles, PAIR[:3])
-        third = mesh.face_areas[rim][:, None, None] / 3.0 * elastic[rim]
-        found.append(Strained(triangles, PAIR[:3], numbers, strain, third, rim[:, None]))
+        third = mesh.face_areas[rim][:, None] / 3.0
+        found.append(Strained(triangles, PAIR[:3], numbers, strain, third, 1.0, rim[:, None]))
     return found
 
 
-def membrane_elements(
-    mesh: TriangleMesh,
-    elastic: Array,
-    clamped: NDArray[np.bool_],
-    angles: Array,
-    mirrored: Index,
-) -> list[MembraneElements]:
-    """The :func:`strained_elements` with their matrices: pairs, and all single triangles together."""
+def membrane_elements(strained: list[Strained], elastic: Array) -> list[MembraneElements]:
+    """The :func:`strained_elements` with their matrices: pairs, and all single triangles together.
+
+    ``elastic`` (T, 3, 3) is the elasticity of every triangle [N/m]; means by area count across smooth edges.
+    """
     pairs, *singles = (
-        MembraneElements(e.stencils, e.pairs, e.edges, _products(e.strain, e.elastic), e.faces)
-        for e in strained_elements(mesh, elastic, clamped, angles, mirrored)
+        MembraneElements(e.stencils, e.pairs, e.edges, _products(e.strain, e.elastic(elastic)), e.faces)
+        for e in strained
     )
     names = ("stencils", "edges", "matrices", "faces")
     if len(singles) > 1:

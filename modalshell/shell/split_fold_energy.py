@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from modalshell.kernels import split_folds as kernels
 from modalshell.kernels.generated import flexure
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.constant_slopes import couples_by_poisson, rates_by_constant, tensions_by_poisson
+from modalshell.shell.constant_slopes import SlopesByPoisson, rates_by_constant
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes
@@ -23,7 +23,13 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
 from modalshell.shell.slopes import HeldSlopes
-from modalshell.shell.smoothed_membrane import SHARP, membrane_elements, membrane_matrix, plane_stress
+from modalshell.shell.smoothed_membrane import (
+    SHARP,
+    membrane_elements,
+    membrane_matrix,
+    plane_stress,
+    strained_elements,
+)
 from modalshell.shell.split_folds import split_folds
 from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
@@ -92,8 +98,9 @@ class SplitFoldEnergy(ElasticEnergy):
         self._rest_angles[self._mirrors.places] *= 2.0
         smooth = np.abs(self._rest_angles[self._mirrors.places]) <= SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
-        self._smoothing = held, angles, mirrored
-        self._membrane = membrane_elements(mesh, plane_stress(stiffness, poisson), *self._smoothing)
+        self._strained = strained_elements(mesh, held, angles, mirrored)
+        self._by_poisson: SlopesByPoisson | None = None
+        self._membrane = membrane_elements(self._strained, plane_stress(stiffness, poisson))
         self._tension = membrane_matrix(self._membrane, len(self._edges))
 
     def _points(self, x: Array) -> Array:
@@ -122,8 +129,9 @@ class SplitFoldEnergy(ElasticEnergy):
         state, sheet = self._measured(x), self._parts[:2]
         folds, stretches = (state.folds, state.stretches) if step is None else self._rates(state, step)
         if name == "poisson":
-            couples = couples_by_poisson(*sheet, self._folds, self._shares, self._held, folds)
-            tensions = tensions_by_poisson(*sheet, self._smoothing, stretches)
+            if self._by_poisson is None:
+                self._by_poisson = SlopesByPoisson(*sheet, self._folds, self._held, self._strained)
+            couples, tensions = self._by_poisson.couples(self._shares, folds), self._by_poisson.tensions(stretches)
         else:
             bending, stretching = rates_by_constant(sheet[1], name)
             couples, tensions = bending * self._shares.couples(folds), stretching * (self._tension @ stretches)

@@ -68,7 +68,7 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
             problem, goal = whole.loaded(target), GOAL if target == 1.0 else whole.path_goal
             result = mixed_newton(problem, guess, scale, limit=25, goal=goal, stresses=stresses)
             iterations += result.iterations
-            if not is_minimum(problem, result):
+            if not is_minimum(problem, result, exactly=target == 1.0):
                 trust *= 0.25
                 continue
             trust = min(1.0, 2.0 * trust)

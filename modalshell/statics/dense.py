@@ -19,6 +19,7 @@ from modalshell.statics.newton import GOAL, NewtonResult, Problem
 from modalshell.statics.trust_region import minimise
 from modalshell.statics.verdict import ACCEPTED
 from modalshell.typing import Array
+from modalshell.work import count_solves
 
 _SOFTEST = 1e-12
 """Least stiffness of an unknown, as a share of the largest, that forces are scaled by."""
@@ -33,6 +34,7 @@ class DenseFactor:
 
     def solve(self, right_side: Array) -> Array:
         """Solution (r,) for a right side (r,)."""
+        count_solves(len(right_side), 1)
         try:
             return np.asarray(np.linalg.solve(self._matrix, right_side / self._scaling) / self._scaling)
         except np.linalg.LinAlgError:

@@ -68,6 +68,8 @@ class NewtonResult:
         Shares of the load, and unknowns, of the states on the way from rest.
     jumps : list
         What ended the branches that the way from rest left by a jump, and at which shares of the load.
+    factored_at : ndarray or None
+        Where the Hessian of ``factor`` is, as :func:`mixed_newton` leaves it.
     """
 
     point: Array
@@ -80,6 +82,7 @@ class NewtonResult:
     left_saddle: bool = False
     path: list[tuple[float, Array]] = field(default_factory=list)
     jumps: list[tuple[str, float]] = field(default_factory=list)
+    factored_at: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -181,6 +184,10 @@ class Problem(ABC, Generic[Matrix]):
         factor = self.factor(hessian)
         return factor, self.step(factor, gradient)
 
+    def keeps_factor(self, length: float) -> bool:  # noqa: ARG002 (of problems whose factors are dear)
+        """Whether the factor of a Hessian serves for another, where no unknown differs by ``length``."""
+        return False
+
     def measure(self, force: Array) -> float:
         """Size of a force (N,) on the free unknowns."""
         return float(np.linalg.norm(force))
@@ -233,13 +240,13 @@ def mixed_newton(
             accepted = max(ACCEPTED, goal)
             if iteration == 0 and problem.quadratic is not None:
                 accepted = GOAL  # a step must be taken, or a small load on a fast shell would never act
-            best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor)
+            best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor, factored_at=best.factored_at)
         else:
             stalled += 1
         allowed = problem.rounding(x, hessian, length) / scale
         if best.point is start and iteration > 0 and residual <= allowed:
             # What rounding makes of the balance may be larger than the load itself: the start is no answer for that.
-            best = NewtonResult(x, residual, iteration, False, best.factor)
+            best = NewtonResult(x, residual, iteration, False, best.factor, factored_at=best.factored_at)
         if best.residual <= allowed and best.point is not start:
             best.converged = True
         if (
@@ -253,9 +260,11 @@ def mixed_newton(
         accuracy = max(_LINEAR * goal / residual, min(_LINEAR, (residual / last) ** 2))
         last = residual
         try:
-            kept = best.factor if keeping else None
+            kept = best.factor if keeping and _is_near(problem, best, x) else None
             best.factor, direction = problem.direction(hessian, gradient, kept, accuracy)
             keeping = keeping and (kept is None or best.factor is kept)  # no second try once one was in vain
+            if best.factor is not kept:
+                best.factored_at = x
         except SolverError:
             break
         if not np.isfinite(direction).all():
@@ -267,10 +276,21 @@ def mixed_newton(
     return best
 
 
-def is_minimum(problem: Problem[Matrix], result: NewtonResult) -> bool:
-    """Whether a converged result is a minimum: its exact Hessian, whose factor it then keeps, is positive definite."""
+def is_minimum(problem: Problem[Matrix], result: NewtonResult, *, exactly: bool = True) -> bool:
+    """Whether a converged result is a minimum: its exact Hessian, whose factor it then keeps, is positive definite.
+
+    If not ``exactly``, a definite Hessian near by stands for it.
+    """
     if not result.converged:
         return False
-    result.factor = problem.definite_factor(problem.linearise(result.point, EXACT)[1])
+    near = not exactly and _is_near(problem, result, result.point)
+    if not (near and result.factor is not None and result.factor.is_definite()):
+        result.factor = problem.definite_factor(problem.linearise(result.point, EXACT)[1])
     result.stable = result.factor is not None
     return result.stable
+
+
+def _is_near(problem: Problem[Matrix], result: NewtonResult, x: Array) -> bool:
+    """Whether the factor of a result serves at x."""
+    at = result.factored_at
+    return at is not None and problem.keeps_factor(float(np.abs(x - at).max(initial=0.0)))

@@ -68,15 +68,16 @@ class Potential(Problem[sps.csc_array]):
         Loads in addition to b that change with x. Their stiffness enters the Hessian. Without a potential it is
         unsymmetric: Newton's steps then take the whole of it, by an unsymmetric factorisation. Such a state is stable
         if the symmetric half is positive definite, or the lowest eigenvalues of the whole are real and positive.
-    keeps_factor : bool
-        Whether a definite factor may serve later iterations, too, for conjugate gradients on their Hessians.
+    kept_within : float
+        Move, as a share of the shell's size, within which a definite factor serves other Hessians, too: for conjugate
+        gradients on them, and to find a state on the way to be a minimum.
     """
 
     shell: Shell
     factoriser: Factoriser
     costs: Timings
     live: LiveLoads | None = None
-    keeps_factor: bool = field(default=False, kw_only=True)
+    kept_within: float = field(default=0.0, kw_only=True)
 
     load_step: ClassVar = 0.8
     path_goal: ClassVar = 1e-3
@@ -210,6 +211,10 @@ class Potential(Problem[sps.csc_array]):
         internal = self.shell.pattern.internal
         return condensed_factor(factor, 0 if internal is None else internal.count)
 
+    def keeps_factor(self, length: float) -> bool:
+        """Whether the factor of a Hessian serves for another, where no vertex differs by ``length`` [m]."""
+        return length < self.kept_within * self.shell.size
+
     def step(self, factor: Factored, gradient: Array) -> Array:
         """Newton direction (N,)."""
         with self.costs.part("solution"):
@@ -219,7 +224,7 @@ class Potential(Problem[sps.csc_array]):
         self, hessian: sps.csc_array, gradient: Array, kept: Factored | None, accuracy: float
     ) -> tuple[Factored, Array]:
         """Newton direction (N,), by the kept factor as long as that costs less than a new one; and the factor."""
-        if self.keeps_factor and isinstance(kept, Factor) and not self.unsymmetric:
+        if isinstance(kept, Factor) and not self.unsymmetric:
             with self.costs.part("solution"):
                 found = solution_by_kept_factor(kept, hessian, -gradient, accuracy)
             if found is not None:

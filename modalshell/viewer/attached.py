@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import time
 from pathlib import Path
-from typing import Any
 
 from modalshell.errors import OptionError
 from modalshell.render.content import checked_path
 from modalshell.run import RunFollower
-from modalshell.viewer.desktop import demand_window, show_window
+from modalshell.viewer.desktop import ShellWindow, demand_window
 from modalshell.viewer.session import FRAME_SECONDS
-from modalshell.viewer.stage import Stage, demand_opengl
+from modalshell.viewer.stage import demand_opengl
 from modalshell.viewer.web import BrowserPage, check_page
 
 
-class AttachedWindow:
+class AttachedWindow(ShellWindow):
     """A run's newest frame, with a line of text.
 
     Parameters
@@ -28,25 +27,13 @@ class AttachedWindow:
     """
 
     def __init__(self, run: RunFollower, *, off_screen: bool = False) -> None:
+        super().__init__(run, run.name, "q: quit", off_screen=off_screen)
         self._run = run
-        self._stage = Stage(run, off_screen=off_screen)
-        self._status: Any = self._stage.plotter.add_text(run.status(), position="upper_left", font_size=10)
-        self._stage.plotter.add_text("q: quit", position="lower_left", font_size=8, color="#404040")
 
     def draw(self) -> None:
         """Draw the run's newest frame, if there is anything new."""
         if self._run.poll():
-            self._stage.refresh()
-            self._status.set_text("upper_left", self._run.status())
-        self._stage.plotter.render()
-
-    def show(self) -> None:
-        """Open the window; returns when the user closes it."""
-        show_window(self._stage, self._run.name, lambda *_: self.draw(), lambda: None)
-
-    def save_picture(self, path: Path) -> None:
-        """Write the window's picture to a PNG file, and close."""
-        self._stage.save_picture(path)
+            super().draw()
 
 
 class AttachedPage(BrowserPage):
@@ -60,17 +47,14 @@ class AttachedPage(BrowserPage):
 
     def __init__(self, run: RunFollower) -> None:
         super().__init__(run, run.name)
-        self._run_shown = run
+        self._followed = run
         self._show_status()
         with self._layouts.SinglePageLayout(self._server) as page:
             page.icon.hide()  # there is no drawer
             self._fill_content(page)
 
-    def _status(self) -> str:
-        return self._run_shown.status()
-
     def _do_frame(self, passed: float) -> None:  # noqa: ARG002 (time is the run's own)
-        if self._run_shown.poll():
+        if self._followed.poll():
             self._note = ""
             self._draw()
 

@@ -14,12 +14,56 @@ from modalshell.render.backend import opens_windows
 from modalshell.render.content import checked_path
 from modalshell.scene import Scene
 from modalshell.viewer.session import FRAME_SECONDS, ViewSession
-from modalshell.viewer.stage import Stage, demand_opengl
+from modalshell.viewer.stage import Shown, Stage, demand_opengl
 
 _HELP = "space: play or pause   m: next model   n: restart from rest   q: quit"
 
 
-class DesktopViewer:
+class ShellWindow:
+    """A stage with a line of text, redrawn by a timer.
+
+    Parameters
+    ----------
+    shown : Shown
+        What to show.
+    name : str
+        The scene's name.
+    keys : str
+        What the keys do.
+    off_screen : bool
+        Draw into memory, for pictures of the window.
+    """
+
+    def __init__(self, shown: Shown, name: str, keys: str, *, off_screen: bool) -> None:
+        self._shown, self._name, self._note = shown, name, ""
+        self._stage = Stage(shown, off_screen=off_screen)
+        self._status: Any = self._stage.plotter.add_text(shown.status(), position="upper_left", font_size=10)
+        self._stage.plotter.add_text(keys, position="lower_left", font_size=8, color="#404040")
+
+    def draw(self) -> None:
+        """Draw it as it is now."""
+        self._stage.refresh()
+        self._status.set_text("upper_left", "; ".join(filter(None, [self._shown.status(), self._note])))
+        self._stage.plotter.render()
+
+    def _on_timer(self, *_: object) -> None:
+        self.draw()
+
+    def show(self) -> None:
+        """Open the window; returns when the user closes it."""
+        plotter = self._stage.plotter
+        plotter.show(interactive=False, auto_close=False, title=f"modalshell {self._name}")
+        plotter.iren.add_observer("TimerEvent", self._on_timer)
+        plotter.iren.create_timer(round(1e3 * FRAME_SECONDS))
+        plotter.iren.start()
+        self._stage.close()
+
+    def save_picture(self, path: Path) -> None:
+        """Write the window's picture to a PNG file, and close."""
+        self._stage.save_picture(path)
+
+
+class DesktopViewer(ShellWindow):
     """A session under sliders, keys and a timer.
 
     Parameters
@@ -31,10 +75,9 @@ class DesktopViewer:
     """
 
     def __init__(self, session: ViewSession, *, off_screen: bool = False) -> None:
+        super().__init__(session, session.scene.name, _HELP, off_screen=off_screen)
         self._session = session
-        self._stage = Stage(session, off_screen=off_screen)
         self._last = time.perf_counter()
-        self._note = ""
         plotter = self._stage.plotter
         self._names = list(models())
         limit = session.gravity_limit
@@ -52,8 +95,6 @@ class DesktopViewer:
             interaction_event="end",
             style="modern",
         )
-        plotter.add_text(_HELP, position="lower_left", font_size=8, color="#404040")
-        self._status: Any = plotter.add_text(session.status(), position="upper_left", font_size=10)
         plotter.add_key_event("space", self._toggle)
         plotter.add_key_event("m", self._next_model)
         plotter.add_key_event("n", self._reset)
@@ -123,12 +164,6 @@ class DesktopViewer:
         self._note = ""
         self._session.reset()
 
-    def draw(self) -> None:
-        """Draw the session as it is now."""
-        self._stage.refresh()
-        self._status.set_text("upper_left", "; ".join(filter(None, [self._session.status(), self._note])))
-        self._stage.plotter.render()
-
     def _on_timer(self, *_: object) -> None:
         now = time.perf_counter()
         passed, self._last = now - self._last, now
@@ -136,28 +171,9 @@ class DesktopViewer:
         self.draw()
 
     def show(self) -> None:
-        """Open the window; returns when the user closes it."""
-
-        def begin() -> None:
-            self._session.play()
-            self._last = time.perf_counter()
-
-        show_window(self._stage, self._session.scene.name, self._on_timer, begin)
-
-    def save_picture(self, path: Path) -> None:
-        """Write the window's picture to a PNG file, and close."""
-        self._stage.save_picture(path)
-
-
-def show_window(stage: Stage, name: str, on_timer: Callable[..., None], begin: Callable[[], None]) -> None:
-    """Open the window, call ``begin`` and then ``on_timer`` frame by frame; returns when the user closes it."""
-    plotter = stage.plotter
-    plotter.show(interactive=False, auto_close=False, title=f"modalshell {name}")
-    plotter.iren.add_observer("TimerEvent", on_timer)
-    plotter.iren.create_timer(round(1e3 * FRAME_SECONDS))
-    begin()
-    plotter.iren.start()
-    stage.close()
+        """Play in a window; returns when the user closes it."""
+        self._session.play()
+        super().show()
 
 
 def demand_window() -> None:

@@ -7,7 +7,7 @@ import math
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import LoadError, ModalShellError, OptionError
@@ -70,8 +70,12 @@ class ViewSession:
         Acceleration on every vertex [m/s^2].
     gravity_limit : float
         Size up to which front ends offer each of its components [m/s^2].
+    rest_positions, faces, held
+        Vertex positions (n, 3) at rest [m], triangles (T, 3), and which vertices (n,) are held.
     positions : ndarray, shape (n, 3)
         The last finite vertex positions [m], in the world.
+    diverged : bool
+        Whether the motion is not finite any more; then only a reset or another model continues it.
     playing : bool
         Whether :meth:`advance` moves on.
     late : bool
@@ -90,6 +94,8 @@ class ViewSession:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene.require_shell()
         self.shell = scene.build_shell()
+        self.rest_positions, self.faces = self.shell.rest_positions, self.shell.mesh.faces
+        self.held = self.shell.clamped
         self._built = self.scene.build(self.shell)
         self._table = scene.motion or _STILL_SCENE_MOTION
         self._size = self.shell.size
@@ -106,21 +112,6 @@ class ViewSession:
         self._begin(self._new_motion(model, None))
 
     @property
-    def rest_positions(self) -> Array:
-        """Vertex positions (n, 3) at rest [m]."""
-        return self.shell.rest_positions
-
-    @property
-    def faces(self) -> NDArray[np.integer]:
-        """Triangles (T, 3)."""
-        return self.shell.mesh.faces
-
-    @property
-    def held(self) -> NDArray[np.bool_]:
-        """Which vertices (n,) are held."""
-        return self.shell.clamped
-
-    @property
     def model(self) -> Model:
         """The model that moves."""
         return self._motion.model
@@ -130,14 +121,9 @@ class ViewSession:
         """Simulated time since the rest shape [s]."""
         return self._motion.time
 
-    @property
-    def diverged(self) -> bool:
-        """Whether the motion is not finite any more; then only a reset or another model continues it."""
-        return self._diverged
-
     def play(self) -> None:
         """Let time run, unless the motion has diverged."""
-        self.playing = not self._diverged
+        self.playing = not self.diverged
 
     def pause(self) -> None:
         """Hold time."""
@@ -145,10 +131,7 @@ class ViewSession:
 
     def toggle(self) -> None:
         """Play if paused, otherwise pause."""
-        if self.playing:
-            self.pause()
-        else:
-            self.play()
+        self.playing = not (self.playing or self.diverged)
 
     def reset(self) -> None:
         """Go back to the rest shape at time 0 and pause, with the model and gravity as they are."""
@@ -182,7 +165,7 @@ class ViewSession:
         self.name, self.modes = name, count
         playing = self.playing
         self._begin(motion)
-        self.playing = playing and not self._diverged
+        self.playing = playing and not self.diverged
 
     def advance(self, seconds: float, *, limit: float = math.inf) -> None:
         """Move on by ``seconds`` of simulated time, if playing.
@@ -236,19 +219,19 @@ class ViewSession:
         """Restore a motion."""
         self._motion = motion
         self._owed = 0.0
-        self.late, self.playing, self._diverged, self.note = False, False, False, ""
+        self.late, self.playing, self.diverged, self.note = False, False, False, ""
         self.positions = self.shell.rest_positions
         self._look()
-        if not self._diverged:
+        if not self.diverged:
             self.note = self._faults()
 
     def _stop_diverged(self) -> None:
-        self.playing, self._diverged = False, True
+        self.playing, self.diverged = False, True
         self.note = f"{Outcome.DIVERGED} at t = {self.time:.3g} s: reset, or take another model"
 
     def _look(self) -> None:
         """Take the positions, unless they are no shape any more."""
-        if self._diverged:
+        if self.diverged:
             return
         positions = self._motion.positions()
         if not np.abs(positions - self.shell.rest_positions).max() < _FAR * self._size:
@@ -296,7 +279,7 @@ class ViewSession:
         if before is not None and model.in_shell_frame:
             start = self.positions if path is None else path.at(before.time).to_shell(self.positions)
             if (modal := as_modal(model)) is not None:
-                coordinates, rates = hand_over(None if self._diverged else before, start, modal)
+                coordinates, rates = hand_over(None if self.diverged else before, start, modal)
                 start = self.shell.rest_positions + (modal.basis.modes @ coordinates).reshape(-1, 3)
         motion = Motion(
             model,

@@ -47,6 +47,9 @@ class Shown(Protocol):
     def gravity(self) -> Array:
         """Acceleration on every vertex (3,) [m/s^2]."""
 
+    def status(self) -> str:
+        """One line on its state."""
+
 
 class Stage:
     """A shell in one PyVista plotter.

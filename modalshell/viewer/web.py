@@ -38,6 +38,7 @@ class BrowserPage(ABC):
 
     def __init__(self, shown: Shown, name: str) -> None:
         app, self._layouts, self._vuetify, self._vtk = _import_trame()
+        self._shown = shown
         self._stage = Stage(shown, off_screen=True)
         self._server: Any = app.get_server(f"modalshell {name}", client_type="vue3")
         self._state: Any = self._server.state
@@ -65,15 +66,11 @@ class BrowserPage(ABC):
             self._vuetify.VLabel("{{ status }}", id="status")
 
     @abstractmethod
-    def _status(self) -> str:
-        """The line of text."""
-
-    @abstractmethod
     def _do_frame(self, passed: float) -> None:
         """Move on by the wall time [s] that has passed."""
 
     def _show_status(self) -> None:
-        self._state.status = "; ".join(filter(None, [self._status(), self._note]))
+        self._state.status = "; ".join(filter(None, [self._shown.status(), self._note]))
 
     def _draw(self) -> None:
         self._stage.refresh()
@@ -123,9 +120,6 @@ class WebViewer(BrowserPage):
         for letter, value in zip("xyz", session.gravity.tolist(), strict=True):
             self._state[f"gravity_{letter}"] = value
         self._show_status()
-
-    def _status(self) -> str:
-        return self._session.status()
 
     def _show_status(self) -> None:
         self._state.playing = self._session.playing

@@ -76,7 +76,7 @@ def world() -> dict[str, Any]:
         "mwts, free": ms.ModalWarping(ms.solve_modes(free, 8)),
         "springs, cg": ms.SpringSheet(shell, integrator="linear_implicit", solver="cg", iterations=30),
     }
-    factory = ModelFactory(shell, lambda: shell.gravity_force((0.0, 0.0, -2.0)), lambda _: coarse)
+    factory = ModelFactory(shell, lambda: shell.gravity_force((0.0, 0.0, -2.0)), lambda *_: coarse)
     for key, table in model_tables().items():
         few = {"modes": 2 if key == "md-rom" else 3, "rank": 4}
         models[key] = table(**{name: few[name] for name in table.__struct_fields__ if name in few}).build(factory)

@@ -96,3 +96,15 @@ def test_dissection_is_not_tried_for_one_cheap_factor():
     np.testing.assert_array_equal(best_elimination(graph, 3, once=True).order, plain.order)
     assert best_elimination(graph, 3).products < plain.products
     assert best_elimination(graph, 60, once=True).products < plain.products
+
+
+def test_coordinates_among_scalars_are_ordered_as_points():
+    # A point's three coordinates have the same neighbours, and so they follow one another in the order.
+    mesh = ms.flat_beam(cells=(24, 6))
+    shell = ms.Shell(mesh, ms.Isotropic(1e6, 0.3, 0.01, 100.0), mesh.vertices[:, 0] < 1e-9)
+    matrix = shell.pattern.free_matrix(shell.energy_gradient_hessian(shell.rest_positions, 0)[2])
+    block, graph = block_graph(matrix)
+    found = best_elimination(graph, block)
+    place = np.argsort(found.order)[: 3 * len(shell.free)].reshape(-1, 3)
+    np.testing.assert_array_equal(np.ptp(np.sort(place, axis=1), axis=1), 2)
+    assert found.products <= 1.1 * eliminated(graph, minimum_degree(graph)).products

@@ -7,6 +7,8 @@ import pytest
 from scenes import PLAIN
 
 import modalshell as ms
+from modalshell import work
+from modalshell.models.nearby import KnownEquilibrium
 
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
 GRAVITY = (0.0, 0.0, -2.0)
@@ -94,6 +96,30 @@ def test_frequencies_give_young_and_thickness_goes_with_it(strip, free):
     assert found.values["poisson"] == pytest.approx(0.3, rel=1e-3)
     assert found.state is None
     assert found.residual < 1e-6
+
+
+def test_a_load_curve_takes_few_factorisations(strip):
+    """Predicted equilibria take two Newton steps or fewer, and share the factor that shows them stable."""
+    tip, factors = strip.rest_positions[:, 0] > 0.999, np.arange(1, 7) / 6.0
+    body = ms.DiscreteShell(strip)
+    seen = [body.equilibrium(gravity=share * np.array(GRAVITY)).positions[tip].mean(axis=0) for share in factors]
+    given = {"where": tip, "average": True, "factors": factors, "gravity": GRAVITY}
+    with work.counted() as counts:
+        found = ms.fit(strip.with_material(replace(SHEET, young=2e6)), "young", seen, **given)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-9)
+    assert counts.factorisations <= 3 * found.evaluations * factors.size
+    exact = ms.DiscreteShell(strip.with_material(found.material)).equilibrium(gravity=GRAVITY)
+    np.testing.assert_allclose(found.state.positions, exact.positions, atol=1e-7)
+    assert found.state.residual <= 1e-7
+    np.testing.assert_array_equal(found.state.gravity, GRAVITY)
+
+
+def test_where_no_equilibrium_is_near_the_model_finds_it(strip, measured, monkeypatch):
+    monkeypatch.setattr(KnownEquilibrium, "near", lambda *_: None)
+    observed = np.stack([ms.DiscreteShell(strip).equilibrium(gravity=(0.0, 0.0, -1.0)).positions, measured])
+    guess = strip.with_material(replace(SHEET, young=2e6))
+    found = ms.fit(guess, "young", observed, factors=[0.5, 1.0], gravity=GRAVITY)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
 
 
 def test_what_the_load_cannot_tell_is_refused(strip):

@@ -1,12 +1,15 @@
 """Derivatives of reduced models' equilibria: Taylor slopes, adjoint against forward, what has none."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import PLAIN
+from scenes import PLAIN, with_rest_angles
 
 import modalshell as ms
+from modalshell.models.reduced_sensitivity import ModalTangent
+from modalshell.reduction.reduced_energy import ReducedEnergy
 
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
 GRAVITY = np.array([0.0, 0.3, -2.0])
@@ -93,11 +96,97 @@ def test_the_derivative_by_the_load_has_taylor_slope_two(known, kind):
 def test_the_adjoint_equals_the_forward_solve(known, kind):
     body, state = known(kind, SHEET)
     names = ["young", "density", "gravity", "load"]
-    names += [] if kind == "md" else ["thickness", "poisson"]
+    names += ["thickness", "poisson", "rest_angles"]
     names += [] if kind == "mwts" else ["force"]
     weights = np.random.default_rng(0).standard_normal(state.positions.shape)
     forward = np.einsum("ni,nik->k", weights, body.sensitivity(state, wrt=names))
     np.testing.assert_allclose(body.sensitivity(state, wrt=names, of=weights), forward, rtol=1e-8)
+
+
+def on_the_same_span(body, shell):
+    """MD-ROM on another shell, its span as it was."""
+    other = copy.copy(body)
+    other.shell, other.energy = shell, ReducedEnergy(shell, body._vectors)
+    return other
+
+
+@pytest.mark.parametrize(("material", "name"), [case for case in CONSTANTS if case[1] != "density"])
+def test_the_derivative_of_the_derivative_basis_at_a_held_span_has_taylor_slope_two(known, material, name):
+    body, state = known("md", material)
+    value, load = getattr(material, name), state.loading.dead
+
+    def answer(factor):
+        other = body.shell.with_material(replace(material, **{name: value * factor}))
+        push = other.total_load(gravity(material))
+        return on_the_same_span(body, other).equilibrium(force=push, start=state.positions).positions
+
+    assert np.abs(load).max() > 0.0
+    errors = remainders(body, state, name, value, answer)
+    assert (np.abs(np.log2(errors[:-1] / errors[1:]) - 2.0) < 0.2).all(), errors
+
+
+@pytest.mark.parametrize("material", [PLAIN, SHEET])
+def test_the_derivative_by_rest_angles_at_a_held_span_has_taylor_slope_two(known, material):
+    body, state = known("md", material)
+    change = 0.02 * np.random.default_rng(4).standard_normal(len(body.shell.mesh.hinges))
+    slope = body.sensitivity(state, wrt="rest_angles") @ change
+    errors = []
+    for share in (1.0, 0.5, 0.25):
+        bent = on_the_same_span(body, with_rest_angles(body.shell, share * change))
+        answer = bent.equilibrium(force=state.loading.dead, start=state.positions)
+        errors.append(np.linalg.norm(answer.positions - state.positions - share * slope))
+    assert (np.abs(np.log2(np.array(errors[:-1]) / errors[1:]) - 2.0) < 0.25).all(), errors
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_the_derivative_by_rest_angles_of_modal_models_has_taylor_slope_two(known, kind):
+    """Their couples act on the modal coordinates, wherever these are."""
+    body, state = known(kind, SHEET)
+    change = 0.2 * np.random.default_rng(4).standard_normal(len(body.shell.mesh.hinges))
+    slope = body.sensitivity(state, wrt="rest_angles") @ change
+    energy, rest = body.shell.elastic_energy, body.shell.rest_positions
+    modes = np.ascontiguousarray(body.basis.modes.T).reshape(-1, *rest.shape)
+    couples = np.array([energy.pulled_by_rest_angles(rest, mode) @ change for mode in modes])
+    tangent, q = ModalTangent(body, state), state.coordinates
+
+    def answer(share):
+        found = q.copy()
+        for _ in range(30):
+            left = body.modal_force(found, state.loading.dead) - share * couples - body.basis.eigenvalues * found
+            tangent._q = found
+            found = found + np.linalg.solve(tangent.tangent(), left)
+        return rest + body.raw_displacement(found)
+
+    errors = [np.linalg.norm(answer(share) - state.positions - share * slope) for share in (1.0, 0.5, 0.25)]
+    if kind == "lma":
+        assert max(errors) < 1e-9 * np.linalg.norm(slope)
+    else:
+        assert (np.abs(np.log2(np.array(errors[:-1]) / errors[1:]) - 2.0) < 0.25).all(), errors
+
+
+@pytest.mark.parametrize("material", [PLAIN, SHEET])
+def test_with_all_modes_the_derivative_by_rest_angles_is_that_of_the_shell(material):
+    """Linear modal analysis on every mode is the linear shell; the discrete shell is, under next to no load."""
+    mesh = ms.v_beam(length=1.0, width=0.3, fold=140.0, cells=(4, 2))
+    shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < (0.01 if material is SHEET else 0.3))
+    full = ms.solve_modes(shell, shell.unknowns.count)
+    small = (0.0, 0.0, -1e-6)
+    slopes = []
+    for body in (ms.LinearModal(full), ms.DiscreteShell(shell)):
+        slopes.append(body.sensitivity(body.equilibrium(gravity=small), wrt="rest_angles"))
+    assert np.linalg.norm(slopes[0] - slopes[1]) < 1e-5 * np.linalg.norm(slopes[1])
+
+
+def test_a_sheet_that_the_span_holds_has_the_derivatives_of_the_shell():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(16, 3))
+    shell = ms.Shell(mesh, replace(SHEET, thickness=0.02), mesh.vertices[:, 0] < 0.01)
+    weights = np.zeros_like(mesh.vertices)
+    weights[-1, 2] = 1.0
+    slopes = []
+    for body in (ms.ModalDerivatives(shell, count=6), ms.DiscreteShell(shell)):
+        state = body.equilibrium(gravity=(0.0, 0.0, -3.0))
+        slopes.append(body.sensitivity(state, wrt=["young", "thickness"], of=weights))
+    np.testing.assert_allclose(slopes[0], slopes[1], rtol=0.03)
 
 
 @pytest.mark.parametrize("kind", ["lma", "consistent", "rsw", "md"])
@@ -174,13 +263,19 @@ def test_the_trained_rung_has_the_derivatives_of_the_shell(hybrid):
 
 def test_what_has_no_derivative_is_refused(known):
     body, state = known("md", SHEET)
-    with pytest.raises(ms.OptionError, match="thickness changes the span"):
-        body.sensitivity(state, wrt="thickness")
+    with pytest.raises(ms.OptionError, match="span of a reduced model ends at its supports"):
+        body.sensitivity(state, wrt="supports")
+    sampled = ms.ModalDerivatives(body.shell, count=2, cubature=8)
+    answer = sampled.equilibrium(gravity=0.1 * GRAVITY)
+    assert np.isfinite(sampled.sensitivity(answer, wrt=["young", "density"])).all()
+    for name in ("thickness", "rest_angles"):
+        with pytest.raises(ms.OptionError, match=f"weights were trained for one {name}"):
+            sampled.sensitivity(answer, wrt=name)
     body, state = known("mwts", SHEET)
     with pytest.raises(ms.OptionError, match="consistent_force=True"):
         body.sensitivity(state, wrt="force")
     with pytest.raises(ms.OptionError, match="wrt must be one of young, poisson, thickness, density, gravity"):
-        body.sensitivity(state, wrt="rest_angles")
+        body.sensitivity(state, wrt="stretch")
     with pytest.raises(ms.OptionError, match="coordinates"):
         body.sensitivity(replace(state, coordinates=None), wrt="young")
     follower = body.equilibrium(loads=[ms.Pressure(0.01)])

@@ -139,7 +139,7 @@ def models_of_a_strip():
     vertices = np.array(shell.rest_positions)
     coarse = ms.TriangleMesh(vertices, shell.mesh.faces)
     load = shell.gravity_force((0.0, 0.0, -1.0))
-    factory = ModelFactory(shell, lambda: load, lambda _: CoarseMesh(coarse, "the same"))
+    factory = ModelFactory(shell, lambda: load, lambda *_: CoarseMesh(coarse, "the same"))
     return {key: factory.build(spec, {}) for key, spec in MODELS.items()}
 
 

@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scenes import PLAIN
+from scenes import PLAIN, with_rest_angles
 
 import modalshell as ms
+from modalshell import work
 from modalshell.modes import Factoriser
+from modalshell.shell import EXACT, constant_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.potential import Potential
@@ -115,18 +117,7 @@ def test_the_derivative_by_rest_angles_has_taylor_slope_two(states, material):
     slope = body.sensitivity(state, wrt="rest_angles") @ change
     errors = []
     for share in (0.5, 0.25, 0.125):
-        bent = copy.copy(shell)
-        energy = bent._energy = copy.copy(shell._energy)
-        if material is PLAIN:
-            hinges = energy.elements[2]
-            energy.elements = list(energy.elements)
-            energy.elements[2] = replace(hinges, rest=hinges.rest + share * change)
-        else:
-            own = {tuple(hinge): at for at, hinge in enumerate(shell.mesh.hinges.tolist())}
-            moved = [
-                change[own[tuple(hinge)]] if tuple(hinge) in own else 0.0 for hinge in energy._folds.hinges.tolist()
-            ]
-            energy._rest_angles = energy._rest_angles + share * np.array(moved)
+        bent = with_rest_angles(shell, share * change)
         answer = solved(bent, state.loading.dead, state.positions)
         errors.append(np.linalg.norm(answer - state.positions - share * slope))
     assert (np.abs(orders_of(errors) - 2.0) < 0.25).all(), errors
@@ -184,6 +175,35 @@ def test_one_factorisation_serves_an_adjoint_of_many_parameters(states, monkeypa
     names = ["young", "poisson", "thickness", "density", "gravity", "rest_angles", "supports"]
     assert np.isfinite(body.sensitivity(state, wrt=names, of=np.ones_like(state.positions))).all()
     assert len(made) == 1
+
+
+@pytest.mark.parametrize("material", [PLAIN, SHEET])
+def test_an_adjoint_costs_at_most_one_and_a_half_newton_steps(states, material):
+    """In counted work, by every constant; what follows from the rest shape alone is made once a shell."""
+    body, state = model(material), states[material]
+    weights = np.ones_like(state.positions)
+    problem = body._statics(state.loading.dead)
+    with work.counted() as newton:
+        gradient, hessian = problem.linearise(state.positions, EXACT)
+        problem.moved(state.positions, problem.factor(hessian).solve(-gradient))
+    for name in (name for of, name in CASES if of is material):
+        with work.counted() as adjoint:
+            body.sensitivity(state, wrt=name, of=weights)
+        assert adjoint.factorisations == newton.factorisations == 1
+        assert adjoint.solves <= newton.solves
+        assert adjoint.cost <= 1.5 * newton.cost
+
+
+def test_derivatives_by_poissons_ratio_of_all_states_share_what_the_rest_shape_gives(states, monkeypatch):
+    made, body, state = [], model(SHEET), states[SHEET]
+    for function in ("fold_moments", "plane_stress"):
+        monkeypatch.setattr(constant_slopes, function, counted(getattr(constant_slopes, function), made))
+    first = body.sensitivity(state, wrt="poisson")
+    assert made
+    made.clear()
+    shifted = replace(state, positions=state.positions + 1e-6)
+    np.testing.assert_allclose(body.sensitivity(shifted, wrt="poisson"), first, rtol=1e-2, atol=1e-4)
+    assert not made
 
 
 def counted(function, calls):

@@ -193,6 +193,14 @@ def test_bad_supports_are_refused(clamped):
     assert isinstance(caught.value, ModalShellError)
 
 
+def test_a_text_clamps_what_it_selects():
+    mesh = MESHES[1]
+    chosen = mesh.vertices[:, 0] < 0.3
+    assert np.array_equal(Shell(mesh, PLAIN, "x < 0.3").clamped, Shell(mesh, PLAIN, chosen).clamped)
+    with pytest.raises(SupportError, match="clamped selects no vertex"):
+        Shell(mesh, PLAIN, clamped="x > 99")
+
+
 def test_support_errors_say_what_was_got():
     with pytest.raises(SupportError, match=r"vertex 12\b.*0 to 11"):
         Shell(MESHES[0], PLAIN, [0, 12])

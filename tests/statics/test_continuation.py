@@ -1,10 +1,12 @@
 """One load continuation for sparse and dense problems."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import cantilever
 
-from modalshell import DiscreteShell, ModalDerivatives, solve_modes
+from modalshell import DiscreteShell, Isotropic, ModalDerivatives, Shell, flat_beam, solve_modes
 from modalshell.errors import SolverError
 from modalshell.modes import Factoriser
 from modalshell.reduction.derivatives import modal_derivatives
@@ -12,9 +14,10 @@ from modalshell.reduction.reduced_energy import ReducedEnergy
 from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import EXACT
 from modalshell.statics.continuation import equilibrium
-from modalshell.statics.newton import mixed_newton
+from modalshell.statics.newton import is_minimum, mixed_newton
 from modalshell.statics.potential import Potential
 from modalshell.timings import Timings
+from modalshell.work import counted
 
 
 def full(shell, load):
@@ -88,3 +91,32 @@ def test_full_and_reduced_answers_are_near():
     drop = np.abs(truth - shell.rest_positions).max()
     assert drop > 1e-3
     assert np.abs(truth - model).max() < 0.02 * drop
+
+
+def test_split_folds_take_fewer_factors_to_the_same_equilibrium():
+    mesh = flat_beam(length=1.0, width=0.2, cells=(24, 6))
+    shell = Shell(mesh, Isotropic(1e9, 0.3, 1e-3, 1000.0), mesh.vertices[:, 0] < 1e-9)
+    load = shell.gravity_force((0.0, 0.0, -2.0))
+    problem = DiscreteShell(shell, backend="cholesky")._statics(load)
+    with counted() as fewer:
+        found = equilibrium(problem, None)
+    with counted() as more:
+        exact = equilibrium(replace(problem, kept_within=0.0), None)
+    assert found.converged
+    assert found.stable
+    assert fewer.factorisations < more.factorisations
+    assert np.abs(found.point - exact.point).max() < 1e-8 * np.abs(exact.point - shell.rest_positions).max()
+
+
+def test_a_factor_far_from_the_end_does_not_show_a_minimum():
+    shell = cantilever()
+    problem = replace(full(shell, shell.gravity_force((0.0, 0.0, -0.5))), kept_within=1e-5)
+    result = mixed_newton(problem, problem.origin, problem.scale_at(None))
+    used, result.factored_at = result.factor, problem.origin
+    assert is_minimum(problem, result, exactly=False)
+    assert result.factor is not used
+    used, result.factored_at = result.factor, result.point
+    assert is_minimum(problem, result, exactly=False)
+    assert result.factor is used
+    assert is_minimum(problem, result)
+    assert result.factor is not used

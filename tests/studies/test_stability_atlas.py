@@ -113,7 +113,9 @@ def variants(table):
     if "cubature" in hints:
         values["cubature"] = (False, True)
     shell = models.shell_of(1e2, 1.0, 0.0)
-    factory = ModelFactory(shell, lambda: shell.gravity_force(models.BASE.gravity), lambda _: models.coarse_mesh(shell))
+    factory = ModelFactory(
+        shell, lambda: shell.gravity_force(models.BASE.gravity), lambda *_: models.coarse_mesh(shell)
+    )
     for chosen in product(*values.values()):
         options = dict(zip(values, chosen, strict=True))
         unusual = [name for name, value in options.items() if name != "integrator" and value != values[name][0]]

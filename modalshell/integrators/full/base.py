@@ -114,5 +114,5 @@ def step_potential(body: Body, state: MotionState, dt: float, load: Array, dampi
         quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
     push = load + shell.mass[:, None] * state.rates / dt
-    problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic, keeps_factor=True)
+    problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic, kept_within=np.inf)
     return problem, problem.scale_at(x)

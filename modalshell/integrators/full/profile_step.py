@@ -19,7 +19,7 @@ from modalshell.linalg import ProfileAnalysis
 from modalshell.sharing import PerThread
 from modalshell.shell import Isotropic, Shell
 from modalshell.typing import Array
-from modalshell.work import count_elements, count_factorisation
+from modalshell.work import count_elements, count_factorisation, count_solves
 
 KERNELS = (stretch, shear, flexure)
 """Kernels of the element sets that a shell must have, in this order."""
@@ -87,6 +87,7 @@ class ProfileStep:
         )
         count_elements(3 * (iterations + 1) * self._elements)  # gradient, Hessian and stresses
         count_factorisation(self._unknowns, iterations, self._products)
+        count_solves(self._unknowns, iterations)
         return moved, bool(solved)
 
 

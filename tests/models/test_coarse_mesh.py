@@ -1,0 +1,137 @@
+"""Coarse meshes of any surface: remeshed with an edge where the clamps end, prolonged to the fine mesh."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import modalshell as ms
+from modalshell.models.coarse_mesh import remeshed_to_supports
+from modalshell.models.factory import ModelFactory
+from modalshell.models.registry import models
+from modalshell.modes.rigid import rigid_motions
+from modalshell.reduction.prolongation import Prolongation
+
+MATERIAL = ms.Material(20.0, 20.0, 0.05, 0.2)
+
+
+@pytest.fixture
+def meshlab():
+    pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
+
+
+@pytest.fixture(scope="module")
+def leaf():
+    mesh = ms.load_mesh("meshes/leaf.obj")
+    return ms.Shell(mesh, MATERIAL, mesh.vertices[:, 0] < 0.1)
+
+
+def test_without_meshlab_it_says_how_to_get_it(leaf, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(ms.OptionError, match=r"modalshell\[remesh\]"):
+        ms.coarse_shell(leaf, 200)
+
+
+@pytest.mark.usefixtures("meshlab")
+def test_a_leaf_of_a_file_is_followed_on_half_of_its_triangles(leaf):
+    coarse = ms.CoarseDiscreteShell(leaf, ms.coarse_shell(leaf, 300))
+    assert coarse.compiled
+    assert len(coarse.coarse.shell.free) < 0.6 * len(leaf.free)
+    truth = ms.DiscreteShell(leaf).equilibrium(gravity=(0, 0, -10))
+    answer = coarse.equilibrium(gravity=(0, 0, -10))
+    assert np.abs(truth.positions - leaf.rest_positions).max() > 0.3
+    assert ms.measure.displacement_error(answer.positions, truth.positions, leaf) < 0.03
+
+
+@pytest.mark.usefixtures("meshlab")
+def test_the_clamp_ends_where_that_of_the_shell_does():
+    mesh = ms.v_beam(cells=(40, 8))
+    shell = ms.Shell(mesh, MATERIAL, mesh.vertices[:, 0] < 0.13)
+    coarse = ms.coarse_shell(shell, 150)
+    held = coarse.clamped
+    line = mesh.vertices[shell.clamped, 0].max()
+    assert coarse.mesh.vertices[held, 0].max() == pytest.approx(line)
+    assert coarse.mesh.vertices[~held, 0].min() > line + 0.01
+    assert rigid_motions(coarse).shape[1] == 0
+    edges = coarse.mesh.edges[coarse.mesh.hinge_edges]
+    clamping = (coarse.mesh.vertices[edges, 0] > line - 1e-9).all(axis=1) & held[edges].all(axis=1)
+    lengths = np.linalg.norm(np.diff(coarse.mesh.vertices[edges[clamping]], axis=1), axis=2)
+    assert lengths.sum() == pytest.approx(0.2, rel=1e-6)  # the whole width
+    assert coarse.mass.sum() == pytest.approx(shell.mass.sum(), rel=0.05)
+
+
+@pytest.mark.usefixtures("meshlab")
+def test_hinged_supports_and_single_points_keep_their_vertices():
+    mesh = ms.sheet(length=1.0, width=0.7, cells=(20, 14))
+    middle = mesh.vertices.mean(axis=0)
+    corners = (np.abs(mesh.vertices - middle)[:, :2] > 0.49 * np.ptp(mesh.vertices, axis=0)[:2]).all(axis=1)
+    assert corners.sum() == 4
+    shell = ms.Shell(mesh, MATERIAL, corners)
+    coarse = ms.coarse_shell(shell, 200)
+    np.testing.assert_allclose(
+        np.unique(coarse.mesh.vertices[coarse.clamped].round(9), axis=0), np.unique(mesh.vertices[corners], axis=0)
+    )
+
+
+@pytest.mark.usefixtures("meshlab")
+@pytest.mark.parametrize("name", ["flat", "folded", "panel", "leaf"])
+def test_prolongation_from_meshes_that_are_not_nested(name, leaf):
+    """Exact for affine fields where the rest shape is flat by patches, for rigid motions on any."""
+    mesh = {
+        "flat": lambda: ms.sheet(cells=(16, 16)),
+        "folded": lambda: ms.v_beam(cells=(40, 8), fold=120.0),
+        "panel": lambda: ms.cylinder_panel(cells=(16, 16)),
+        "leaf": lambda: leaf.mesh,
+    }[name]()
+    under = ms.remesh(mesh, len(mesh.faces) // 4)
+    prolongation = Prolongation(under, mesh)
+    np.testing.assert_allclose(prolongation.prolong(np.array(under.vertices)), mesh.vertices, atol=1e-12)
+    turn, shift = Rotation.from_rotvec([0.4, 2.0, -1.0]), np.array([1.0, -2.0, 0.5])
+    np.testing.assert_allclose(
+        prolongation.prolong(turn.apply(np.array(under.vertices)) + shift),
+        turn.apply(np.array(mesh.vertices)) + shift,
+        atol=1e-10,
+    )
+    if name in ("flat", "folded"):
+        strain = np.eye(3) + np.random.default_rng(0).uniform(-0.5, 0.5, (3, 3))
+        np.testing.assert_allclose(
+            prolongation.prolong(under.vertices @ strain + shift), mesh.vertices @ strain + shift, atol=1e-10
+        )
+    load = np.random.default_rng(1).standard_normal(mesh.vertices.shape)
+    np.testing.assert_allclose(prolongation.restrict(load).sum(axis=0), load.sum(axis=0), atol=1e-9)
+
+
+@pytest.mark.usefixtures("meshlab")
+def test_a_hybrid_is_trained_on_a_remeshed_shell(leaf):
+    load = leaf.gravity_force((0, 0, -4.0))
+    factory = ModelFactory(leaf, lambda: load)
+    model = factory.build(models()["hybrid"], {"triangles": 200, "motions": 8, "modes": 16})
+    assert len(model.coarse.coarse.shell.mesh.faces) < 300
+    answer = model.equilibrium(gravity=(0, 0, -4.0))
+    own = model.coarse.equilibrium(gravity=(0, 0, -4.0))
+    assert answer.converged
+    assert ms.measure.displacement_error(answer.positions, own.positions, leaf) < 0.03
+
+
+@pytest.mark.usefixtures("meshlab")
+def test_a_membrane_that_hardly_matters_is_not_scaled_far():
+    """Between its straight edges a panel bends in its lowest mode; a softer membrane would not hold its load."""
+    mesh = ms.cylinder_panel(cells=(24, 24))
+    across = np.abs(mesh.vertices[:, 1])
+    shell = ms.Shell(mesh, MATERIAL, across > across.max() - 1e-9)
+    coarse = ms.CoarseDiscreteShell(shell, ms.coarse_shell(shell, 400))
+    exact, answer = (model.equilibrium(gravity=(0, 0, -10)) for model in (ms.DiscreteShell(shell), coarse))
+    assert ms.measure.displacement_error(answer.positions, exact.positions, shell) < 0.25
+
+
+def test_sizes_that_are_none_are_refused(leaf):
+    count = len(leaf.mesh.faces)
+    for given in (count, 10 * count, 0, -3, True, 2.5, "400", None):
+        with pytest.raises(ms.OptionError):
+            ms.coarse_shell(leaf, given)
+    with pytest.raises(ms.OptionError, match="number of triangles"):
+        ModelFactory(leaf).build(models()["coarse-ds"], {})
+    mesh = ms.sheet(cells=(4, 4))
+    with pytest.raises(ms.SupportError):
+        remeshed_to_supports(ms.Shell(mesh, MATERIAL, np.ones(len(mesh.vertices), dtype=bool)), 10)

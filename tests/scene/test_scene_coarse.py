@@ -1,0 +1,75 @@
+"""Coarse meshes that scenes ask for: of shapes by their cells, of mesh files by remeshing."""
+
+import importlib.util
+
+import pytest
+
+import modalshell as ms
+from modalshell.scene.coarse import scene_coarse_meshes
+
+SHAPE = ('shape = "v_beam"\ncells = [12, 4]', 'shape = "v_beam"\ncells = [40, 8]')
+FILE = (SHAPE[0], 'file = "meshes/v_beam.obj"')
+
+STIFF = ("stretch = 20.0\nshear = 20.0", "stretch = 2000.0\nshear = 2000.0")
+
+
+def coarse_faces(scene):
+    return len(scene.build().model.coarse.shell.mesh.faces)
+
+
+@pytest.mark.parametrize(("declared", "count"), [("", 160), ("triangles = 90", 120), ("cells = [10, 4]", 80)])
+def test_a_generated_shape_needs_no_library(scene_file, monkeypatch, declared, count):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    scene = ms.load_scene(scene_file(SHAPE, ('"mwts"', f'"coarse-ds"\n{declared}')))
+    assert coarse_faces(scene) == count
+
+
+def test_a_mesh_file_says_what_it_needs(scene_file, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    for declared in ("", "triangles = 90"):
+        scene = ms.load_scene(scene_file(FILE, ('"mwts"', f'"coarse-ds"\n{declared}')))
+        with pytest.raises(ms.SceneError, match=r"model: .*modalshell\[remesh\]"):
+            scene.build()
+    assert scene_coarse_meshes(scene.mesh, scene.material, scene.build_shell()) == []
+
+
+@pytest.mark.parametrize("name", ["coarse-ds", "hybrid"])
+@pytest.mark.parametrize(
+    ("mesh", "declared", "said"),
+    [
+        (FILE, "cells = [10, 4]", "model.cells: .*give triangles"),
+        (SHAPE, "cells = [10, 4]\ntriangles = 100", "model.cells: .*leave one of them out"),
+        (SHAPE, "triangles = 640", "model.triangles: must be fewer than the 640"),
+        (FILE, "triangles = 640", "model.triangles: must be fewer than the 640"),
+        (SHAPE, "triangles = 0", "model.triangles"),
+    ],
+)
+def test_sizes_that_do_not_fit_are_refused(scene_file, name, mesh, declared, said):
+    with pytest.raises(ms.SceneError, match=said):
+        ms.load_scene(scene_file(mesh, ('"mwts"', f'"{name}"\n{declared}'))).build()
+
+
+def test_a_mesh_file_is_remeshed(scene_file):
+    pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
+    for declared, count in (("", 160), ("triangles = 100", 100)):
+        scene = ms.load_scene(scene_file(FILE, ('"mwts"', f'"coarse-ds"\n{declared}')))
+        assert coarse_faces(scene) == pytest.approx(count, rel=0.3)
+    shell = scene.build_shell()
+    found = scene_coarse_meshes(scene.mesh, scene.material, shell)
+    assert [mesh.options["triangles"] for mesh in found] == [160, 71, 40]
+    sheet = (
+        "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2",
+        "young = 1e6\npoisson = 0.3\nthickness = 0.01\ndensity = 20.0",
+    )
+    theory = ms.load_scene(scene_file(FILE, sheet, ('"mwts"', '"coarse-ds"\ntriangles = 100')))
+    assert isinstance(theory.build().model.coarse.shell.material, ms.Isotropic)
+
+
+def test_a_hybrid_of_a_mesh_file_is_trained_on_its_remeshed_surface(scene_file):
+    pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
+    text = scene_file(FILE, STIFF, ('"mwts"', '"hybrid"\ntriangles = 100\nmotions = 4\nmodes = 12'), ("-9.81", "-2.0"))
+    built = ms.load_scene(text).build()
+    assert len(built.model.coarse.coarse.shell.mesh.faces) < 160
+    answer = built.model.equilibrium(gravity=(0, 0, -2.0))
+    exact = ms.DiscreteShell(built.shell).equilibrium(gravity=(0, 0, -2.0))
+    assert ms.measure.displacement_error(answer.positions, exact.positions, built.shell) < 0.05
