@@ -105,7 +105,7 @@ def test_bad_meshes_give_one_line_and_status_2(capsys, path):
     [
         (("simulate", "no_such_file.obj"), "no_such_file"),
         (("simulate", "LEAF", "--clamp", "x <"), "selection"),
-        (("simulate", "LEAF", "--clamp", "x < -99"), "holds no vertex"),
+        (("simulate", "LEAF", "--clamp", "x < -99"), "--clamp selects no vertex"),
         (("simulate", "LEAF", "--clamp", "x < 99"), "holds all"),
         (("simulate", "LEAF", "--young", "-3"), "young"),
         (("simulate", "LEAF", "--model", "magic"), "magic"),

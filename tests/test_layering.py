@@ -253,6 +253,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "shell",
         "statics",
         "timings",
+        "triangles",
         "typing",
         "units",
     },

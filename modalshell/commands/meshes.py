@@ -28,7 +28,7 @@ from modalshell.run.results import DISPLACEMENT
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_material
 from modalshell.scene.tables import PhysicalSheet
-from modalshell.selection import select_vertices
+from modalshell.selection import selected
 from modalshell.statics.buckling import ADVICE, buckles
 
 _OR_FILE = ", or a file with one number per triangle"
@@ -92,10 +92,7 @@ class _ShellOptions:
         """The vertices of ``--clamp``; none without it."""
         held = np.zeros(len(mesh.vertices), dtype=np.bool_)
         if self.clamp is not None and self.clamp != "none":
-            held = select_vertices(self.clamp, mesh)
-            if not held.any():
-                low, high = mesh.vertices.min(axis=0).round(6).tolist(), mesh.vertices.max(axis=0).round(6).tolist()
-                raise OptionError(f"--clamp {self.clamp!r} holds no vertex; the mesh reaches from {low} to {high}")
+            held = selected("--clamp", self.clamp, mesh)
         if self.component != "all":
             refuse_loose_parts(mesh, held)
         return held

@@ -94,8 +94,10 @@ class DeviceCrowd(ShellCrowd):
         super().__init__(basis, count, damping, dtype)
         shapes = [a.reshape(-1, 3, basis.count).transpose(2, 0, 1) for a in (basis.modes, basis.rotations)]
         shapes.append(basis.shell.rest_positions)
-        self._doubles = [self._vectors(a, np.float64) for a in shapes]
-        self._shapes = self._doubles if self.dtype == np.float64 else [self._vectors(a, self.dtype) for a in shapes]
+        self._doubles = [self._numbers(a, np.float64, vectors=True) for a in shapes]
+        self._shapes = (
+            self._doubles if self.dtype == np.float64 else [self._numbers(a, self.dtype, vectors=True) for a in shapes]
+        )
         self._masses = self._numbers(basis.shell.mass, np.float64)
 
     def device_positions(self, rotations: ArrayLike | None = None, translations: ArrayLike | None = None) -> Any:
@@ -108,13 +110,10 @@ class DeviceCrowd(ShellCrowd):
         """
         return self._launched(self.coordinates, self.levels, self._poses(rotations, translations))
 
-    def _vectors(self, values: NDArray[Any], dtype: DTypeLike) -> Any:
-        """Copy of an array (..., 3) on the device as vectors."""
-        return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=device_types(dtype)[1], device=self.device)
-
-    def _numbers(self, values: NDArray[Any], dtype: DTypeLike) -> Any:
-        """Copy of an array on the device."""
-        return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=device_types(dtype)[0], device=self.device)
+    def _numbers(self, values: NDArray[Any], dtype: DTypeLike, *, vectors: bool = False) -> Any:
+        """Copy of an array on the device; of one (..., 3) as ``vectors``."""
+        kind = device_types(dtype)[vectors]
+        return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=kind, device=self.device)
 
     def _launched(self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array]) -> Any:
         from modalshell.kernels.device_flock import crowd_positions
@@ -126,8 +125,8 @@ class DeviceCrowd(ShellCrowd):
             library.array(levels, dtype=int, device=self.device),
             *self._shapes,
             self._numbers(coordinates, self.dtype),
-            self._vectors(turns.reshape(-1, 3, 3), self.dtype),
-            self._vectors(moves, self.dtype),
+            self._numbers(turns.reshape(-1, 3, 3), self.dtype, vectors=True),
+            self._numbers(moves, self.dtype, vectors=True),
             out,
         ]
         library.launch(crowd_positions, shape, inputs, device=self.device)
@@ -144,7 +143,7 @@ class DeviceCrowd(ShellCrowd):
             rotations,
             self._masses,
             self._numbers(self.coordinates, np.float64),
-            self._vectors(felt, np.float64),
+            self._numbers(felt, np.float64, vectors=True),
             forces,
         ]
         library.launch(turned_back, forces.shape, inputs, device=self.device)

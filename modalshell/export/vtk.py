@@ -52,9 +52,7 @@ def save_vtkhdf(run: Trajectory, path: Path, on_frame: Progress | None = None) -
             asked = info.Get(Pipeline.UPDATE_TIME_STEP()) if info.Has(Pipeline.UPDATE_TIME_STEP()) else times[0]
             index = int(np.argmin(np.abs(run.times - asked)))
             surface = vtkPolyData.GetData(outputs)
-            surface.SetPoints(_points(run, index))
-            surface.SetPolys(cells)
-            _add_arrays(surface, run, index)
+            _fill_surface(surface, cells, run, index)
             surface.GetInformation().Set(surface.DATA_TIME_STEP(), times[index])
             if on_frame is not None and not stops:
                 try:
@@ -90,9 +88,7 @@ def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
         temporary.mkdir(parents=True)
         for index, time in enumerate(run.times):
             surface = vtkPolyData()
-            surface.SetPoints(_points(run, index))
-            surface.SetPolys(cells)
-            _add_arrays(surface, run, index)
+            _fill_surface(surface, cells, run, index)
             writer = vtkXMLPolyDataWriter()
             writer.SetInputData(surface)
             writer.SetFileName(str(temporary / f"{index:06d}.vtp"))
@@ -115,22 +111,18 @@ def save_pvd(run: Trajectory, path: Path, on_frame: Progress | None = None) -> P
     return write_text(path, "\n".join([*lines, "</Collection>", "</VTKFile>", ""]))
 
 
-def _points(run: Trajectory, index: int) -> Any:
-    from vtkmodules.vtkCommonCore import vtkPoints
-
-    points = vtkPoints()
-    points.SetData(_vtk_array(run.positions[index]))
-    return points
-
-
-def _add_arrays(surface: Any, run: Trajectory, index: int) -> None:
-    """Add the displacement of the vertices and the fields of the triangles, each with its unit.
+def _fill_surface(surface: Any, cells: Any, run: Trajectory, index: int) -> None:
+    """A frame's positions and triangles, displacement of the vertices and fields of the triangles, with their units.
 
     VTK's XML files keep units as information of an array; VTKHDF files keep no such information, so that both name them
     in field data too, as ``NAME_unit``.
     """
-    from vtkmodules.vtkCommonCore import vtkDataArray, vtkStringArray
+    from vtkmodules.vtkCommonCore import vtkDataArray, vtkPoints, vtkStringArray
 
+    points = vtkPoints()
+    points.SetData(_vtk_array(run.positions[index]))
+    surface.SetPoints(points)
+    surface.SetPolys(cells)
     moved = run.positions[index] - run.rest_positions.astype(run.positions.dtype)
     arrays = [("displacement", run.units.of("m"), moved, surface.GetPointData())]
     arrays += [

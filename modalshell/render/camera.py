@@ -54,10 +54,6 @@ class Camera:
         reach = self.slope * np.maximum(self.distance - local[:, 2], 1e-9)
         return np.column_stack([local[:, 0] / (reach * self.aspect), local[:, 1] / reach, local[:, 2]])
 
-    def facing(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the directions from points (n, 3) to the camera, shape (n, 3), not normalised."""
-        return np.asarray(self.position - points, dtype=np.float64)
-
 
 def camera_axes(direction: ArrayLike) -> NDArray[np.float64]:
     """Build the rows right, up, backward from the direction target to camera, with z (or else y) up."""

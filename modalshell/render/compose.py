@@ -117,6 +117,7 @@ class Page:
     def _paint_bar(self, bar: ScalarColors) -> None:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import Normalize
+        from matplotlib.ticker import MaxNLocator
 
         width, height = self.size
         pad = 0.5 if bar.high == bar.low else 0.0
@@ -129,7 +130,7 @@ class Page:
         offset = colorbar.ax.yaxis.get_offset_text()
         offset.set_fontsize(0.8 * self.font)
         offset.set_horizontalalignment("left")  # else a power of ten is cut by the picture
-        colorbar.locator = _few_ticks()
+        colorbar.locator = MaxNLocator(nbins=5)
         colorbar.formatter.set_powerlimits((-3, 4))
         colorbar.update_ticks()
         if self.bar_label:
@@ -177,9 +178,3 @@ def paste(page: NDArray[np.uint8], corner: tuple[int, int], image: NDArray[np.ui
     left, top = corner
     target = page[top : top + image.shape[0], left : left + image.shape[1]]
     target[:] = image[: target.shape[0], : target.shape[1]]
-
-
-def _few_ticks() -> Any:
-    from matplotlib.ticker import MaxNLocator
-
-    return MaxNLocator(nbins=5)

@@ -119,8 +119,7 @@ def draw_curves(
         for line in panel.lines:
             axes.axvline(line.x, color="0.25", linestyle=line.style, linewidth=1.2, label=line.label)
         axes.set_title(panel.title, fontsize=11)
-        axes.set_xlabel(panel.x_label)
-        axes.set_ylabel(panel.y_label)
+        axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
         axes.grid(alpha=0.3)
         if len(panel.curves) + len(panel.lines) > _INSIDE and not panel.legend_inside:
             axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)

@@ -82,8 +82,7 @@ def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int
 
 
 def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log", xlabel=panel.x_label, ylabel=panel.y_label)
     front = sorted((mark for mark in panel.marks if mark.front), key=lambda mark: mark.x)
     if front:
         x, y = ([getattr(mark, name) for mark in front] for name in ("x", "y"))
@@ -103,8 +102,6 @@ def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:
     axes.margins(0.1, 0.14)
     axes.grid(alpha=0.3, which="major")
     axes.set_title(panel.title, fontsize=11)
-    axes.set_xlabel(panel.x_label)
-    axes.set_ylabel(panel.y_label)
     _write_texts(axes, panel)
 
 

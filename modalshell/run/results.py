@@ -14,6 +14,7 @@ from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of
+from modalshell.triangles import area_vectors
 from modalshell.typing import Array, Progress
 
 
@@ -33,8 +34,7 @@ class _Colouring:
             moved = np.linalg.norm(np.asarray(run.positions, dtype=np.float64) - run.rest_positions, axis=2)
             return cls(moved, f"{name} [m]", "viridis")
         scalars = scalar_of(name, run.fields[name])
-        rest = run.rest_positions[run.faces]
-        areas = 0.5 * np.linalg.norm(np.cross(rest[:, 1] - rest[:, 0], rest[:, 2] - rest[:, 0]), axis=1)
+        areas = 0.5 * np.linalg.norm(area_vectors(run.rest_positions, run.faces), axis=1)
         count, corners = run.positions.shape[1], run.faces.ravel()
         around = np.bincount(corners, np.repeat(areas, 3), count)
         around[around == 0.0] = 1.0

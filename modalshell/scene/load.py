@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import os
-import re
 from pathlib import Path
 from typing import Any
 
 from modalshell.errors import SceneError
 from modalshell.plugins import load_plugins
 from modalshell.scene import tables
-from modalshell.scene.flock import FlockTable
-from modalshell.scene.flock_scene import FlockScene
+from modalshell.scene.flock import FlockScene, FlockTable
 from modalshell.scene.index_files import with_index_files
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
-from modalshell.scene.read import checked_table, chosen, read_toml, refuse_unknown_keys
+from modalshell.scene.read import checked_name, checked_table, chosen, read_toml, refuse_unknown_keys
 from modalshell.scene.scene import Scene, ShellScene
 from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
-_NAME = r"[^\W_][\w-]{0,99}"
 _REQUIRED = ("mesh", "material", "model")
 _OPTIONAL = ("supports", "energies", "loads", "constraints", "motion", "path", "flock", "output", "units")
 _TABLES = ("name", *_REQUIRED, *_OPTIONAL)
@@ -59,10 +56,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     for name in _REQUIRED:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
-    name = raw.get("name", file.stem)
-    if not isinstance(name, str) or not (re.fullmatch(_NAME, name) and len(name.encode()) <= 200):
-        allowed = "1 to 100 letters, digits, _ and -, a letter or digit first: it names the results' files"
-        raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
+    name = checked_name(file, raw)
     entries = raw.get("constraints", [])
     if not isinstance(entries, list):
         raise SceneError(f"{file}: constraints: must be a list of tables, [[constraints]] (got {entries!r:.60})")
@@ -86,12 +80,13 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         raise SceneError(
             f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
         )
-    model = chosen(file, "model", raw["model"], "name", model_tables())
+    model, sheet = chosen(file, "model", raw["model"], "name", model_tables()), raw["material"]
+    physical = isinstance(sheet, dict) and not {"young", "poisson", "thickness"}.isdisjoint(sheet)
     declared: dict[str, Any] = optional | {
         "name": name,
         "file": file,
         "mesh": _mesh_table(file, raw["mesh"]),
-        "material": _material_table(file, raw["material"]),
+        "material": checked_table(file, "material", sheet, tables.PhysicalSheet if physical else tables.Stiffnesses),
         "model": checked_table(file, "model", raw["model"], model),
     }
     constraints = tuple(
@@ -127,9 +122,3 @@ def _supports_table(file: Path, raw: Any) -> tables.Supports | tables.SupportLis
     if len(paths) > 1:
         raise SceneError(f"{file}: supports[{paths[1]}]: supports move along one path (got another at {paths[0]})")
     return tables.SupportList(entries=entries)
-
-
-def _material_table(file: Path, raw: Any) -> tables.Stiffnesses | tables.PhysicalSheet:
-    if isinstance(raw, dict) and not {"young", "poisson", "thickness"}.isdisjoint(raw):
-        return checked_table(file, "material", raw, tables.PhysicalSheet)
-    return checked_table(file, "material", raw, tables.Stiffnesses)

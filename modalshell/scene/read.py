@@ -22,6 +22,7 @@ T = TypeVar("T", bound=msgspec.Struct)
 _WORDS = {"float": "a number", "int": "an integer", "str": "a text", "bool": "true or false"}
 _WORDS |= {"array": "a list", "object": "a table"}
 _BOUNDS = {">": "above", ">=": "at least", "<": "below", "<=": "at most"}
+_NAME = r"[^\W_][\w-]{0,99}"
 _DEEPEST = 50
 """Largest nesting depth of keys in a scene file."""
 _PARAMETERS = {"count": "modes", "rotation_vectors": "rotations"}
@@ -85,6 +86,15 @@ def _refuse_unknown_keys(file: Path, path: str, raw: Any, kind: type[msgspec.Str
         if inner and isinstance(entries, list):
             for index, entry in enumerate(entries):
                 _refuse_unknown_keys(file, f"{path}.{field.name}[{index}]", entry, inner[0])
+
+
+def checked_name(file: Path, raw: dict[str, Any]) -> str:
+    """The name of the results' files: ``name`` in the file, or the file's own."""
+    name = raw.get("name", file.stem)
+    if not isinstance(name, str) or not (re.fullmatch(_NAME, name) and len(name.encode()) <= 200):
+        allowed = "1 to 100 letters, digits, _ and -, a letter or digit first: it names the results' files"
+        raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
+    return name
 
 
 def refuse_unknown_keys(file: Path, path: str, raw: dict[str, Any], allowed: Iterable[str]) -> None:

@@ -49,14 +49,11 @@ class ThreadChoice:
         self._trials, self._wait, self._left = _TRIALS, _FIRST_WAIT, _FIRST_WAIT
 
     @property
-    def undecided(self) -> bool:
-        """Whether the next step is a trial."""
-        return self._free and (self._trials > 0 or self._left <= 0)
-
-    @property
     def steps_left(self) -> int:
         """Steps until the next trial, at least one."""
-        return 1 if self.undecided else max(1, self._left) if self._free else _LONGEST_WAIT
+        if not self._free:
+            return _LONGEST_WAIT
+        return 1 if self._trials > 0 else max(1, self._left)
 
     @contextmanager
     def steps(self, count: int = 1) -> Iterator[int]:

@@ -7,7 +7,6 @@ import itertools
 import json
 import math
 import os
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,11 +20,10 @@ from modalshell.brief import brief
 from modalshell.checks import shortened, shown
 from modalshell.errors import SceneError
 from modalshell.scene.models import model_tables
-from modalshell.scene.read import checked_table, read_toml, refuse_unknown_keys
+from modalshell.scene.read import checked_name, checked_table, read_toml, refuse_unknown_keys
 from modalshell.scene.tables import Table
 
 _KEYS = ("name", "scene", "axes", "truth", "output")
-_NAME = r"[^\W_][\w-]*"
 _LARGEST = 100_000
 """Cases of one sweep at most: more is a slip in an axis."""
 
@@ -160,10 +158,7 @@ def load_sweep(path: str | os.PathLike[str]) -> Sweep:
     for key in ("scene", "axes"):
         if key not in raw:
             raise SceneError(f"{file}: {key}: missing; a sweep needs a scene and the table [axes]")
-    name = raw.get("name", file.stem)
-    if not isinstance(name, str) or not re.fullmatch(_NAME, name):
-        allowed = "letters, digits, _ and -, a letter or digit first: it names the results' files"
-        raise SceneError(f"{file}: name: must be {allowed} (got {name!r:.60})")
+    name = checked_name(file, raw)
     scene, scene_file = raw["scene"], file
     if isinstance(scene, str):
         scene_file = file.parent / scene

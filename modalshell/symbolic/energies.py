@@ -89,10 +89,6 @@ def _row(*blocks: sp.Matrix) -> LinearForm:
     return tuple(entry for block in blocks for entry in block)
 
 
-def _differentiated(measure: sp.Expr, unknowns: tuple[sp.Symbol, ...]) -> tuple[sp.Expr, ...]:
-    return tuple(sp.diff(measure, unknown) for unknown in unknowns)
-
-
 def shear() -> Energy:
     """Edge length, E_h = k_h (l - l0)^2 / l0 [choi2007, eq. 2]."""
     e = _vector("e")
@@ -106,7 +102,7 @@ def shear() -> Energy:
         formula="E_h = k_h (l - l0)^2 / l0",
         unknowns=tuple(e),
         measure=measure,
-        gradient=_differentiated(measure, tuple(e)),
+        gradient=tuple(sp.diff(measure, unknown) for unknown in e),
         squares=squares,
     )
 

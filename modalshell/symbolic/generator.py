@@ -85,12 +85,8 @@ def generate(energy: Energy) -> Kernel:
 
     count = energy.vertex_count
     arguments = ", ".join(str(unknown) for unknown in energy.unknowns)
-    loads, relative = [], []
-    for vertex in range(count):
-        loads.append(f"v{vertex} = stencils[element, {vertex}]")
-    for vertex in range(1, count):
-        relative += [f"x[v{vertex}, {axis}] - x[v0, {axis}]" for axis in range(3)]
-    call = ",\n        ".join(relative)
+    loads = [f"v{vertex} = stencils[element, {vertex}]" for vertex in range(count)]
+    relative = [f"x[v{vertex}, {axis}] - x[v0, {axis}]" for vertex in range(1, count) for axis in range(3)]
     fields = {
         "NAME": energy.name,
         "FORMULA": energy.formula,
@@ -109,7 +105,7 @@ def generate(energy: Energy) -> Kernel:
         "SQUARES": str(len(energy.squares)),
         "PRODUCTS": str(len(energy.products)),
         "LOADS": "\n    ".join(loads),
-        "RELATIVE": call,
+        "RELATIVE": ",\n        ".join(relative),
     }
     source = _TEMPLATE.read_text(encoding="utf-8")
     for key, text in fields.items():

@@ -77,7 +77,7 @@ def test_a_refusal_stays_short_whatever_the_axis_is_called(write):
         ('"loads.forces.1.total" = [[0, 0, 0]]', "", "", r"axes\.loads\.forces\.1\.total: '1' must name an entry"),
         ('"model.name.x" = [1]', "", "", r"axes\.model\.name\.x: the scene has no table 'name'"),
         (GRAVITIES, "colour = 3", "", r"colour: unknown key"),
-        (GRAVITIES, 'name = "a/b"', "", r"name: must be letters"),
+        (GRAVITIES, 'name = "a/b"', "", r"name: must be 1 to 100 letters"),
         (GRAVITIES, "truth = 3", "", r"truth: must be a table"),
         (GRAVITIES, "", "[output]\nformats = ['jpg']", r"output\.formats"),
         (GRAVITIES, "", "[output]\nvalue = 'weight'", r"output\.value: must be one of converged"),
