@@ -252,7 +252,7 @@ def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
         return mesh
     rest = ~held & ~beside
     distances, leaders = cKDTree(row).query(mesh.vertices[rest])
-    drawn[rest] += (1.0 - distances / distances.max(initial=0.0))[:, None] * moves[leaders]
+    drawn[rest] += (1.0 - distances / np.max(distances, initial=0.0))[:, None] * moves[leaders]
     try:
         even = TriangleMesh(drawn, mesh.faces)
     except MeshError:
