@@ -251,8 +251,8 @@ def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
     if moved.face_areas.min() <= 0.02 * moved.face_areas.mean():
         return mesh
     rest = ~held & ~beside
-    distances, leaders = cKDTree(row).query(mesh.vertices[rest])
-    drawn[rest] += (1.0 - distances / np.max(distances, initial=0.0))[:, None] * moves[leaders]
+    distances, leaders = (np.asarray(found) for found in cKDTree(row).query(mesh.vertices[rest]))
+    drawn[rest] += (1.0 - distances / distances.max(initial=0.0))[:, None] * moves[leaders]
     try:
         even = TriangleMesh(drawn, mesh.faces)
     except MeshError:
