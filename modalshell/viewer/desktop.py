@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from modalshell.viewer.stage import Shown, Stage, demand_opengl
 _HELP = "space: play or pause   m: next model   n: restart from rest   q: quit"
 
 
-class ShellWindow:
+class ShellWindow(ABC):
     """A stage with a line of text, redrawn by a timer.
 
     Parameters
@@ -46,8 +47,13 @@ class ShellWindow:
         self._status.set_text("upper_left", "; ".join(filter(None, [self._shown.status(), self._note])))
         self._stage.plotter.render()
 
+    @abstractmethod
+    def _advance(self) -> bool:
+        """Bring what is shown up to date; whether there is anything new."""
+
     def _on_timer(self, *_: object) -> None:
-        self.draw()
+        if self._advance():
+            self.draw()
 
     def show(self) -> None:
         """Open the window; returns when the user closes it."""
@@ -85,9 +91,11 @@ class DesktopViewer(ShellWindow):
             value = float(session.gravity[axis])
             self._slider(self._pull(axis), (-limit, limit), value, f"gravity {letter}", axis, "%.1f")
         span = (1.0, float(session.mode_limit))
-        self._modes_slider = self._slider(self._take_modes, span, session.modes, "modes", 3, "%.0f", event="end")
+        self._modes_slider = self._slider(
+            lambda value: self._switch(session.name, round(value)), span, session.modes, "modes", 3, "%.0f", event="end"
+        )
         self._model_slider = plotter.add_text_slider_widget(
-            self._take_model,
+            lambda label: self._switch(label.lower(), session.modes),
             [models()[name].name for name in self._names],
             value=self._names.index(session.name),
             pointa=(0.83, 0.12),
@@ -131,12 +139,6 @@ class DesktopViewer(ShellWindow):
 
         return pull
 
-    def _take_modes(self, value: float) -> None:
-        self._switch(self._session.name, round(value))
-
-    def _take_model(self, label: str) -> None:
-        self._switch(label.lower(), self._session.modes)
-
     def _next_model(self) -> None:
         following = (self._names.index(self._session.name) + 1) % len(self._names)
         self._switch(self._names[following], self._session.modes)
@@ -164,11 +166,11 @@ class DesktopViewer(ShellWindow):
         self._note = ""
         self._session.reset()
 
-    def _on_timer(self, *_: object) -> None:
+    def _advance(self) -> bool:
         now = time.perf_counter()
         passed, self._last = now - self._last, now
         self._session.keep_pace(passed)
-        self.draw()
+        return True
 
     def show(self) -> None:
         """Play in a window; returns when the user closes it."""
