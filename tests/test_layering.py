@@ -9,12 +9,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 ROOT = "modalshell"
 PACKAGE = REPOSITORY / ROOT
 PACKAGES = (ROOT, "studies", "paper_figures")
-FIGURES_MAY_IMPORT = (
-    "modalshell.render",
-    "modalshell.study",
-    "modalshell.compare.draw",
-    "modalshell.models.registry",
-    "modalshell.typing",
+FIGURES_MAY_IMPORT = tuple(
+    f"{ROOT}.{name}" for name in ("render", "study", "compare.draw", "models.registry", "typing")
 )
 
 # Top-level module -> the top-level modules that it imports, no more and no fewer, in the order of the pipeline: no row
