@@ -178,7 +178,7 @@ def swept_plate(family):
 
 
 def v_shape(family):
-    columns = 180 if family != "equilateral" else 156
+    columns = {"union-jack": 228, "equilateral": 156, "delaunay": 180}[family]  # 3,000 vertices at most
     return v_beam(length=0.3, width=0.02, fold=150.0, cells=(columns, 12), family=family), 0.0
 
 
@@ -192,10 +192,10 @@ def v_shape(family):
         ("swept plate", "union-jack", 0.015),
         ("swept plate", "equilateral", 0.015),
         ("swept plate", "delaunay", 0.015),
-        ("V up", "union-jack", 0.025),
+        ("V up", "union-jack", 0.02),
         ("V up", "equilateral", 0.02),
         ("V up", "delaunay", 0.02),
-        ("V down", "union-jack", 0.025),
+        ("V down", "union-jack", 0.02),
         ("V down", "equilateral", 0.02),
         ("V down", "delaunay", 0.02),
     ],
