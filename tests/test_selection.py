@@ -95,7 +95,7 @@ def test_points_have_no_parts(text):
 @pytest.mark.parametrize("chosen", [[0, 1, 1, 0], [[0, 1], [2, 3]], [True, False], [9], [0.5]], ids=repr)
 def test_entries_that_are_no_vertices_are_refused(chosen):
     square = sheet(cells=(1, 1))
-    with pytest.raises(OptionError, match="^sel "):
+    with pytest.raises(OptionError, match=r"^sel "):
         selected("sel", chosen, square)
-    with pytest.raises(SupportError, match="^clamped "):
+    with pytest.raises(SupportError, match=r"^clamped "):
         Shell(square, Material(1.0, 1.0, 1.0, 1.0), chosen)
