@@ -135,7 +135,9 @@ class ModalModel(Model):
             return differences(lambda q: force(q, share), q, basis.rotations)
 
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as no fixed point
-            found = balance(force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, begin, retry=True)
+            found = balance(
+                force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, begin, first_step=1.0, retry=True
+            )
         return self._answer(found)
 
     def _refuse_slack(self) -> None:
