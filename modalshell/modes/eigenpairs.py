@@ -34,6 +34,8 @@ _FALSE_STIFFNESS = 0.5
 _LOOSE = 1e-6
 """Share of the largest strain energy below which a mode is loose, and its eigenvalue is rounding with good reason."""
 
+_ROUNDING = 1e-12
+"""Shift of a singular matrix, as a share of its largest diagonal entry."""
 _LANCZOS_FROM = 30
 """Unknowns from which Lanczos has room."""
 
@@ -208,7 +210,13 @@ def nearest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factor
         values, vectors = _small_pairs(scaled, root)
         nearest = int(np.abs(values).argmin())
         return float(values[nearest]), vectors[:, nearest]
-    return _nearest(_condensed(factoriser, scaled, root.size), root)
+    try:
+        return _nearest(_condensed(factoriser, scaled, root.size), root)
+    except SolverError:  # exactly at a critical point it is singular
+        diagonal = scaled.diagonal()
+        shift = _ROUNDING * float(np.abs(diagonal).max())
+        scaled.setdiag(diagonal + np.where(np.arange(diagonal.size) < root.size, shift, 0.0))
+        return _nearest(_condensed(factoriser, scaled, root.size), root, shift)
 
 
 def _small_pairs(scaled: sps.csc_array, root: Array) -> tuple[Array, Array]:
