@@ -32,6 +32,7 @@ from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
 from studies.pages import number
 from studies.path_coordinates import Atlas, PathChart, make_chart
+from studies.progress import counted
 from studies.snap import v_beam
 
 FIGURES = ("path_chart",)
@@ -63,21 +64,16 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     named = named_loads(shell)
     exact = ms.DiscreteShell(shell)
     rows: dict[str, list[dict[str, Any]]] = {FAMILY: [], OTHERS: []}
-    for done, (kind, load) in enumerate(tasks, start=1):
+    for kind, load in counted(tasks, on_step):
         rows[kind].append(asked(shell, exact, models, load))
-        if on_step is not None:
-            on_step(done, len(tasks))
-    told = []
-    for name, load in named.items():
-        row = asked(shell, exact, models, load)
-        told.append({"load": name, "errors": row["errors"]})
+    by_name = [{"load": name, "errors": asked(shell, exact, models, load)["errors"]} for name, load in named.items()]
     summary = [summed(name, prepared.get(name, 0.0), rows) for name in (*models, "DS")]
     for where in ("ms", "minutes"):
         for row in summary:
             row[f"front_{where}"] = on_front(row, summary, where)
     found = {
         "rows": summary,
-        "named": told,
+        "named": by_name,
         "states": [both_sides(shell, exact, chart, gravity) for gravity in SWEEP],
         "cells": "{}x{}".format(*cells),
         "coarse": "{}x{}".format(*small),
