@@ -142,7 +142,7 @@ def v_beam(index: int, gammas: Sequence[float], coarse: bool) -> Scene:
 def swept(coarse: bool) -> Scene:
     """A swept plate, clamped at its root; the corners of its tip are compared."""
     case = json.loads(Path(__file__).with_name("identification.json").read_text(encoding="utf-8"))["swept"]
-    mesh, corners = swept_mesh(case, 9 if coarse else 24)
+    mesh, corners = swept_mesh(case, 9 if coarse else 36)
 
     def error(positions: np.ndarray, load: int) -> float:
         seen = np.array(case["positions"][load])
