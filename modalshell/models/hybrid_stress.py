@@ -300,13 +300,7 @@ class HybridStress(Model):
         spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
         hessian = differences(lambda z: self._energy(z)[1], z)
         constants = forces_by_constants(small, self._reduced, self._trained.stresses, z)
-
-        def by_constant(name: str) -> Array:
-            if name not in constants:
-                raise OptionError(f"the coarse shell has no one {name} above 0 for its whole mesh: take DS")
-            return constants[name]
-
-        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), by_constant)
+        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
         return tangent.derivative(wrt, of)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
