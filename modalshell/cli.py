@@ -80,6 +80,7 @@ def tradeoff(
         Path | None, Parameter(help="Outside solution under the whole load: .npz with 'positions', or a mesh file.")
     ] = None,
     modes: Annotated[tuple[int, ...], Parameter(help="Mode counts.")] = MODES,
+    engines: Annotated[bool, Parameter(help="Ask other engines, too: CalculiX, MuJoCo, Newton.", negative="")] = False,
     out: Annotated[Path, Parameter(help="Folder of tables and pictures.")] = Path("results"),
 ) -> None:
     """Measure every model that a scene allows: its error against DS (discrete shells) and its cost per frame.
@@ -90,7 +91,7 @@ def tradeoff(
     """
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
-        found = ms.tradeoff(scene, truth=truth, modes=modes, on_step=on_step)
+        found = ms.tradeoff(scene, truth=truth, modes=modes, engines=engines, on_step=on_step)
     print(found.table(), *found.save(out), sep="\n")
 
 

@@ -92,14 +92,19 @@ def drops(strip: ms.Shell, found: ms.Fit, data: dict[str, Any]) -> list[float]:
     return [-float(body.equilibrium(gravity=pull).positions[tip, 2].mean()) for pull in pulls]
 
 
-def swept_corners(case: dict[str, Any], along: int) -> ms.Fit:
-    """The modulus of a swept plate from where the corners of its tip go."""
+def swept_mesh(case: dict[str, Any], along: int) -> tuple[ms.TriangleMesh, list[int]]:
+    """The swept plate, and the corners of its tip."""
     flat = ms.sheet(length=case["length"], width=case["chord"], cells=(along, along // 3))
     vertices = np.array(flat.vertices)
     first, second = np.array(case["corners"])
     vertices[:, 1] += 0.5 * (first[1] + second[1]) / case["length"] * vertices[:, 0] - flat.vertices[:, 1].mean()
-    mesh = ms.TriangleMesh(vertices, flat.faces)
     near = [int(np.linalg.norm(vertices - corner, axis=1).argmin()) for corner in (first, second)]
+    return ms.TriangleMesh(vertices, flat.faces), near
+
+
+def swept_corners(case: dict[str, Any], along: int) -> ms.Fit:
+    """The modulus of a swept plate from where the corners of its tip go."""
+    mesh, near = swept_mesh(case, along)
     order = np.argsort(near)
     seen = np.array(case["positions"])[:, order]
     shell = ms.Shell(mesh, sheet(case), mesh.vertices[:, 0] < 1e-9)

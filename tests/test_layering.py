@@ -78,6 +78,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     },
     "springs": {"brief", "checks", "errors", "kernels", "mesh", "page", "shell", "supports", "typing"},
     "doctor": {"errors", "modes", "render"},
+    "engines": {"brief", "errors", "mesh", "modes", "shell", "supports", "typing"},
     "statics": {
         "brief",
         "checks",
@@ -210,6 +211,7 @@ MAY_IMPORT: dict[str, set[str]] = {
         "atomic_io",
         "brief",
         "checks",
+        "engines",
         "errors",
         "integrators",
         "measure",

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.compare.engines import engine_marks
 from modalshell.models.registry import TRUTH, models
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
@@ -40,6 +41,7 @@ def pareto_panel(found: dict[str, Any], title: str) -> ParetoPanel:
             error = 100.0 * max(row[key], _FLOOR)
             text = row["size"] or name
             marks.append(Mark(row["frame_ms"], error, name, text, row["front"], spec.color, spec.marker))
+    marks += engine_marks(found.get("engines", []), _FLOOR)
     label = "worst displacement error [%]" if key == "worst_error" else "error against the outside solution [%]"
     return ParetoPanel(marks, title, y_label=label, truth=truth)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 
 from modalshell.atomic_io import read_npz, write_text
 from modalshell.brief import brief
-from modalshell.checks import checked_count, checked_vectors, shortened, shown, vector_count
+from modalshell.checks import checked_count, checked_kind, checked_vectors, shortened, shown, vector_count
 from modalshell.compare.candidates import MODES, candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.draw import draw_fronts, draw_shapes
+from modalshell.compare.engines import engine_lines, engine_rows
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import html_table, markdown_table
 from modalshell.compare.runs import Measurement, measure_row
@@ -63,6 +64,8 @@ class Tradeoff:
         The vertex that DS moves most.
     outside : ndarray, shape (n, 3), or None
         The outside solution, if one was given [m].
+    engines : list of dict
+        Outcome, error and cost of every other engine, if they were asked for.
     """
 
     case: Case
@@ -71,6 +74,7 @@ class Tradeoff:
     left_out: dict[str, str]
     tip: int
     outside: Array | None = field(default=None, repr=False)
+    engines: list[dict[str, Any]] = field(default_factory=list)
 
     def error_of(self, row: Measurement) -> float | None:
         """The error that rungs are judged by: the worst over the load range, or against the outside solution."""
@@ -100,11 +104,12 @@ class Tradeoff:
             "snap": None if self.path.snap is None else str(self.path.snap),
             "rows": [{name: getattr(row, name) for name in _FINDINGS} | {"front": row in front} for row in self.rows],
             "left_out": self.left_out,
+            "engines": self.engines,
         }
 
     def table(self) -> str:
         """The rows as a Markdown table, cheapest frame first; those of the Pareto front in bold."""
-        return markdown_table(self.findings())
+        return "\n".join([markdown_table(self.findings()), *engine_lines(self.engines)])
 
     def plot(self) -> Picture:
         """Draw error over milliseconds per frame; a notebook shows the picture, and ``save(path)`` writes it."""
@@ -136,6 +141,7 @@ def tradeoff(
     modes: Sequence[int] = MODES,
     loads: Sequence[float] = LOADS,
     truth: ArrayLike | str | os.PathLike[str] | None = None,
+    engines: bool = False,
     on_step: Progress | None = None,
 ) -> Tradeoff:
     """Run every rung that a scene allows, at several mode counts, against DS over the load range.
@@ -161,6 +167,10 @@ def tradeoff(
     truth : array_like, shape (n, 3), or path, optional
         An external solution under the whole load [m]: positions, an ``.npz`` file with ``positions``, or a mesh file
         with the same vertices in the same order. Rungs, DS among them, are then judged by it.
+    engines : bool
+        Whether other engines answer the whole load, too, each in a process of its own: CalculiX, MuJoCo's flex and
+        Newton's VBD, in the Python that the environment variable ``MODALSHELL_ENGINES`` names, or in this one. What is
+        missing is named, with how to get it.
     on_step : callable, optional
         Called with the models done and their total.
 
@@ -181,8 +191,13 @@ def tradeoff(
     factors = checked_factors(loads)
     modes = checked_counts(modes)
     outside = None if truth is None else outside_positions(truth, case.shell)
+    asked = checked_kind("engines", engines, bool)
     warm_up()
-    return _measured(case, modes, factors, outside, on_step)
+    found = _measured(case, modes, factors, outside, on_step)
+    if not asked:
+        return found
+    whole = found.path.answers[-1].positions if found.path.known[-1] == len(factors) - 1 else None
+    return replace(found, engines=engine_rows(case, whole if outside is None else outside, on_step))
 
 
 def _measured(

@@ -208,6 +208,16 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
 
 
 @njit
+def neighbour_sums(starts: Any, neighbours: Any, numbers: Any) -> Any:
+    """Sum (n,) of the unsigned ``numbers`` of each vertex's neighbours, modulo 2^64."""
+    sums = np.zeros_like(numbers)
+    for i in range(len(numbers)):
+        for e in range(starts[i], starts[i + 1]):
+            sums[i] += numbers[neighbours[e]]
+    return sums
+
+
+@njit
 def distances(starts: Index, neighbours: Index, vertex: int) -> Index:
     """Edges (n,) on the shortest way from a vertex; n to another part of a graph that is not connected."""
     n = len(starts) - 1

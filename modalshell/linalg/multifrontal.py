@@ -10,6 +10,9 @@ from modalshell.kernels.compiler import njit
 from modalshell.linalg.blas import GEMM, GEMV, POTRF, SYRK, TRSM, TRSV, address, call
 from modalshell.typing import Array, Index
 
+_CACHED = 2**17
+"""Numbers of the widest update that is formed in a buffer of its own: 1 MB, what a second cache holds."""
+
 
 @njit
 def factorise(
@@ -33,16 +36,17 @@ def factorise(
     """Factorise into ``values``; returns -1, or the first unknown, in elimination order, whose pivot is not positive.
 
     Each supernode's panel holds its columns of L, column-major; its entries of the matrix are ``data[sources]`` from
-    ``entries[s]`` on. Its update matrix is formed in ``work``, which has room for the widest (below, below), and waits
-    for its parent, the lower triangle packed, on a stack that grows down from the end of ``values``, where no panel is
-    yet: children are contiguous in postorder, so that a supernode finds theirs on top.
+    ``entries[s]`` on. Its update matrix is formed in ``work``, which stays in the processor's cache, or where that is
+    too small behind the panel. It waits for its parent, the lower triangle packed, on a stack that grows down from the
+    end of ``values``, where no panel is yet: children are contiguous in postorder, so that a supernode finds theirs on
+    top.
     """
     lower, no = address(letters), address(letters) + 1
     transposed, right = address(letters) + 2, address(letters) + 3
     p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
     p_info = address(numbers) + 12
     p_one, p_minus, p_zero = (address(scalars), address(scalars) + 8, address(scalars) + 16)
-    base, own = address(values), address(work)
+    base, cached = address(values), address(work)
     count = len(parent)
     begins = np.empty(count, np.int64)  # of the updates on the stack
     waiting = np.empty(count, np.int64)
@@ -55,10 +59,16 @@ def factorise(
         values[panel : panels[s + 1]] = 0.0
         for e in range(entries[s], entries[s + 1]):
             values[places[e]] = data[sources[e]]
+        small = below * below <= len(work)
+        update = 0 if small else panels[s + 1]
         has_children = depth > 0 and parent[waiting[depth - 1]] == s
         if has_children:
             for j in range(below):
-                work[j * below + j : (j + 1) * below] = 0.0
+                begin = update + j * below
+                if small:
+                    work[begin + j : begin + below] = 0.0
+                else:
+                    values[begin + j : begin + below] = 0.0
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
             child, source = waiting[depth], begins[depth]
@@ -71,16 +81,22 @@ def factorise(
                 column = targets[run] + j - runs[run]
                 if column < width:
                     _add_column(values, source - j, j, run, found, runs, targets, values, panel + column * height)
-                else:
+                elif small:
                     begin = (column - width) * below - width
                     _add_column(values, source - j, j, run, found, runs, targets, work, begin)
+                else:
+                    begin = update + (column - width) * below - width
+                    _add_column(values, source - j, j, run, found, runs, targets, values, begin)
                 source += size - j
             top = source
         if width == 1:  # arithmetic that calls would cost more than
             if not values[panel] > 0.0:
                 return int(first[s] * block)
             top -= below * (below + 1) // 2
-            _eliminate_one(values, panel, below, work, has_children, top)
+            if small:
+                _eliminate_one(values, panel, below, work, 0, has_children, top)
+            else:
+                _eliminate_one(values, panel, below, values, update, has_children, top)
             if below > 0:
                 waiting[depth], begins[depth] = s, top
                 depth += 1
@@ -92,6 +108,7 @@ def factorise(
             return int(first[s] * block + numbers[3] - 1)
         if below > 0:
             under = at + 8 * width
+            own = cached if small else base + 8 * update
             call(
                 addresses[TRSM], (right, lower, transposed, no, p_below, p_width, p_one, at, p_height, under, p_height)
             )
@@ -102,7 +119,11 @@ def factorise(
             depth += 1
             target = top
             for j in range(below):
-                values[target : target + below - j] = work[j * below + j : (j + 1) * below]
+                begin = update + j * below
+                if small:
+                    values[target : target + below - j] = work[begin + j : begin + below]
+                else:
+                    values[target : target + below - j] = values[begin + j : begin + below]
                 target += below - j
     return -1
 
@@ -136,7 +157,9 @@ def _add_column(
 
 
 @njit
-def _eliminate_one(values: Array, panel: int, below: int, work: Array, has_children: bool, top: int) -> None:
+def _eliminate_one(
+    values: Array, panel: int, below: int, work: Array, update: int, has_children: bool, top: int
+) -> None:
     """Eliminate one unknown, and put its packed update at ``top``: what it adds to that of children in ``work``."""
     values[panel] = np.sqrt(values[panel])
     inverse = 1.0 / values[panel]
@@ -147,7 +170,7 @@ def _eliminate_one(values: Array, panel: int, below: int, work: Array, has_child
     for j in range(below):
         size, under, entry = np.uintp(below - j), column + np.uintp(j), -values[panel + 1 + j]
         if has_children:
-            own = np.uintp(j * below + j)
+            own = np.uintp(update + j * below + j)
             for i in range(size):
                 values[target + i] = work[own + i] + entry * values[under + i]
         else:
@@ -237,13 +260,17 @@ def solve(
 
 @njit
 def storage(first: Index, row_starts: Index, parent: Index, panels: Index, block: int) -> tuple[int, int]:
-    """How many numbers :func:`factorise` needs for the panels so far and the updates that wait, and as ``work``."""
+    """How many numbers :func:`factorise` needs for panels, updates and those that wait, and as ``work``."""
     most, widest, top, depth = 0, 0, 0, 0
     sizes = np.empty(len(parent), np.int64)
     waiting = np.empty(len(parent), np.int64)
     for s in range(len(parent)):
         below = (row_starts[s + 1] - row_starts[s] - (first[s + 1] - first[s])) * block
-        most, widest = max(most, panels[s + 1] + top), max(widest, below)
+        if below * below <= _CACHED:
+            widest, behind = max(widest, below), panels[s + 1]
+        else:
+            behind = panels[s + 1] + below * below
+        most = max(most, behind + top)
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
             top -= sizes[depth]
@@ -251,5 +278,5 @@ def storage(first: Index, row_starts: Index, parent: Index, panels: Index, block
             waiting[depth], sizes[depth] = s, below * (below + 1) // 2
             depth += 1
             top += below * (below + 1) // 2
-            most = max(most, panels[s + 1] + top)
-    return most, widest**2
+            most = max(most, behind + top)
+    return most, widest * widest

@@ -65,8 +65,8 @@ def _indistinguishable(graph: sps.csr_array) -> Index:
     """
     size = graph.shape[0]
     numbers = np.random.default_rng(0).integers(2**63, size=size, dtype=np.uint64)
-    totals = np.concatenate([np.zeros(1, np.uint64), np.cumsum(numbers[graph.indices])])
-    _, first, group = np.unique(np.diff(totals[graph.indptr]), return_index=True, return_inverse=True)
+    sums = analysis.neighbour_sums(graph.indptr, graph.indices, numbers)
+    _, first, group = np.unique(sums, return_index=True, return_inverse=True)
     if first.size > _GROUPED * size:
         return np.arange(size)
     rank = np.empty(first.size, np.int64)

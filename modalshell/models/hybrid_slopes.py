@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from modalshell.errors import OptionError
 from modalshell.reduction.assumed_stress import Quadratic, ReducedStress
 from modalshell.reduction.assumed_stress_step import evaluate
 from modalshell.shell import Shell
@@ -24,7 +25,7 @@ def differences(function: Callable[[Array], Array], z: Array) -> Array:
     return np.stack([np.asarray(column) for column in columns], axis=1)
 
 
-def forces_by_constants(shell: Shell, reduced: ReducedStress, stresses: Array, z: Array) -> dict[str, Array]:
+def forces_by_constants(shell: Shell, reduced: ReducedStress, stresses: Array, z: Array) -> Callable[[str], Array]:
     """Derivatives (m,) of minus the energy's gradient at z by the constants of a coarse shell that are one number.
 
     The membrane's energy is ``d . A^-1 d / 2`` with the complementary energy ``A_kl = sum_e s_ek s_el / (2 w_e)``, the
@@ -42,7 +43,13 @@ def forces_by_constants(shell: Shell, reduced: ReducedStress, stresses: Array, z
     if known.get("flexure"):
         stiffer = reduced._replace(flat=2.0 * reduced.flat, roots=np.sqrt(2.0) * reduced.roots)
         found["flexure"] = (_gradient(reduced, z) - _gradient(stiffer, z)) / known["flexure"]
-    return found
+
+    def by_constant(name: str) -> Array:
+        if name not in found:
+            raise OptionError(f"the coarse shell has no one {name} above 0 for its whole mesh: take DS")
+        return found[name]
+
+    return by_constant
 
 
 def _measures(quadratic: Quadratic, z: Array) -> tuple[Array, Array]:

@@ -65,8 +65,7 @@ class HybridStress(Model):
     :mod:`modalshell.reduction.assumed_stress`. Loads that the basis misses, states whose membrane the stresses do not
     see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they may be. Damping by the
     stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
-    far are damped most.
-    ``residual`` of statics is the reduced gradient over the load's.
+    far are damped most. ``residual`` of statics is the reduced gradient over the load's.
 
     Use :meth:`trained` or :meth:`load`.
 
@@ -301,13 +300,7 @@ class HybridStress(Model):
         spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
         hessian = differences(lambda z: self._energy(z)[1], z)
         constants = forces_by_constants(small, self._reduced, self._trained.stresses, z)
-
-        def by_constant(name: str) -> Array:
-            if name not in constants:
-                raise OptionError(f"the coarse shell has no one {name} above 0 for its whole mesh: take DS")
-            return constants[name]
-
-        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), by_constant)
+        tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
         return tangent.derivative(wrt, of)
 
     def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
@@ -390,16 +383,9 @@ def trainable(coarse: Shell) -> Shell:
 
 
 def trained_on_load(
-    shell: Shell,
-    coarse: Shell,
-    load: Array,
-    *,
-    modes: int = 32,
-    motions: int = 40,
-    seed: int = 0,
-    error: float | None = None,
-    on_step: Progress | None = None,
-) -> HybridStress:
+    shell: Shell, coarse: Shell, load: Array, *, modes: int = 32, motions: int = 40, seed: int = 0,
+    error: float | None = None, on_step: Progress | None = None,
+) -> HybridStress:  # fmt: skip
     """The rung trained about a load (n, 3) [N]; see :meth:`HybridStress.trained`."""
     down = CoarseDiscreteShell(shell, trainable(coarse)).restrict(load)
     return HybridStress(shell, coarse, train(coarse, down, modes, motions, seed, on_step, error))

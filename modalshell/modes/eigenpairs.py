@@ -33,16 +33,14 @@ _FALSE_STIFFNESS = 0.5
 """Largest fraction of the lowest eigenvalue that rounding may give to rigid motions; more can lose a mode."""
 _LOOSE = 1e-6
 """Share of the largest strain energy below which a mode is loose, and its eigenvalue is rounding with good reason."""
-
+_ROUNDING = 1e-12
+"""Shift of a singular matrix, as a share of its largest diagonal entry."""
 _LANCZOS_FROM = 30
 """Unknowns from which Lanczos has room."""
-
 _GLANCE = 1e-3
 """Tolerance of a first look for missed modes; what lies no further above the last mode is looked at closely."""
-
 _CLOSELY = 1e-9
 """Tolerance next to known modes: inside a repeated eigenvalue the last digits need not converge."""
-
 _RESTARTS = 100
 """Restarts after which a mode that has not converged is sought again without the others."""
 
@@ -208,7 +206,12 @@ def nearest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factor
         values, vectors = _small_pairs(scaled, root)
         nearest = int(np.abs(values).argmin())
         return float(values[nearest]), vectors[:, nearest]
-    return _nearest(_condensed(factoriser, scaled, root.size), root)
+    try:
+        return _nearest(_condensed(factoriser, scaled, root.size), root)
+    except SolverError:  # exactly at a critical point it is singular
+        shift = _ROUNDING * float(np.abs(scaled.diagonal()).max())
+        scaled.setdiag(scaled.diagonal() + shift * (np.arange(scaled.shape[0]) < root.size))
+        return _nearest(_condensed(factoriser, scaled, root.size), root, shift)
 
 
 def _small_pairs(scaled: sps.csc_array, root: Array) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from modalshell.kernels import split_folds as kernels
 from modalshell.kernels.generated import flexure
 from modalshell.mesh import TriangleMesh
+from modalshell.shell import smoothed_membrane as membrane
 from modalshell.shell.constant_slopes import SlopesByPoisson, rates_by_constant
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, MIXED, PROJECTED, ElasticEnergy, Part
 from modalshell.shell.elements import ElementSet, ElementSum
@@ -23,13 +24,6 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
 from modalshell.shell.slopes import HeldSlopes
-from modalshell.shell.smoothed_membrane import (
-    SHARP,
-    membrane_elements,
-    membrane_matrix,
-    plane_stress,
-    strained_elements,
-)
 from modalshell.shell.split_folds import split_folds
 from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
@@ -96,12 +90,12 @@ class SplitFoldEnergy(ElasticEnergy):
         state = self._measured(rest)
         self._rest_angles, self._rest_squares = state.folds, state.stretches
         self._rest_angles[self._mirrors.places] *= 2.0
-        smooth = np.abs(self._rest_angles[self._mirrors.places]) <= SHARP
+        smooth = np.abs(self._rest_angles[self._mirrors.places]) <= membrane.SHARP
         mirrored = self._mirrors.edges(mesh)[smooth]
-        self._strained = strained_elements(mesh, held, angles, mirrored)
+        self._strained = membrane.strained_elements(mesh, held, angles, mirrored)
         self._by_poisson: SlopesByPoisson | None = None
-        self._membrane = membrane_elements(self._strained, plane_stress(stiffness, poisson))
-        self._tension = membrane_matrix(self._membrane, len(self._edges))
+        self._membrane = membrane.membrane_elements(self._strained, membrane.plane_stress(stiffness, poisson))
+        self._tension = membrane.membrane_matrix(self._membrane, len(self._edges))
 
     def _points(self, x: Array) -> Array:
         return self._mirrors.placed(np.vstack([x, self._folds.ghosts]))
@@ -278,7 +272,7 @@ class SplitFoldEnergy(ElasticEnergy):
         edges = np.unique(np.concatenate([e.edges.ravel() for e in own]))
         other._membrane = [replace(e, edges=np.searchsorted(edges, e.edges)) for e in own]
         other._edges = np.ascontiguousarray(np.searchsorted(vertices, self._edges[edges]))
-        other._tension = membrane_matrix(other._membrane, edges.size)
+        other._tension = membrane.membrane_matrix(other._membrane, edges.size)
         other._rest_angles, other._rest_squares = self._rest_angles[hinges], self._rest_squares[edges]
         other._further = self._further.renumbered(chosen[3:], factors[3:], vertices)
         return Part(other, vertices)

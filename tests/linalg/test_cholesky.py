@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import modalshell as ms
-from modalshell.linalg import CholeskyAnalysis, NotPositiveDefiniteError
+from modalshell.linalg import CholeskyAnalysis, NotPositiveDefiniteError, multifrontal
 
 
 def random_definite(size, density, seed, block=1):
@@ -154,3 +154,30 @@ def test_a_factor_survives_pickling():
 def test_nothing_at_all_is_solved():
     empty = sps.csc_array((0, 0))
     assert CholeskyAnalysis(empty).factorise(empty).solve(np.empty(0)).shape == (0,)
+
+
+@pytest.mark.parametrize("sizes", [(0, 1), (12, 30), (90, 90)], ids=["single", "narrow", "wide"])
+def test_updates_wider_than_their_buffer_are_formed_behind_the_panel(sizes):
+    # Two parts touch 400 unknowns each of the 800 that are dense among themselves: updates of 400 x 400 numbers. Each
+    # has a child, which does not touch an eighth of them.
+    touched, count = 400, 2 * (sizes[0] + sizes[1])
+    assert touched**2 > multifrontal._CACHED
+    pattern = np.zeros((count + 2 * touched, count + 2 * touched))
+    pattern[count:, count:] = 1.0
+    for half in range(2):
+        begin, end = half * count // 2, (half + 1) * count // 2
+        front = slice(count + half * touched, count + (half + 1) * touched)
+        leaf = slice(begin, begin + sizes[0])
+        pattern[begin:end, begin:end] = 1.0
+        pattern[begin:end, front] = pattern[front, begin:end] = 1.0
+        skipped = slice(front.start, front.start + touched // 8)  # so that the leaf is a supernode of its own
+        pattern[leaf, skipped] = pattern[skipped, leaf] = 0.0
+    rng = np.random.default_rng(count)
+    values = np.triu(pattern * rng.uniform(-1.0, 1.0, pattern.shape))
+    values += values.T
+    values += np.diag(np.abs(values).sum(axis=1))
+    matrix = sps.csc_array(values)
+    right_sides = rng.standard_normal((len(values), 2))
+    found = CholeskyAnalysis(matrix).factorise(matrix).solve(right_sides)
+    exact = np.linalg.solve(values, right_sides)
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())

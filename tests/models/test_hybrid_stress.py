@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snapping_loads
 
 import modalshell as ms
 from modalshell.models.hybrid_training import GROWING, Trained
@@ -208,3 +209,42 @@ def test_wrong_uses_are_refused():
     sheet = ms.Shell(shell.mesh, ms.Isotropic(1e6, 0.3, 1e-3, 100.0), shell.clamped)
     with pytest.raises(ms.OptionError, match=r"ms\.Isotropic"):
         ms.HybridStress.trained(sheet, gravity=(0, 0, -1))
+
+
+@pytest.mark.slow
+def test_trained_on_a_coarse_shell_it_is_near_the_fine_one_through_the_snap():
+    """m = 32, none of the loads in training: 3 % in motion, 2 % at rest after the snap."""
+    fine = snapping_beam(150.0, (80, 16))
+    hybrid = ms.HybridStress.trained(fine, gravity=(0, 0, -70), coarse=coarse_beam(fine, 150.0, (40, 8)))
+    truth = ms.DiscreteShell(fine, step_tolerance=1e-4)
+    for load in snapping_loads(fine, 70.0):
+        exact = frames_through(truth, load, ms.Damping(*DAMPING))
+        assert exact[:30, :, 2].min() < -0.7
+        assert motion_error(fine, frames_through(hybrid, load, ms.Damping(*DAMPING)), exact) < 0.03
+    near_at_rest(fine, hybrid, (55.0, 70.0), 0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fold", "width", "gravities"),
+    [(160.0, 0.2, (30.0, 45.0)), (140.0, 0.2, (80.0, 130.0)), (150.0, 0.3, (80.0, 130.0))],
+)
+def test_other_folds_and_flanges_are_as_near_at_rest_after_their_snap(fold, width, gravities):
+    fine = snapping_beam(fold, (80, round(80 * width)), width=width)
+    coarse = coarse_beam(fine, fold, (40, round(40 * width)), width=width)
+    hybrid = ms.HybridStress.trained(fine, gravity=(0, 0, -gravities[-1]), coarse=coarse)
+    near_at_rest(fine, hybrid, gravities, 0.04)
+
+
+def near_at_rest(fine, hybrid, gravities, limit):
+    """Statics after the snap, downwards and, under the greatest load, 15 degrees aside."""
+    tilt = np.radians(15.0)
+    loads = [(0.0, 0.0, -gravity) for gravity in gravities]
+    loads.append((0.0, gravities[-1] * np.sin(tilt), -gravities[-1] * np.cos(tilt)))
+    truth = ms.DiscreteShell(fine)
+    for gravity in loads:
+        exact, answer = (model.equilibrium(gravity=gravity) for model in (truth, hybrid))
+        assert exact.converged
+        assert exact.positions[:, 2].min() < -0.55
+        assert "trained on" in answer.message  # not by the coarse shell
+        assert ms.measure.displacement_error(answer.positions, exact.positions, fine) < limit

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sps
 from scenes import PLAIN, SHELLS, cantilever
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, leaf, sheet, solve_modes, v_beam
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.modes import BACKENDS, eigenpairs
+from modalshell.modes import BACKENDS, Factoriser, eigenpairs, nearest_tangent_mode
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.rigid import rigid_motions
 
@@ -334,3 +335,13 @@ def test_needles_keep_their_modes_or_are_refused(dense_below, monkeypatch):
     for aspect in (1e5, 1e6):
         with pytest.raises(SolverError):
             solve_modes(needle_strip(aspect), 3)
+
+
+def test_the_mode_nearest_to_zero_of_an_exactly_singular_matrix():
+    shell = cantilever((10, 2))
+    matrix = sps.csc_array(shell.stiffness()[shell.free_unknowns][:, shell.free_unknowns])
+    matrix.data[matrix.indices == 7] = 0.0
+    matrix.data[matrix.indptr[7] : matrix.indptr[8]] = 0.0
+    value, direction = nearest_tangent_mode(shell, matrix, Factoriser())
+    assert abs(value) < 1e-6 * solve_modes(shell, 1).eigenvalues[0]
+    assert np.abs(np.delete(direction, 7)).max() < 1e-6 * abs(direction[7])

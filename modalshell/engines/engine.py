@@ -1,0 +1,103 @@
+"""Engines other than this package, and the processes that run their adapters."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, final
+
+ADAPTERS = Path(__file__).with_name("adapters")
+SECONDS = 600.0
+"""Time after which an engine is stopped."""
+_ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+
+
+@final
+@dataclass(frozen=True, eq=False)  # by identity, as its options cannot be hashed
+class Engine:
+    """An engine other than this package.
+
+    Attributes
+    ----------
+    key : str
+        Name of its adapter.
+    name : str
+        What tables call it.
+    install : str
+        How to get it.
+    limits : str
+        What it cannot express by its own documents.
+    options : dict
+        What its adapter takes in addition to the case.
+    moves : bool
+        Whether it steps in time, so that an answer is where motion comes to rest.
+    has_turns : bool
+        Whether its vertices have turns, so that it clamps an edge by itself; otherwise it gets mirror images of the
+        triangles along a clamped edge, which are held.
+    calibrated : bool
+        Whether its modulus is calibrated on the drop of a strip, and checked on another.
+    """
+
+    key: str
+    name: str
+    install: str
+    limits: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    moves: bool = True
+    has_turns: bool = False
+    calibrated: bool = False
+
+
+_FLEX = {"limit": 60.0}
+ENGINES = (
+    Engine("calculix", "CalculiX S6", "apt-get install calculix-ccx", moves=False, has_turns=True),
+    Engine(
+        "mujoco_flex",
+        "MuJoCo flex",
+        "pip install mujoco",
+        limits="its bending has a stiffness of its own at the modulus that its documents name",
+        options=_FLEX,
+    ),
+    Engine("mujoco_flex", "MuJoCo flex, calibrated modulus", "pip install mujoco", options=_FLEX, calibrated=True),
+    Engine(
+        "newton_vbd",
+        "Newton VBD, 20 iterations a step",
+        "pip install newton",
+        limits="20 iterations a step do not reach the equilibrium of a stiff membrane",
+        options={"limit": 60.0, "iterations": 20},
+    ),
+)
+
+
+def ask(engine: Engine, case: dict[str, Any]) -> dict[str, Any]:
+    """An adapter's answer to a case, or ``{"outcome": why there is none}``.
+
+    Adapters run on one thread, in the Python that the environment variable ``MODALSHELL_ENGINES`` names, or in this.
+    """
+    python = os.environ.get("MODALSHELL_ENGINES", sys.executable)
+    command = [python, str(ADAPTERS / f"{engine.key}.py")]
+    try:
+        told = subprocess.run(
+            command,
+            input=json.dumps(case),
+            capture_output=True,
+            text=True,
+            timeout=SECONDS,
+            check=False,
+            env={**os.environ, **_ONE_THREAD},
+        )
+    except subprocess.TimeoutExpired:
+        return {"outcome": f"stopped after {SECONDS:g} s"}
+    except OSError as error:
+        return {"outcome": f"did not start: {error.strerror}"}
+    lines = told.stdout.strip().splitlines()
+    if told.returncode == 0 and lines:
+        return dict(json.loads(lines[-1]))
+    last = (told.stderr.strip().splitlines() or ["no message"])[-1]
+    if "No module named" in last or "No program named" in last:
+        return {"outcome": f"not installed: {engine.install}"}
+    return {"outcome": f"ended with status {told.returncode}: {last[:200]}"}

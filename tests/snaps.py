@@ -1,0 +1,51 @@
+"""V-beams of stiff membrane, their motions through a snap and back, and the errors of these."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+import modalshell as ms
+from modalshell.models.coarse_shell import coarse_shell, drawn_to_supports
+
+LOADED, RELEASED, DT = 30, 15, 1 / 30
+
+
+def snapping_beam(fold, cells, below=None, width=0.2):
+    """A V-beam, held where x is less than ``below`` [m], by default by its first two rows of vertices."""
+    mesh = ms.v_beam(length=1.0, width=width, fold=fold, cells=cells)
+    material = ms.Material(2000.0, 2000.0, 0.05, 0.2)
+    return ms.Shell(mesh, material, mesh.vertices[:, 0] < (below or 1.5 / cells[0]))
+
+
+def coarse_beam(fine, fold, cells, width=0.2):
+    """The same beam on fewer cells."""
+    return coarse_shell(fine, drawn_to_supports(fine, ms.v_beam(length=1.0, width=width, fold=fold, cells=cells)))
+
+
+def snapping_loads(shell, gravity):
+    """Gravity [m/s^2] downwards, 15 degrees aside, and twice as strong on one edge as on the other: (n, 3) each."""
+    tilt, y = np.radians(15.0), np.array(shell.rest_positions)[:, 1:2]
+    down = np.array(shell.gravity_force((0.0, 0.0, -gravity)))
+    aside = np.array(shell.gravity_force((0.0, gravity * np.sin(tilt), -gravity * np.cos(tilt))))
+    return down, aside, down * (1.0 + y / (3.0 * np.abs(y).max()))
+
+
+def frames_through(model, load, damping):
+    """Positions (f, n, 3) of a motion under a load and after it."""
+    state, found = model.start_motion(), []
+    for frame in range(LOADED + RELEASED):
+        state, solved = model.step(state, DT, load if frame < LOADED else np.zeros_like(load), damping)
+        assert solved
+        found.append(np.array(model.positions(state)))
+    return np.array(found)
+
+
+def motion_error(shell, frames, exact):
+    """Error of a motion over its size, to the nearer of the exact one and its mirror image.
+
+    Under a symmetric load a symmetric beam twists to either side, by rounding.
+    """
+    rest = np.array(shell.rest_positions)
+    distances, images = cKDTree(rest).query(rest * [1, -1, 1])
+    assert distances.max() < 1e-12
+    off = min(np.linalg.norm(frames - other) for other in (exact, exact[:, images] * [1, -1, 1]))
+    return off / np.linalg.norm(exact - rest)
