@@ -79,9 +79,9 @@ class _Notice(event.Listener):
             self._draw("")
 
     def _draw(self, text: str) -> None:
-        stream = sys.stderr
+        stream = sys.__stderr__
         # Not where somebody else draws, as rich does, nor in processes that have said nothing.
-        if self._most and stream is not None and stream.isatty() and stream is sys.__stderr__:
+        if self._most and stream is not None and stream is sys.stderr and stream.isatty():
             print(f"\r{text:<{_LINE}}", end="" if text else "\r", file=stream, flush=True)
 
 

@@ -196,6 +196,15 @@ def test_obstacle_course_on_coarse_meshes(quick_study):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("family", both_energies.FAMILIES)
+def test_clamped_plates_extrapolated_from_two_resolutions(family):
+    """By the order of 2 from 12 and 24 cells, whose own errors are 9 to 15 and 2 to 4 %."""
+    coarse, fine = (obstacle_course.loaded_plate(family, (n, n), True, 1.2653e-3).error for n in (12, 24))
+    assert 0.02 < fine < 0.3 * coarse
+    assert abs(fine + (fine - coarse) / 3.0) < 0.003
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("name", obstacle_course.PROBLEMS)
 def test_aims_of_the_obstacle_course(name):
     """On union-jack meshes, which are the worst; two aims are missed, by a known factor."""
