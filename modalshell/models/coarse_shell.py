@@ -15,10 +15,10 @@ from modalshell.checks import checked_count, checked_kind, shown
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
 from modalshell.models.coarse_mesh import remeshed_to_supports
-from modalshell.modes import solve_modes
+from modalshell.modes import Factoriser, solve_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.prolongation import closest_points
-from modalshell.shell import Isotropic, Material, Shell
+from modalshell.shell import GAUSS_NEWTON, Isotropic, Material, Shell
 from modalshell.typing import Array, Index
 
 _WIDEST = 2.5
@@ -35,6 +35,8 @@ _ALIKE = 0.7
 """Square of the cosine between a fine mode and the coarse one that is it."""
 _TWISTED = 0.5
 """Part of the logarithm of the flexure's factor that is taken from a mode above the lowest: uniform bends need less."""
+_NEARER = 1.0 / 3.0
+"""Squared error under gravity with the flexure alone scaled, over that of the other calibration, to take the former."""
 _SAME = 1e-6
 """Relative distance and difference of areas below which a surface is the same."""
 _ROUNDS, _MET = 12, 1e-4
@@ -80,8 +82,15 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
     are scaled until the elastic eigenvalues of these two agree. Where the membrane decides the lowest, the flexure is
     scaled by half as much, as a logarithm: the bending mode is then a twist, and uniform bends ask for less. Else one
     stiffness is scaled, until the lowest eigenvalues agree: the membrane, or the flexure where the lowest mode hardly
-    stretches or the membrane's factor would be beyond 0.3 to 1.8. Sheets of :class:`Isotropic` need no calibration. To
-    clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
+    stretches or the membrane's factor would be beyond 0.3 to 1.8. The flexure is scaled alone, too, where that brings
+    the small displacements under gravity along the three axes much nearer to those of a supported fine shell: their
+    squared error below a third. Sheets of :class:`Isotropic` need no calibration. To clamp alike, give ``mesh`` a row
+    of vertices where the fine shell's held region ends.
+
+    Hinges of a remeshed surface bend and twist in other proportions than those of the fine mesh, which two factors
+    cannot correct. Under gravity a leaf and V-beams in a fifth to three fifths of the triangles were within 0.5 to 5 %
+    of DS, panels of 90 degrees between held straight edges within 5 to 19 %. A stiff V-beam in 271 triangles twisted at
+    9.7 Hz in place of 10.9, and after its snap it was 27 % off.
 
     Parameters
     ----------
@@ -148,18 +157,25 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
         )
         return Shell(mesh, changed, clamped, energies=shell.energies)
 
-    if (both := _both_stiffnesses(shell, stiffened, nearest, shares)) is not None:
-        return both
-
     def excess(logarithm: float) -> float:
         return float(np.log(_lowest(stiffened(np.exp(logarithm), 1.0)) / goal))
 
-    low, middle, high = excess(-_WIDEST), excess(0.0), excess(_WIDEST)
-    if high - low > _MEMBRANE_SHARE * 2.0 * _WIDEST and low < 0.0 < high:
-        membrane = float(brentq(excess, -_WIDEST, _WIDEST, xtol=1e-3))
-        if _SOFTEST < membrane < _STIFFEST:
-            return stiffened(float(np.exp(membrane)), 1.0)
-    return stiffened(1.0, float(np.exp(-middle)))
+    bent = stiffened(1.0, float(np.exp(-excess(0.0))))
+    found = _both_stiffnesses(shell, stiffened, nearest, shares)
+    if found is None:
+        low, high = excess(-_WIDEST), excess(_WIDEST)
+        if high - low > _MEMBRANE_SHARE * 2.0 * _WIDEST and low < 0.0 < high:
+            membrane = float(brentq(excess, -_WIDEST, _WIDEST, xtol=1e-3))
+            if _SOFTEST < membrane < _STIFFEST:
+                found = stiffened(float(np.exp(membrane)), 1.0)
+    if found is None or rigid_motions(shell).shape[1]:
+        return bent if found is None else found
+    exact = np.einsum("kc,kcxg->kxg", shares, _small_displacements(shell)[shell.mesh.faces[nearest]])
+    alone, other = (
+        float(np.sum(coarse.mass[:, None, None] * (_small_displacements(coarse) - exact) ** 2))
+        for coarse in (bent, found)
+    )
+    return bent if alone < _NEARER * other else found
 
 
 def _both_stiffnesses(
@@ -201,6 +217,15 @@ def _both_stiffnesses(
         if np.abs(factors).max() > _WIDEST:
             return None
     return None
+
+
+def _small_displacements(shell: Shell) -> Array:
+    """Linear static displacements (n, 3, 3) [m] under a gravity of 1 m/s^2 along each axis, which comes last."""
+    data = shell.energy_gradient_hessian(shell.rest_positions, GAUSS_NEWTON)[2]
+    factor = Factoriser(use="solve").symmetric(shell.pattern.free_matrix(data))
+    weights = np.kron(shell.mass[:, None], np.eye(3))
+    answers = shell.unknowns.prolong(factor.solve(np.asarray(shell.unknowns.restrict(weights))))
+    return np.asarray(answers).reshape(len(shell.mass), 3, 3)
 
 
 def _elastic_modes(shell: Shell) -> tuple[Array, Array, Array]:

@@ -8,7 +8,7 @@ from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snap
 
 import modalshell as ms
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.models.coarse_shell import coarse_shell, drawn_to_supports
+from modalshell.models.coarse_shell import _small_displacements, coarse_shell, drawn_to_supports
 from modalshell.reduction.prolongation import Prolongation, closest_points
 
 CLAMP = 0.0501
@@ -74,6 +74,40 @@ def test_flexure_takes_half_of_what_a_twist_asks_for():
     factor = coarse.material.flexure / fine.material.flexure
     assert factor > 1.02
     assert own[1] * factor == pytest.approx(exact[1], rel=1e-2)  # it twists, by its flexure alone
+
+
+def test_small_displacements_are_those_of_statics_under_little_gravity():
+    one = shell((12, 4), 150.0)
+    answers = _small_displacements(one)
+    for axis in range(3):
+        load = 1e-6 * np.eye(3)[axis]
+        moved = ms.DiscreteShell(one).equilibrium(gravity=load).positions - one.rest_positions
+        np.testing.assert_allclose(1e-6 * answers[:, :, axis], moved, atol=1e-4 * np.abs(moved).max())
+
+
+def test_flexure_alone_is_scaled_where_gravity_shows_it_to_be_much_nearer():
+    """Triangles unlike those of the fine panel: on one mesh both factors are better, on another one alone."""
+    mesh = ms.cylinder_panel(cells=(24, 24))
+    across = np.abs(mesh.vertices[:, 1])
+    fine = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), across > across.max() - 1e-9)
+    exact = ms.DiscreteShell(fine).equilibrium(gravity=(0, 0, -10)).positions
+    errors, membranes = [], []
+    for along in (12, 14):
+        coarse = coarse_shell(fine, ms.cylinder_panel(cells=(along, 12), family="equilateral"))
+        answer = CoarseDiscreteShell(fine, coarse).equilibrium(gravity=(0, 0, -10))
+        errors.append(ms.measure.displacement_error(answer.positions, exact, fine))
+        membranes.append(coarse.material.stretch / fine.material.stretch)
+    assert membranes[0] > 1.2
+    assert membranes[1] == 1.0
+    assert errors[0] < 0.09  # 0.25 with the flexure alone
+    assert errors[1] < 0.19  # 0.22 with both
+
+
+def test_shells_that_are_free_are_calibrated_without_gravity():
+    mesh, under = (ms.v_beam(fold=150.0, cells=cells) for cells in ((24, 4), (12, 2)))
+    fine = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2))
+    exact, own = (ms.solve_modes(part, 7).eigenvalues[6] for part in (fine, coarse_shell(fine, under)))
+    assert own == pytest.approx(exact, rel=1e-2)
 
 
 def test_rows_behind_a_moved_one_stay_even_and_on_the_surface():
