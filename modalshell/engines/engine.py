@@ -54,7 +54,14 @@ class Engine:
 
 _FLEX = {"limit": 60.0}
 ENGINES = (
-    Engine("calculix", "CalculiX S6", "apt-get install calculix-ccx", moves=False, has_turns=True),
+    Engine(
+        "calculix",
+        "CalculiX S6",
+        "apt-get install calculix-ccx",
+        options={"limit": 0.95 * SECONDS},  # the adapter stops the program, which would outlive it
+        moves=False,
+        has_turns=True,
+    ),
     Engine(
         "mujoco_flex",
         "MuJoCo flex",
