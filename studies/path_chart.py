@@ -116,7 +116,9 @@ def made(shell: ms.Shell, small: tuple[int, int], quick: bool) -> tuple[dict[str
     motions = 12 if quick else 40
     known = ms.models()
     models = {
-        known["hybrid"].name: lambda: ms.HybridStress.trained(shell, gravity=(0, 0, -70.0), coarse=coarse, motions=motions),
+        known["hybrid"].name: lambda: ms.HybridStress.trained(
+            shell, gravity=(0, 0, -70.0), coarse=coarse, motions=motions
+        ),
         known["coarse-ds"].name: lambda: ms.CoarseDiscreteShell(
             shell, coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, small).mesh))
         ),
