@@ -117,7 +117,7 @@ class MeasuredPositions(Measurements):
     ) -> None:
         vertices = np.arange(len(shell.rest_positions))
         if where is not None:
-            vertices = np.flatnonzero(selected("where", where, shell.mesh.vertices))
+            vertices = np.flatnonzero(selected("where", where, shell.mesh))
         self._rows = np.eye(len(vertices)) if not average else np.full((1, len(vertices)), 1.0 / len(vertices))
         self._vertices = vertices
         levels = np.ones(1) if factors is None else checked_factors(factors)

@@ -128,6 +128,13 @@ def test_what_the_load_cannot_tell_is_refused(strip):
         ms.fit(strip, "young", strip.rest_positions)
 
 
+def test_a_selection_of_the_mesh_says_where(strip, measured):
+    rim = np.unique(strip.mesh.edges[strip.mesh.edge_faces[:, 1] < 0])
+    guess = strip.with_material(replace(SHEET, young=2e6))
+    found = ms.fit(guess, "young", measured[rim], where="boundary", gravity=GRAVITY)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+
+
 def test_constants_that_act_alike_are_refused_at_the_guess(strip):
     """Under its weight a sheet tells the quotient of modulus and density alone, also with another constant wrong."""
     factors = (0.3, 0.6, 1.0)
