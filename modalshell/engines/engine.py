@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
@@ -86,17 +87,19 @@ def ask(engine: Engine, case: dict[str, Any]) -> dict[str, Any]:
     Adapters run on one thread, in the Python that the environment variable ``MODALSHELL_ENGINES`` names, or in this.
     """
     python = os.environ.get("MODALSHELL_ENGINES", sys.executable)
-    command = [python, str(ADAPTERS / f"{engine.key}.py")]
+    command = [os.path.abspath(python) if os.sep in python else python, str(ADAPTERS / f"{engine.key}.py")]
     try:
-        told = subprocess.run(
-            command,
-            input=json.dumps(case),
-            capture_output=True,
-            text=True,
-            timeout=SECONDS,
-            check=False,
-            env={**os.environ, **_ONE_THREAD},
-        )
+        with tempfile.TemporaryDirectory() as folder:  # engines leave logs where they run
+            told = subprocess.run(
+                command,
+                input=json.dumps(case),
+                capture_output=True,
+                text=True,
+                timeout=SECONDS,
+                check=False,
+                cwd=folder,
+                env={**os.environ, **_ONE_THREAD},
+            )
     except subprocess.TimeoutExpired:
         return {"outcome": f"stopped after {SECONDS:g} s"}
     except OSError as error:
