@@ -114,9 +114,12 @@ def made(shell: ms.Shell, small: tuple[int, int], quick: bool) -> tuple[dict[str
     answers |= {"1 chart": first(one), FOUR: first(four), f"{FOUR}, then DS": polished}
     coarse = coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, small).mesh))
     motions = 12 if quick else 40
+    known = ms.models()
     models = {
-        "hybrid": lambda: ms.HybridStress.trained(shell, gravity=(0, 0, -70.0), coarse=coarse, motions=motions),
-        "coarse DS": lambda: ms.CoarseDiscreteShell(
+        known["hybrid"].name: lambda: ms.HybridStress.trained(
+            shell, gravity=(0, 0, -70.0), coarse=coarse, motions=motions
+        ),
+        known["coarse-ds"].name: lambda: ms.CoarseDiscreteShell(
             shell, coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, small).mesh))
         ),
         "MD-ROM 8": lambda: ms.ModalDerivatives(shell, 8),

@@ -11,7 +11,7 @@ Case = TypeVar("Case")
 
 
 def counted(cases: Sequence[Case], on_step: Progress | None) -> Iterator[Case]:
-    """Each of ``cases``; after each, ``on_step`` is told how many are done, and of how many."""
+    """Each of ``cases``; after each, ``on_step`` takes how many are done, and of how many."""
     for done, case in enumerate(cases, start=1):
         yield case
         if on_step is not None:

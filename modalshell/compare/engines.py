@@ -12,7 +12,10 @@ from modalshell.render.pareto import Mark
 from modalshell.typing import Array, Progress
 
 _TOLD = ("name", "outcome", "version", "drop", "frame_ms", "step", "seconds")
-_HEADS = ("engine", "outcome", "small drop off", "error", "ms a step", "stable step [s]", "seconds", "version")
+_HEADS = (
+    *("engine", "outcome", "small drop off", "error"),
+    *("ms a step", "stable step [s]", "time to answer [s]", "version"),
+)
 _COLORS = ("#d98200", "#c8322b", "#7b2d8e", "#66c2a5")
 
 
@@ -24,10 +27,7 @@ def engine_rows(case: Case, truth: Array | None, on_step: Progress | None = None
         error = None
         if found.counts and truth is not None and found.positions is not None:
             error = measure.displacement_error(found.positions[-1], truth, case.shell)
-        row = {
-            name: getattr(found, name) for name in ("name", "outcome", "version", "drop", "frame_ms", "step", "seconds")
-        }
-        rows.append({**row, "error": error})
+        rows.append({name: getattr(found, name) for name in _TOLD} | {"error": error})
         if on_step is not None:
             on_step(done, len(ENGINES))
     return rows
@@ -37,17 +37,7 @@ def engine_lines(rows: list[dict[str, Any]]) -> list[str]:
     """A table of :func:`engine_rows` in Markdown; nothing without rows."""
     if not rows:
         return []
-    heads = (
-        "engine",
-        "outcome",
-        "small drop off",
-        "error",
-        "ms a step",
-        "stable step [s]",
-        "time to answer [s]",
-        "version",
-    )
-    lines = ["", f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
+    lines = ["", f"| {' | '.join(_HEADS)} |", "|" + "---|" * len(_HEADS)]
     for row in rows:
         times = (f"{row[key]:.3g}" if row[key] is not None else "-" for key in ("frame_ms", "step", "seconds"))
         cells = [

@@ -182,10 +182,8 @@ def tradeoff(
     Raises
     ------
     OptionError
-        If the supports leave rigid motions free, nothing loads the shell, the scene has constraints, or a parameter is
-        out of range.
-    SolverError
-        If DS finds no equilibrium at any load.
+        If the supports leave rigid motions free, nothing loads the shell, the scene has constraints, a parameter is out
+        of range, or DS finds no equilibrium at any load.
     """
     case = make_case(scene, gravity, force, coarse)
     factors = checked_factors(loads)

@@ -12,7 +12,7 @@ import numpy as np
 from modalshell.brief import brief
 from modalshell.engines.case import CONSTANTS, STEPS, engine_case
 from modalshell.engines.engine import Engine, ask
-from modalshell.errors import OptionError
+from modalshell.errors import ModalShellError
 from modalshell.mesh import flat_beam
 from modalshell.shell import Isotropic, Shell
 from modalshell.shell.energies_of import material_constants
@@ -48,7 +48,7 @@ class EngineAnswer:
     step : float or None
         The longest step tried that stayed stable [s].
     frame_ms : float or None
-        The same of a step [ms].
+        Time of a step on a processor [ms].
     positions : ndarray, shape (L, n, 3), or None
         At every load [m]; fewer than the loads where ``note`` says why.
     note : str
@@ -80,7 +80,7 @@ def answered(engine: Engine, shell: Shell, loads: Sequence[tuple[Array | None, A
     """
     try:
         case = engine_case(engine, shell, loads)
-    except OptionError as error:
+    except ModalShellError as error:
         return EngineAnswer(engine.name, f"cannot express: {error}")
     checked = check(engine, tuple(material_constants(shell.material)[name] for name in CONSTANTS))
     if checked["outcome"] != COUNTS:

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
@@ -54,7 +55,14 @@ class Engine:
 
 _FLEX = {"limit": 60.0}
 ENGINES = (
-    Engine("calculix", "CalculiX S6", "apt-get install calculix-ccx", moves=False, has_turns=True),
+    Engine(
+        "calculix",
+        "CalculiX S6",
+        "apt-get install calculix-ccx",
+        options={"limit": 0.95 * SECONDS},  # the adapter stops the program, which would outlive it
+        moves=False,
+        has_turns=True,
+    ),
     Engine(
         "mujoco_flex",
         "MuJoCo flex",
@@ -79,17 +87,19 @@ def ask(engine: Engine, case: dict[str, Any]) -> dict[str, Any]:
     Adapters run on one thread, in the Python that the environment variable ``MODALSHELL_ENGINES`` names, or in this.
     """
     python = os.environ.get("MODALSHELL_ENGINES", sys.executable)
-    command = [python, str(ADAPTERS / f"{engine.key}.py")]
+    command = [os.path.abspath(python) if os.sep in python else python, str(ADAPTERS / f"{engine.key}.py")]
     try:
-        told = subprocess.run(
-            command,
-            input=json.dumps(case),
-            capture_output=True,
-            text=True,
-            timeout=SECONDS,
-            check=False,
-            env={**os.environ, **_ONE_THREAD},
-        )
+        with tempfile.TemporaryDirectory() as folder:  # engines leave logs where they run
+            told = subprocess.run(
+                command,
+                input=json.dumps(case),
+                capture_output=True,
+                text=True,
+                timeout=SECONDS,
+                check=False,
+                cwd=folder,
+                env={**os.environ, **_ONE_THREAD},
+            )
     except subprocess.TimeoutExpired:
         return {"outcome": f"stopped after {SECONDS:g} s"}
     except OSError as error:

@@ -144,8 +144,8 @@ class Model(ABC):
         wrt : str or sequence of str
             By what, k numbers in all: a constant of the material that is one number for the whole mesh, such as
             "young", "thickness", "flexure" or "density"; "gravity" (k = 3); "load", a factor on the whole load;
-            "force", that on every vertex (k = 3n); "rest_angles", those of the mesh's hinges (k = H) [rad], but of the
-            hybrid. DS has more.
+            "force", that on every vertex (k = 3n); "rest_angles", those of the mesh's hinges (k = H) [rad], which the
+            hybrid has no derivative by. DS has more.
         of : array_like, shape (n, 3), optional
             Derivative of a scalar by the positions: with it the scalar's derivatives are found.
 

@@ -137,7 +137,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
     if clamped.any() and rigid_motions(Shell(mesh, given, clamped)).shape[1] > rigid_motions(shell).shape[1]:
         raise SupportError(
             "a row of held vertices leaves the coarse shell free to turn where the fine one is clamped: give its "
-            "mesh a second row there, as drawn_to_supports does"
+            "mesh a second row of held vertices there, or hold a region of triangles of the fine shell"
         )
     if isinstance(given, Isotropic):
         return Shell(mesh, given, clamped, energies=shell.energies)

@@ -24,6 +24,8 @@ from modalshell.typing import Array
 
 _LIMIT = 100
 """Shells that are solved at most."""
+_ALIKE = 1e-9
+"""Least singular value of the Jacobian's columns, scaled to one length, over the largest: below it they are alike."""
 
 
 @final
@@ -160,13 +162,17 @@ def fit(
 
     guess = np.array([known[name] for name in names])
     first = np.where(logarithmic, np.log(np.where(logarithmic, guess, 1.0)), guess)
+    if (slopes := jacobian(first)).any(axis=0).all():  # constants that are not told apart would run away
+        _refuse_undetermined(slopes, last["state"])
     low, high = np.where(logarithmic, -np.inf, -0.95), np.where(logarithmic, np.inf, 0.495)
     found = scipy.optimize.least_squares(
         misfit, first, jacobian, (low, high), x_scale="jac", ftol=1e-10, xtol=1e-8, gtol=1e-14, max_nfev=_LIMIT
     )
     left = misfit(found.x, settled=True)
     values = constants(found.x)
-    spread = _half_widths(np.asarray(found.jac), left, confidence)
+    slopes = jacobian(found.x)
+    _refuse_undetermined(slopes, last["state"])
+    spread = _half_widths(slopes, left, confidence)
     bounds = [constants(found.x + side * spread) for side in (-1.0, 1.0)]
     if not np.isfinite(bounds).all():
         raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")
@@ -195,14 +201,24 @@ def _checked_constants(shell: Shell, wrt: str | Sequence[str]) -> list[str]:
     return names
 
 
-def _half_widths(jacobian: Array, misfit: Array, confidence: float) -> Array:
-    """Half widths (p,) of the parameters' confidence intervals by the linearised model; SolverError if undetermined."""
+def _refuse_undetermined(jacobian: Array, state: Equilibrium | None) -> None:
+    """SolverError unless the columns differ by more than the residual of the equilibrium that they are taken at."""
     count, parameters = jacobian.shape
     sizes = np.linalg.norm(jacobian, axis=0)
-    if count <= parameters or not sizes.all() or np.linalg.matrix_rank(jacobian / sizes) < parameters:
-        raise SolverError(
-            f"{count} measured numbers do not determine {parameters} constants: measure more, or under another load"
-        )
+    least = max(_ALIKE, 10.0 * state.residual if state is not None else 0.0)
+    if count > parameters and sizes.all():
+        singular = np.linalg.svd(jacobian / sizes, compute_uv=False)
+        if singular[-1] > least * singular[0]:
+            return
+    raise SolverError(
+        f"{count} measured numbers do not determine {parameters} constants: measure more, under another load, or take "
+        "fewer constants"
+    )
+
+
+def _half_widths(jacobian: Array, misfit: Array, confidence: float) -> Array:
+    """Half widths (p,) of the parameters' confidence intervals by the linearised model."""
+    count, parameters = jacobian.shape
     variance = float(misfit @ misfit) / (count - parameters)
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
     return np.asarray(scipy.special.stdtrit(count - parameters, 0.5 + 0.5 * confidence) * np.sqrt(np.diag(covariance)))

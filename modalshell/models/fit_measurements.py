@@ -117,7 +117,7 @@ class MeasuredPositions(Measurements):
     ) -> None:
         vertices = np.arange(len(shell.rest_positions))
         if where is not None:
-            vertices = np.flatnonzero(selected("where", where, shell.mesh.vertices))
+            vertices = np.flatnonzero(selected("where", where, shell.mesh))
         self._rows = np.eye(len(vertices)) if not average else np.full((1, len(vertices)), 1.0 / len(vertices))
         self._vertices = vertices
         levels = np.ones(1) if factors is None else checked_factors(factors)
@@ -127,6 +127,8 @@ class MeasuredPositions(Measurements):
         if measured.shape != shape:
             raise OptionError(f"observed must have shape {shape} (got {measured.shape})")
         self._measured = measured.reshape(levels.size, -1, 3)
+        if np.isinf(measured).any():
+            raise OptionError("observed must be finite [m], with NaN where nothing was measured (got infinity)")
         self._seen: NDArray[np.bool_] = np.isfinite(self._measured)
         if not self._seen.any():
             raise LoadError("observed must hold at least one measured coordinate (got none that is finite)")

@@ -143,7 +143,7 @@ class HybridStress(Model):
             Of the random loads.
         error : float, optional
             Wanted ``held_out_error``: the basis grows from 16 to 24, 32 and 44 vectors until it is met. Where none
-            meets it, the best is taken.
+            meets it, the best is taken, and a :class:`ModalShellWarning` says so.
         on_step : callable, optional
             Called with the motions done and their total.
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import final
 
 import numpy as np
 
 from modalshell.checks import checked_count, checked_number
-from modalshell.errors import OptionError, SolverError
+from modalshell.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.integrators.state import Damping
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.modes import solve_modes
@@ -90,7 +91,7 @@ def train(
     """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N].
 
     With an ``error``, the basis is the first of :data:`GROWING` that meets it on the held-out motions, or else the best
-    of them.
+    of them, with a ModalShellWarning.
     """
     modes = checked_count("modes", modes, at_least=2)
     wanted = None if error is None else checked_number("error", error, above=0.0)
@@ -116,7 +117,15 @@ def train(
         tried.append(replace(found, held_out_error=missed, strain_limit=limit, description=description))
         if wanted is not None and missed <= wanted:
             return tried[-1]
-    return min(tried, key=lambda one: one.held_out_error)
+    best = min(tried, key=lambda one: one.held_out_error)
+    if wanted is not None:
+        warnings.warn(
+            f"no basis of up to {sizes[-1]} vectors meets an error of {wanted:g}: the best is "
+            f"{best.held_out_error:.3g} off; train on more motions, or about a smaller load",
+            ModalShellWarning,
+            stacklevel=4,
+        )
+    return best
 
 
 def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:

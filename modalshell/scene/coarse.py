@@ -39,7 +39,7 @@ def scene_coarse_mesh(
     if not _uniform(material):
         raise OptionError("coarse meshes take a material of single numbers: values per triangle belong to one mesh")
     if cells is not None and triangles is not None:
-        raise OptionError("cells and triangles both say how coarse the mesh is: leave one of them out")
+        raise OptionError("cells must be left out with triangles: both say how coarse the mesh is")
     if isinstance(table, Shape):
         return _generated(table, material, shell, cells, triangles)
     if cells is not None:

@@ -112,6 +112,7 @@ def test_what_no_engine_can_express_is_an_outcome():
         (ms.Shell(mesh, SHEET, supports=[ms.Clamp(low), ms.Fix([20], axes="z")]), "all clamps, or all pins"),
         (ms.Shell(mesh, SHEET, supports=[ms.Pin([0, 1])]), "that their supports hold"),
         (ms.Shell(mesh, ms.Isotropic(1e7, np.full(len(mesh.faces), 0.3), 3e-3, 1e3), low), "one Young's modulus"),
+        (ms.Shell(ms.TriangleMesh(np.eye(3), [[0, 1, 2]]), SHEET, [0, 1]), "cannot bend (got 0 hinges)"),
     ]
     for shell, told in cases:
         found = answered(ENGINES[0], shell, [(DOWN, None)])

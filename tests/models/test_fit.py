@@ -128,6 +128,24 @@ def test_what_the_load_cannot_tell_is_refused(strip):
         ms.fit(strip, "young", strip.rest_positions)
 
 
+def test_a_selection_of_the_mesh_says_where(strip, measured):
+    rim = np.unique(strip.mesh.edges[strip.mesh.edge_faces[:, 1] < 0])
+    guess = strip.with_material(replace(SHEET, young=2e6))
+    found = ms.fit(guess, "young", measured[rim], where="boundary", gravity=GRAVITY)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+
+
+def test_constants_that_act_alike_are_refused_at_the_guess(strip):
+    """Under its weight a sheet tells the quotient of modulus and density alone, also with another constant wrong."""
+    factors = (0.3, 0.6, 1.0)
+    seen = [ms.DiscreteShell(strip).equilibrium(gravity=np.multiply(share, GRAVITY)).positions for share in factors]
+    for poisson in (SHEET.poisson, 0.2):
+        guess = strip.with_material(replace(SHEET, young=2e6, poisson=poisson))
+        for names in (["young", "density"], ["density", "poisson", "young"]):
+            with pytest.raises(ms.SolverError, match=f"do not determine {len(names)} constants"):
+                ms.fit(guess, names, seen, factors=factors, gravity=GRAVITY)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -138,6 +156,7 @@ def test_what_the_load_cannot_tell_is_refused(strip):
         ({"wrt": ["young", "young"]}, "each constant once"),
         ({"observed": np.zeros((2, 3))}, "observed must have shape"),
         ({"observed": np.full((75, 3), np.nan)}, "at least one measured coordinate"),
+        ({"observed": np.full((75, 3), np.inf)}, "observed must be finite"),
         ({"observed": "x"}, "observed must be"),
         ({"observed": None}, "one of the two"),
         ({"frequencies": [1.0]}, "one of the two"),

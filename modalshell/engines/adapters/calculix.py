@@ -81,7 +81,9 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "case.inp").write_text(deck(case), encoding="utf-8")
         begin, before = time.perf_counter(), os.times().children_user
-        ended = subprocess.run([program, "case"], cwd=folder, check=False, stdout=subprocess.DEVNULL)
+        ended = subprocess.run(
+            [program, "case"], cwd=folder, check=False, stdout=subprocess.DEVNULL, timeout=case.get("limit")
+        )
         # On Windows processes tell no time of their children.
         seconds = os.times().children_user - before or time.perf_counter() - begin
         written = Path(folder, "case.dat").read_text(encoding="utf-8").splitlines()
