@@ -90,7 +90,9 @@ def selected(name: str, selection: Selection, surface: TriangleMesh | NDArray[np
         except OptionError as error:
             raise OptionError(f"{name} {error}") from error
     else:
-        mask = vertex_mask(name, selection, count, OptionError)
+        entries = as_array(name, selection, f"bool ({count},) or vertex indices", OptionError, "biu")
+        entries = entries if entries.dtype == bool else entries.ravel()  # (k, 2) of edges, too
+        mask = vertex_mask(name, entries, count, OptionError)
     if not mask.any():
         low, high = vertices.min(axis=0).round(6).tolist(), vertices.max(axis=0).round(6).tolist()
         raise OptionError(f"{name} selects no vertex (got {shown(selection)}); the mesh reaches from {low} to {high}")

@@ -92,10 +92,18 @@ def test_points_have_no_parts(text):
         select_vertices(text, np.zeros((3, 3)))
 
 
-@pytest.mark.parametrize("chosen", [[0, 1, 1, 0], [[0, 1], [2, 3]], [True, False], [9], [0.5]], ids=repr)
+@pytest.mark.parametrize("chosen", [[0, 1, 1, 0], [[True, False], [True, True]], [True, False], [9], [0.5]], ids=repr)
 def test_entries_that_are_no_vertices_are_refused(chosen):
     square = sheet(cells=(1, 1))
     with pytest.raises(OptionError, match=r"^sel "):
         selected("sel", chosen, square)
     with pytest.raises(SupportError, match=r"^clamped "):
         Shell(square, Material(1.0, 1.0, 1.0, 1.0), chosen)
+
+
+def test_edges_select_their_ends():
+    square = sheet(cells=(2, 2))
+    edges = square.edges[:2]
+    assert (np.flatnonzero(selected("sel", edges, square)) == np.unique(edges)).all()
+    with pytest.raises(SupportError, match=r"^clamped "):
+        Shell(square, Material(1.0, 1.0, 1.0, 1.0), edges)
