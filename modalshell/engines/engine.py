@@ -106,7 +106,10 @@ def ask(engine: Engine, case: dict[str, Any]) -> dict[str, Any]:
         return {"outcome": f"did not start: {error.strerror}"}
     lines = told.stdout.strip().splitlines()
     if told.returncode == 0 and lines:
-        return dict(json.loads(lines[-1]))
+        try:
+            return dict(json.loads(lines[-1]))
+        except (TypeError, ValueError):
+            return {"outcome": f"answered no table: {lines[-1][:200]}"}
     last = (told.stderr.strip().splitlines() or ["no message"])[-1]
     if "No module named" in last or "No program named" in last:
         return {"outcome": f"not installed: {engine.install}"}

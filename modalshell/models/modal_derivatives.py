@@ -153,7 +153,7 @@ class ModalDerivatives(Model):
 
     def _refuse_cubature(self, name: str) -> None:
         if self.cubature is not None:
-            raise OptionError(f"cubature's weights were trained for one {name}: take cubature=False, or DS")
+            raise OptionError(f"cubature's weights were trained at one value of {name}: take cubature=False, or DS")
 
     def followable(self, load: Array) -> Followable:
         """The reduced potential, coordinates z as unknowns."""

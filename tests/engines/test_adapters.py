@@ -53,6 +53,8 @@ def test_processes_that_fail_are_rows(adapter, monkeypatch, tmp_path):
     assert ask(adapter("import os; os._exit(7)"), {})["outcome"] == "ended with status 7: no message"
     noisy = adapter("import json, os; print('noise'); print(json.dumps({'threads': os.environ['OMP_NUM_THREADS']}))")
     assert ask(noisy, {}) == {"threads": "1"}
+    for last in ("bye", "5"):
+        assert ask(adapter(f"print('{last}')"), {}) == {"outcome": f"answered no table: {last}"}
     monkeypatch.setattr(engines, "SECONDS", 0.5)
     assert ask(adapter("import time; time.sleep(60)"), {})["outcome"] == "stopped after 0.5 s"
     monkeypatch.setenv("MODALSHELL_ENGINES", str(tmp_path / "no_python"))
