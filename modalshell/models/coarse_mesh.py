@@ -74,6 +74,15 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
         )
 
 
+def places_on(shell: Shell, mesh: TriangleMesh) -> tuple[Index, Array, NDArray[np.bool_]]:
+    """Nearest triangles (k,) of ``shell`` to a coarse mesh's vertices, barycentric shares (k, 3), and whether clamped.
+
+    A vertex is clamped where the nearest corner of its triangle is.
+    """
+    nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
+    return nearest, shares, shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
+
+
 def _drawn_to(mesh: TriangleMesh, places: Array) -> TriangleMesh:
     """``mesh`` with its vertices nearest to ``places`` (p, 3), clamped points and lines, moved onto them."""
     if not len(places):
@@ -107,10 +116,8 @@ def _fewer_held(shell: Shell, fixed: TriangleMesh, triangles: int) -> TriangleMe
             found = remesh(fixed, max(_FEWEST, triangles))
         except MeshError:
             return fixed
-    nearest, shares, _ = closest_points(shell.mesh, found.vertices)
-    corners = shell.mesh.faces[nearest, shares.argmax(axis=1)]
     fewer = len(found.faces) < len(fixed.faces)
-    return found if fewer and bool(shell.clamped[corners].all()) else fixed
+    return found if fewer and bool(places_on(shell, found)[2].all()) else fixed
 
 
 def _part(mesh: TriangleMesh, chosen: NDArray[np.bool_]) -> TriangleMesh:

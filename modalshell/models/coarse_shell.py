@@ -14,7 +14,7 @@ from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_kind, shown
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
-from modalshell.models.coarse_mesh import remeshed_to_supports
+from modalshell.models.coarse_mesh import places_on, remeshed_to_supports
 from modalshell.modes import Factoriser, solve_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.prolongation import closest_points
@@ -129,9 +129,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
         raise OptionError(f"material must be a Material or an Isotropic (got {shown(given)})")
     if material is None and any(isinstance(getattr(given, part.name), np.ndarray) for part in fields(given)):
         raise OptionError("the fine shell's material has a value an element: pass the material of the coarse mesh")
-    nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
-    corners = shell.mesh.faces[nearest, shares.argmax(axis=1)]
-    clamped = shell.clamped[corners]
+    nearest, shares, clamped = places_on(shell, mesh)
     if shell.clamped.any() and not clamped.any():
         raise SupportError("no vertex of the coarse mesh lies where the fine shell is held: refine it there")
     if clamped.any() and rigid_motions(Shell(mesh, given, clamped)).shape[1] > rigid_motions(shell).shape[1]:
@@ -255,8 +253,7 @@ def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
     nearest points of held edges. The other vertices follow, the farthest not at all, where that keeps the surface and
     its outline: rows stay evenly apart.
     """
-    nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
-    held = shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
+    held = places_on(shell, mesh)[2]
     if not held.any() or held[mesh.faces].all(axis=1).any():
         return mesh
     beside = np.zeros(len(held), dtype=bool)
