@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from typing import Any
 
 import mujoco  # type: ignore[import-not-found]
-import numpy as np
+from in_time import Settled, by_longest_step, settled  # type: ignore[import-not-found]  # beside this script
 
 
 def flex(case: dict[str, Any], gravity: list[float], step: float) -> Any:
@@ -42,43 +41,21 @@ def flex(case: dict[str, Any], gravity: list[float], step: float) -> Any:
     return model
 
 
-def settled(case: dict[str, Any], load: dict[str, Any], step: float) -> tuple[Any, int, float]:
-    """Positions after the case's time or limit, None where they left its bounds; steps, and seconds."""
+def answer(case: dict[str, Any], load: dict[str, Any], step: float) -> Settled:
+    """Where a load comes to rest."""
     model = flex(case, load["gravity"], step)
-    data, steps = mujoco.MjData(model), 0
+    data = mujoco.MjData(model)
     for vertex, body in enumerate(model.flex_vertbodyid):
         if body > 0 and load.get("force"):
             data.xfrc_applied[body, :3] = load["force"][vertex]
-    begin = time.process_time()
-    while data.time < case["duration"] and time.process_time() - begin < case["limit"]:
-        mujoco.mj_step(model, data)
-        steps += 1
-        if steps % 16 == 0 and not np.abs(data.flexvert_xpos).max() < case["bound"]:
-            return None, steps, time.process_time() - begin
-    places = np.array(data.flexvert_xpos)
-    return (places if np.abs(places).max() < case["bound"] else None), steps, time.process_time() - begin
+    return settled(case, step, lambda: mujoco.mj_step(model, data), lambda: data.flexvert_xpos)
 
 
 def main() -> None:
-    """Answer every load of the case, by the longest step that stays within its bounds."""
+    """Answer every load of the case."""
     case = json.load(sys.stdin)
-    found: dict[str, Any] = {"version": f"MuJoCo {mujoco.__version__}"}
-    mass = flex(case, [0.0, 0.0, 0.0], case["steps"][0]).body_mass.sum()
-    for step in case["steps"]:
-        answers = []
-        for load in case["loads"]:
-            answers.append(settled(case, load, step))
-            if answers[-1][0] is None:
-                break
-        else:
-            found |= {
-                "positions": [places.tolist() for places, _, _ in answers],
-                "seconds": sum(seconds for _, _, seconds in answers),
-                "taken": [steps for _, steps, _ in answers],
-                "step": step,
-            }
-            break
-    print(json.dumps(found | {"mass": float(mass)}))
+    mass = float(flex(case, [0.0, 0.0, 0.0], case["steps"][0]).body_mass.sum())
+    print(json.dumps({"version": f"MuJoCo {mujoco.__version__}", "mass": mass, **by_longest_step(case, answer)}))
 
 
 if __name__ == "__main__":

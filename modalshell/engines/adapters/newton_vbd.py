@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from typing import Any
 
 import newton  # type: ignore[import-not-found]
 import numpy as np
 import warp as wp
+from in_time import Settled, by_longest_step, settled  # type: ignore[import-not-found]  # beside this script
 
 
 def cloth(case: dict[str, Any], gravity: list[float]) -> Any:
@@ -50,8 +50,8 @@ def cloth(case: dict[str, Any], gravity: list[float]) -> Any:
     return model
 
 
-def settled(case: dict[str, Any], load: dict[str, Any], step: float) -> tuple[Any, int, float]:
-    """Positions after the case's time or limit, None where they left its bounds; steps, and seconds."""
+def answer(case: dict[str, Any], load: dict[str, Any], step: float) -> Settled:
+    """Where a load comes to rest."""
     model = cloth(case, load["gravity"])
     solver = newton.solvers.SolverVBD(model, iterations=case["iterations"])
     before, after, control = model.state(), model.state(), model.control()
@@ -60,39 +60,23 @@ def settled(case: dict[str, Any], load: dict[str, Any], step: float) -> tuple[An
     if load.get("force"):
         for state in (before, after):
             state.particle_f.assign(np.array(load["force"], dtype=np.float32))
-    keep, begin, steps = float(np.exp(-case["damping"] * step)), time.process_time(), 0
-    while steps * step < case["duration"] and time.process_time() - begin < case["limit"]:
+    keep = float(np.exp(-case["damping"] * step))
+
+    def advance() -> None:
+        nonlocal before, after
         solver.step(before, after, control, None, step)
         before, after = after, before
         before.particle_qd.assign(keep * before.particle_qd.numpy())
-        steps += 1
-        if steps % 16 == 0 and not np.abs(before.particle_q.numpy()).max() < case["bound"]:
-            return None, steps, time.process_time() - begin
-    places = before.particle_q.numpy()
-    return (places if np.abs(places).max() < case["bound"] else None), steps, time.process_time() - begin
+
+    return settled(case, step, advance, lambda: before.particle_q.numpy())
 
 
 def main() -> None:
-    """Answer every load of the case, by the longest step that stays within its bounds."""
+    """Answer every load of the case."""
     wp.config.quiet = True
     case = json.load(sys.stdin)
-    found: dict[str, Any] = {"version": f"Newton {newton.__version__}"}
     mass = float(cloth(case, [0.0, 0.0, 0.0]).particle_mass.numpy().sum())
-    for step in case["steps"]:
-        answers = []
-        for load in case["loads"]:
-            answers.append(settled(case, load, step))
-            if answers[-1][0] is None:
-                break
-        else:
-            found |= {
-                "positions": [places.tolist() for places, _, _ in answers],
-                "seconds": sum(seconds for _, _, seconds in answers),
-                "taken": [steps for _, steps, _ in answers],
-                "step": step,
-            }
-            break
-    print(json.dumps(found | {"mass": mass}))
+    print(json.dumps({"version": f"Newton {newton.__version__}", "mass": mass, **by_longest_step(case, answer)}))
 
 
 if __name__ == "__main__":
