@@ -9,6 +9,7 @@ from scenes import PLAIN
 import modalshell as ms
 from modalshell.engines import ENGINES, answered
 from modalshell.engines import engine as engines
+from modalshell.engines.adapters import in_time
 from modalshell.engines.answer import CONSTANTS, MASS, SMALL, check, strip
 from modalshell.engines.case import STEPS, engine_case, with_images
 from modalshell.engines.engine import Engine, ask
@@ -158,3 +159,20 @@ def test_finite_elements_meet_this_package_where_they_are_installed():
     own = ms.DiscreteShell(shell).equilibrium(gravity=DOWN)
     for places in found.positions:
         assert ms.measure.displacement_error(places, own.positions, shell) < 0.03
+
+
+def test_loops_of_adapters_take_the_longest_stable_step():
+    case = {"duration": 10.0, "limit": 9.0, "bound": 10.0, "steps": [0.5, 0.1], "loads": [{"to": 1.0}, {"to": 2.0}]}
+
+    def answer(case, load, step):
+        x = np.array([0.0])
+
+        def advance():  # explicit Euler of x' = 6 (to - x), unstable by steps over 1/3
+            x[:] += step * 6.0 * (load["to"] - x)
+
+        return in_time.settled(case, step, advance, lambda: x)
+
+    found = in_time.by_longest_step(case, answer)
+    assert (found["step"], found["taken"]) == (0.1, [100, 100])
+    assert found["positions"] == [[pytest.approx(1.0)], [pytest.approx(2.0)]]
+    assert in_time.by_longest_step(case | {"steps": [0.5]}, answer) == {}
