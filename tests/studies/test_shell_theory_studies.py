@@ -120,21 +120,20 @@ def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
 
 
 def test_obstacle_course_on_coarse_meshes(quick_study):
-    """Patch tests are exact; the others within 8 %, but what bends most within a cell or two on these meshes."""
+    """Patch tests are exact, of moments but for what free edges leave inside; the others within 4 %."""
     rows = StudyResult.load(quick_study("obstacle_course"), "obstacle_course").findings["rows"]
-    coarse = {"pinched cylinder, equal cells": 0.19, "plate, clamped, 24 cells": 0.15, "sphere under pressure": 0.1}
-    exact = {"patch test, constant strain": 1e-9, "patch test, constant moments": 1e-3}
+    coarse = {"plate, clamped, 48 cells": 0.01, "plate, supported, 24 cells": 0.01}
+    exact = {"patch test, constant strain": 1e-9, "patch test, constant moments": 4e-3}
     for row in rows:
-        assert abs(row["error"]) < exact.get(row["problem"], coarse.get(row["problem"], 0.08)), row
+        assert abs(row["error"]) < exact.get(row["problem"], coarse.get(row["problem"], 0.04)), row
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", obstacle_course.PROBLEMS)
 def test_aims_of_the_obstacle_course(name):
-    """On union-jack meshes, which are the worst; two aims are missed, by a known factor."""
+    """On union-jack meshes."""
     problem = obstacle_course.PROBLEMS[name]
-    missed = {"pinched cylinder, equal cells": 2.2, "plate, clamped, 24 cells": 3.8}
-    assert abs(problem.solve("union-jack", problem.cells[-1]).error) < missed.get(name, 1.0) * problem.bound
+    assert abs(problem.solve("union-jack", problem.cells[-1]).error) < problem.bound
 
 
 @pytest.mark.slow
