@@ -10,10 +10,10 @@ from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.study import StudyResult
 
 NO_ANSWER = "#dddddd"
-MARKS: tuple[tuple[str, str, Style], ...] = (
-    ("snap", "DS snaps", "-"),
-    ("bifurcation", "DS bifurcates", ":"),
-    ("stable_again", "states after the snap are stable", "--"),
+MARKS: tuple[tuple[str, str, Style, str], ...] = (
+    ("limit", "limit point of DS (snap)", "-", "black"),
+    ("bifurcation", "bifurcation of DS", "-", "#ffd92f"),
+    ("stable_again", "stable again", "--", "#00d8ff"),
 )
 AXES = {
     "fold": ("fold [degrees]", "fold, membrane {membrane:g} N/m"),
@@ -29,8 +29,8 @@ def draw(results: Path, folder: Path) -> Path:
     for axis, (label, title) in AXES.items():
         rows = found["maps"][axis]["rows"]
         boundaries = [
-            Boundary([[] if case[name] is None else [case[name]] for case in rows], label, style)
-            for name, label, style in MARKS
+            Boundary([[] if case[name] is None else [case[name]] for case in rows], words, style, color)
+            for name, words, style, color in MARKS
         ]
         for tolerance, cheapest in zip(found["tolerances"], found["maps"][axis]["cheapest"], strict=True):
             panels.append(

@@ -20,7 +20,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.models import CoarseMesh
+from modalshell.models import CoarseMesh, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.outcome import Outcome
@@ -31,6 +31,8 @@ from studies.pages import number
 
 FIGURES = ("validity_map",)
 
+MOTIONS = 12
+"""Motions that a model is trained on, where it is."""
 LENGTH, WIDTH = 1.0, 0.2
 FLEXURE, DENSITY, MODES = 0.05, 0.2, 8
 FOLDS = (0.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 90.0)
@@ -42,14 +44,10 @@ GAMMAS = tuple(np.geomspace(1.0 / 16.0, 64.0, 11))
 TOLERANCES = (0.01, 0.05, 0.2)
 MARKS = ("bifurcation", "limit", "stable_again")
 """What is marked of the path of equilibria of each strip."""
-RUNGS = tuple(
-    spec
-    for spec in ms.models().values()
-    if spec.pictured and spec.bends and spec.key != TRUTH and spec.needs != "coarse training"
-)
+RUNGS = tuple(spec for spec in ms.models().values() if spec.pictured and spec.bends and spec.key != TRUTH)
 """Records below DS, cheapest first: those with a shape of their own, and with the bending that a flat strip needs.
 
-Rungs that are trained on motions are left out: every strip would need its own training.
+Those trained on motions are trained at every load.
 """
 LADDER = tuple(spec.name for spec in RUNGS)
 
@@ -93,27 +91,35 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     coarse = CoarseMesh(coarse_mesh(fold, cells), "half the cells")
     gamma_per_gravity = ms.measure.gamma_per_gravity(shell)
     unit = shell.gravity_force((0.0, 0.0, -1.0))
-    factory = ModelFactory(shell, coarse=lambda *_: coarse)
-    rungs = {}
-    for spec in RUNGS:
-        options = {"modes": MODES} if "modes" in model_tables()[spec.key].__struct_fields__ else {}
-        rungs[spec.name] = factory.build(spec, options)
+    gravity = 0.0
+    factory = ModelFactory(shell, lambda: gravity * unit, coarse=lambda *_: coarse)
+
+    def built(spec: ms.ModelSpec) -> Model:
+        if spec.needs == "coarse training":
+            return factory.build(spec, {"motions": MOTIONS})
+        return factory.build(spec, {"modes": MODES} if "modes" in model_tables()[spec.key].__struct_fields__ else {})
+
+    kept = {spec.name: built(spec) for spec in RUNGS if spec.needs != "coarse training"}
     truth, last = ms.DiscreteShell(shell), mesh.vertices
     path = ms.equilibrium_path(shell, force=unit, until=gammas[-1] / gamma_per_gravity, steps=40, branches=1)
     marks = Marks.of(path)
     places = {"snap": marks.snap, **{name: getattr(marks, name) for name in MARKS}}
     scaled = {name: None if place is None else gamma_per_gravity * place for name, place in places.items()}
-    errors: dict[str, list[float | None]] = {name: [] for name in rungs}
+    errors: dict[str, list[float | None]] = {name: [] for name in LADDER}
     statuses = []
     for gamma in gammas:
         gravity = gamma / gamma_per_gravity
         exact = truth.equilibrium(gravity=(0, 0, -gravity), start=last)
         statuses.append(exact.status)
-        for name, rung in rungs.items():
-            answer = rung.equilibrium(gravity=(0, 0, -gravity))
+        for spec in RUNGS:
+            try:
+                answer = (kept.get(spec.name) or built(spec)).equilibrium(gravity=(0, 0, -gravity))
+            except ms.SolverError:  # a motion of the training that its coarse shell cannot follow
+                errors[spec.name].append(None)
+                continue
             error = ms.measure.displacement_error(answer.positions, exact.positions, shell)
             # Without an equilibrium, or without a truth, there is no error to state.
-            errors[name].append(error if answer.converged and exact.converged else None)
+            errors[spec.name].append(error if answer.converged and exact.converged else None)
         last = exact.positions
     return {"errors": errors, "ds_statuses": statuses, **scaled}
 
@@ -167,7 +173,7 @@ def finding(tables: list[Table]) -> str:
 
     flat, most, strains = rows[0], max(GAMMAS), ms.RotationStrain.name
     # The page may be of a run before the latest model.
-    modal = [spec.name for spec in RUNGS if spec.needs != "coarse mesh" and f"{spec.name} within 1 / 5 / 20 %" in flat]
+    modal = [spec.name for spec in RUNGS if not spec.on_coarse_mesh and f"{spec.name} within 1 / 5 / 20 %" in flat]
     folded = [row for row in rows if row["strip"].startswith("fold") and number(row["strip"]) >= 20.0]
     best = max(reach(row, rung) for row in folded for rung in modal)
     coarse = sum(reach(row, ms.CoarseDiscreteShell.name) >= most for row in rows)

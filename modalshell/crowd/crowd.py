@@ -12,6 +12,7 @@ from modalshell.crowd.flock import MOST_THREADS
 from modalshell.crowd.shell_crowd import LEVELS, ShellCrowd
 from modalshell.kernels import crowd as kernels
 from modalshell.kernels.frame import TILE
+from modalshell.models.rotation_strain import tiled
 from modalshell.modes import Basis
 from modalshell.reduction.warp_frame import WarpFrame, aligned_zeros
 from modalshell.typing import Array
@@ -74,13 +75,8 @@ class Crowd(ShellCrowd):
         self._modal, self._powers = frame.modal_data, kernels.powers(self.dtype)
         self._force_modal = self._modal if double else WarpFrame(basis).modal_data
         self._force_powers = kernels.powers(np.float64)
-        tiles = len(self._modal)
-        padded = np.zeros((tiles * TILE, 4))
-        padded[: self.vertices, :3] = basis.shell.rest_positions
-        padded[: self.vertices, 3] = basis.shell.mass
-        by_row = padded.reshape(tiles, TILE, 4).transpose(0, 2, 1)
-        self._rest = np.ascontiguousarray(by_row[:, :3].reshape(tiles, 3 * TILE), dtype=self.dtype)
-        self._mass = np.ascontiguousarray(by_row[:, 3])
+        self._rest = tiled(basis.shell.rest_positions).reshape(-1, 3 * TILE).astype(self.dtype)
+        self._mass = tiled(basis.shell.mass)
         self._work = aligned_zeros((self.threads, kernels.work_size(self.dtype)), self.dtype)
         self._force_work = (
             self._work if double else aligned_zeros((self.threads, kernels.work_size(np.float64)), np.dtype(np.float64))

@@ -38,24 +38,56 @@ from numba.core import event  # noqa: E402
 _REFERENCE = 14.0, 4.0e-4
 """Seconds that the kernels of a long command take to compile, and this file, by Python, on one machine."""
 
+_BAR, _LINE = 30, 72
+"""Characters of the bar of compilation, and of its line."""
+
 
 @final
 class _Notice(event.Listener):
-    """Says once a process, on the error stream, that kernels are being compiled; to load them is not worth a word."""
+    """Says once a process, on the error stream, that kernels are being compiled; to load them is not worth a word.
+
+    On a terminal a bar shows how far that is, by the time so far over the longest, while a kernel is being compiled.
+    """
 
     def __init__(self) -> None:
         self.due = multiprocessing.parent_process() is None
+        self._most, self._spent, self._begin, self._depth = 0.0, 0.0, 0.0, 0
 
     def on_start(self, event: Any) -> None:
         """Say it before a kernel of this package is compiled."""
-        if self.due and event.data["dispatcher"].py_func.__module__.startswith(f"{__package__}."):
+        if not _is_own(event):
+            return
+        if self.due:
             self.due = False
+            self._most = _most_seconds()
             kept = "once" if cache_folder() else "at each start, as no folder can be written to"
             if sys.stderr is not None:
-                print(f"modalshell: compiling kernels, {kept}, up to about {_most_seconds():.0f} s", file=sys.stderr)
+                print(f"modalshell: compiling kernels, {kept}, up to about {self._most:.0f} s", file=sys.stderr)
+        self._depth += 1
+        if self._depth == 1:
+            self._begin = time.perf_counter()
+            done = min(_BAR, round(_BAR * self._spent / self._most)) if self._most else 0
+            self._draw(f"[{'#' * done}{' ' * (_BAR - done)}] {event.data['dispatcher'].py_func.__name__}")
 
     def on_end(self, event: Any) -> None:
-        """Pass over the end of a compilation."""
+        """Erase the bar: what the program prints next begins a line."""
+        if not _is_own(event) or self._depth == 0:
+            return
+        self._depth -= 1
+        if self._depth == 0:
+            self._spent += time.perf_counter() - self._begin
+            self._draw("")
+
+    def _draw(self, text: str) -> None:
+        stream = sys.stderr
+        # Not where somebody else draws, as rich does, nor in processes that have said nothing.
+        if self._most and stream is not None and stream.isatty() and stream is sys.__stderr__:
+            print(f"\r{text:<{_LINE}}", end="" if text else "\r", file=stream, flush=True)
+
+
+def _is_own(event: Any) -> bool:
+    """Whether a kernel of this package is compiled."""
+    return bool(event.data["dispatcher"].py_func.__module__.startswith(f"{__package__}."))
 
 
 def _most_seconds() -> float:

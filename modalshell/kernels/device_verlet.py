@@ -21,6 +21,14 @@ def pull(now: Any, i: int, j: int, down: int, right: int, rest: Any, stiffness: 
     return (stiffness - stiffness * rest / wp.sqrt(wp.dot(offset, offset) + tiny)) * offset
 
 
+@wp.func
+def four_pulls(now: Any, i: int, j: int, down: int, right: int, rest: Any, stiffness: Any, tiny: Any) -> Any:
+    """The pull of that neighbour, and of those a quarter, a half and three quarters of a turn on."""
+    along = pull(now, i, j, down, right, rest, stiffness, tiny) + pull(now, i, j, -down, -right, rest, stiffness, tiny)
+    across = pull(now, i, j, right, -down, rest, stiffness, tiny) + pull(now, i, j, -right, down, rest, stiffness, tiny)
+    return along + across
+
+
 @wp.kernel(enable_backward=False)
 def verlet_step(
     now: wp.array2d[Any],
@@ -46,19 +54,7 @@ def verlet_step(
         before[i, j] = here
         return
     step = keep * (here - before[i, j]) + fall
-    side = spacing
-    step += pull(now, i, j, 0, 1, side, structural, tiny)
-    step += pull(now, i, j, 0, -1, side, structural, tiny)
-    step += pull(now, i, j, 1, 0, side, structural, tiny)
-    step += pull(now, i, j, -1, 0, side, structural, tiny)
-    side = wp.sqrt(spacing * spacing + spacing * spacing)
-    step += pull(now, i, j, 1, 1, side, shear, tiny)
-    step += pull(now, i, j, 1, -1, side, shear, tiny)
-    step += pull(now, i, j, -1, 1, side, shear, tiny)
-    step += pull(now, i, j, -1, -1, side, shear, tiny)
-    side = spacing + spacing
-    step += pull(now, i, j, 0, 2, side, flexion, tiny)
-    step += pull(now, i, j, 0, -2, side, flexion, tiny)
-    step += pull(now, i, j, 2, 0, side, flexion, tiny)
-    step += pull(now, i, j, -2, 0, side, flexion, tiny)
+    step += four_pulls(now, i, j, 0, 1, spacing, structural, tiny)
+    step += four_pulls(now, i, j, 1, 1, wp.sqrt(spacing * spacing + spacing * spacing), shear, tiny)
+    step += four_pulls(now, i, j, 0, 2, spacing + spacing, flexion, tiny)
     before[i, j] = here + step

@@ -8,7 +8,7 @@ from typing import Any, final
 
 import numpy as np
 import scipy.optimize
-import scipy.stats
+import scipy.special
 from numpy.typing import ArrayLike
 
 from modalshell.brief import brief
@@ -205,4 +205,4 @@ def _half_widths(jacobian: Array, misfit: Array, confidence: float) -> Array:
         )
     variance = float(misfit @ misfit) / (count - parameters)
     covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
-    return np.asarray(scipy.stats.t.ppf(0.5 + 0.5 * confidence, count - parameters) * np.sqrt(np.diag(covariance)))
+    return np.asarray(scipy.special.stdtrit(count - parameters, 0.5 + 0.5 * confidence) * np.sqrt(np.diag(covariance)))

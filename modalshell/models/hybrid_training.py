@@ -7,7 +7,7 @@ from typing import final
 
 import numpy as np
 
-from modalshell.checks import checked_count
+from modalshell.checks import checked_count, checked_number
 from modalshell.errors import OptionError, SolverError
 from modalshell.integrators.state import Damping
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
@@ -28,6 +28,8 @@ _DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
 """Mass damping [1/s], and stiffness damping [s] of half of the motions."""
 _HELD_OUT = 10
 """Motions on loads that are not in training."""
+GROWING = (16, 24, 32, 44)
+"""Sizes of the basis that are tried where an error is wanted."""
 _LINEAR, _STRESSED = 4, 6
 """Linear modes in the basis, and those whose stresses are assumed."""
 _MOST_FRAMES = 900
@@ -76,13 +78,26 @@ class Trained:
         return float(abs(membrane - seen) / (energy + _SMALL * self.energy))
 
 
-def train(coarse: Shell, load: Array, modes: int, motions: int, seed: int, on_step: Progress | None = None) -> Trained:
-    """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N]."""
+def train(
+    coarse: Shell,
+    load: Array,
+    modes: int,
+    motions: int,
+    seed: int,
+    on_step: Progress | None = None,
+    error: float | None = None,
+) -> Trained:
+    """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N].
+
+    With an ``error``, the basis is the first of :data:`GROWING` that meets it on the held-out motions, or else the best
+    of them.
+    """
     modes = checked_count("modes", modes, at_least=2)
+    wanted = None if error is None else checked_number("error", error, above=0.0)
     motions = checked_count("motions", motions, at_least=4)
     if not load.any():
         raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
-    modes = min(modes, coarse.free_unknowns.size)
+    sizes = sorted({min(size, coarse.free_unknowns.size) for size in ((modes,) if wanted is None else GROWING)})
     rng = np.random.default_rng(seed)
     model = CoarseDiscreteShell(coarse, coarse)
     total = motions + _HELD_OUT
@@ -91,12 +106,17 @@ def train(coarse: Shell, load: Array, modes: int, motions: int, seed: int, on_st
         runs.append(motion_under(model, random_load(coarse, load, rng), random_damping(rng)))
         if on_step is not None:
             on_step(done + 1, total)
-    found, reduced = _reduce(coarse, [frames for _, _, frames in runs[:motions]], modes)
-    errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in runs[motions:]), strict=True)
     size = float(np.linalg.norm(load.sum(axis=0)))
     description = f"{motions} motions under loads of {_SIZES[0]} to {_SIZES[1]} times {size:.3g} N"
-    error, limit = float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(unseen))
-    return replace(found, held_out_error=error, strain_limit=limit, description=description)
+    tried: list[Trained] = []
+    for count in sizes:
+        found, reduced = _reduce(coarse, [frames for _, _, frames in runs[:motions]], count)
+        errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in runs[motions:]), strict=True)
+        missed, limit = float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(unseen))
+        tried.append(replace(found, held_out_error=missed, strain_limit=limit, description=description))
+        if wanted is not None and missed <= wanted:
+            return tried[-1]
+    return min(tried, key=lambda one: one.held_out_error)
 
 
 def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:

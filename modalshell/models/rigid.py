@@ -64,7 +64,8 @@ class RigidShell(Model):
         self._centre = np.asarray(shell.mass @ shell.rest_positions / self._mass)
         self._arms = shell.rest_positions - self._centre
         self._moments = self._arms.T @ (shell.mass[:, None] * self._arms)
-        """Second moments ``sum m r r^T`` [kg m^2] about the centre of mass at rest; the inertia is ``tr(J) I - J``."""
+        """Second moments J = ``sum m r r^T`` [kg m^2] about the centre of mass at rest."""
+        self._inertia = np.trace(self._moments) * np.eye(3) - self._moments
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Rest, the only answer."""
@@ -99,12 +100,12 @@ class RigidShell(Model):
         attitude = turn.as_matrix()
         velocity = slowed * (rates[:3] + dt * load.sum(axis=0) / self._mass)
         torque = np.cross(self._arms @ attitude.T, load).sum(axis=0)
-        momentum = slowed * (attitude @ self._inertia() @ attitude.T @ rates[3:] + dt * torque)
+        momentum = slowed * (attitude @ self._inertia @ attitude.T @ rates[3:] + dt * torque)
         increment, converged = self._increment(dt * attitude.T @ momentum, dt * attitude.T @ rates[3:])
         after = turn * Rotation.from_rotvec(increment)
         # The momentum is what is conserved: the angular velocity follows from it and the new attitude.
         new = after.as_matrix()
-        spin = new @ np.linalg.solve(self._inertia(), new.T @ momentum)
+        spin = new @ np.linalg.solve(self._inertia, new.T @ momentum)
         coordinates = np.concatenate([z[:3] + dt * velocity, after.as_rotvec()])
         return MotionState(coordinates, np.concatenate([velocity, spin])), converged
 
@@ -120,7 +121,7 @@ class RigidShell(Model):
         rows = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), -cross_matrices(arms)], axis=2)
         attitude = turn.as_matrix()
         inertia = np.zeros((6, 6))
-        inertia[:3, :3], inertia[3:, 3:] = self._mass * np.eye(3), attitude @ self._inertia() @ attitude.T
+        inertia[:3, :3], inertia[3:, 3:] = self._mass * np.eye(3), attitude @ self._inertia @ attitude.T
         inertia *= 1.0 + dt * damping.mass_factor
         whole = inertia + dt * np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
         rates = before.rates + np.linalg.solve(whole, inertia @ (state.rates - before.rates))
@@ -140,7 +141,7 @@ class RigidShell(Model):
         if not self._free:
             return np.zeros(3)
         attitude = Rotation.from_rotvec(state.coordinates[3:]).as_matrix()
-        return attitude @ self._inertia() @ attitude.T @ state.rates[3:]
+        return attitude @ self._inertia @ attitude.T @ state.rates[3:]
 
     def elastic_energy(self, state: MotionState) -> float:
         """Zero: it does not deform."""
@@ -156,12 +157,9 @@ class RigidShell(Model):
     def _rest(self) -> Array:
         return np.zeros(6 if self._free else 0)
 
-    def _inertia(self) -> Array:
-        return np.trace(self._moments) * np.eye(3) - self._moments
-
     def _increment(self, impulse: Array, guess: Array) -> tuple[Array, bool]:
         """Rotation c (3,) [rad] of a step, in the body frame, whose discrete momentum is ``impulse``; by Newton."""
-        inertia, moments = self._inertia(), self._moments
+        inertia, moments = self._inertia, self._moments
         c = guess
         size = float(np.linalg.norm(impulse))
         for _ in range(_NEWTON_LIMIT):

@@ -12,11 +12,11 @@ from typing import final
 
 import numpy as np
 import scipy.sparse as sps
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from modalshell.kernels.compiler import njit
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import connected_parts
 from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.typing import Array, Index
 from modalshell.work import count_read
@@ -180,10 +180,7 @@ def _smooth_patches(coarse: TriangleMesh, fine: TriangleMesh) -> Index:
     pairs, sharp = _sharp_edges(coarse)
     if not _sharp_edges(fine)[1].any():
         sharp[:] = False
-    smooth = pairs[~sharp]
-    count = len(coarse.faces)
-    graph = sps.coo_array((np.ones(len(smooth)), (smooth[:, 0], smooth[:, 1])), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    return connected_parts(pairs[~sharp], len(coarse.faces))
 
 
 def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array) -> tuple[Index, Array]:

@@ -29,13 +29,14 @@ class Boundary:
         For each row, the column values at which it is crossed.
     label : str
         For the legend.
-    style : str
-        Line style of matplotlib.
+    style, color : str
+        Line style and colour of matplotlib.
     """
 
     at: Sequence[Sequence[float]]
     label: str
     style: Style = "-"
+    color: str = "black"
 
 
 @dataclass(frozen=True)
@@ -123,12 +124,12 @@ def draw_maps(
         for place, panel in enumerate(panels, start=1):
             _draw(figure.add_subplot(rows, columns, place), panel, colors, width)
         handles: list[Patch | Line2D] = [Patch(facecolor=color, label=name) for name, color in colors.items()]
-        styles = {line.label: line.style for panel in panels for line in panel.boundaries if any(map(len, line.at))}
+        lines = {line.label: line for panel in panels for line in panel.boundaries if any(map(len, line.at))}
         handles += [
-            Line2D([], [], color="black", linewidth=width, linestyle=styles[label], label=label)
-            for label in sorted(styles)
+            Line2D([], [], color=line.color, linewidth=width, linestyle=line.style, label=label)
+            for label, line in sorted(lines.items())
         ]
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4 * columns), frameon=False)
         drawn = BytesIO()
         figure.savefig(drawn, format="png")
     # Few colours: a palette makes the file three times smaller; with 64, a class of few cells lost its own.
@@ -163,7 +164,7 @@ def _draw(axes: Axes, panel: MapPanel, colors: Mapping[str, str], width: float) 
     for line in panel.boundaries:
         for row, crossed in enumerate(line.at):
             for at in crossed:
-                axes.plot([at, at], [row - 0.5, row + 0.5], color="black", linewidth=width, linestyle=line.style)
+                axes.plot([at, at], [row - 0.5, row + 0.5], color=line.color, linewidth=width, linestyle=line.style)
     axes.set_yticks(range(len(y)), [_number(value) for value in y])
     if panel.x_scale == "even":
         axes.set_xticks(range(len(x)), [_number(value) for value in x], rotation=90)

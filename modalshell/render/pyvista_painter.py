@@ -48,9 +48,7 @@ class PyvistaPainter:
     def move(self, index: int, vertices: NDArray[np.float64], scalars: NDArray[np.float64] | None = None) -> None:
         """Move the vertices (n, 3) of one surface, keeping its triangles; and give it other scalars (n,), if any."""
         assert self._camera is not None
-        self._shown[index].move(vertices, self._camera)
-        if scalars is not None:
-            self._shown[index].recolour(scalars)
+        self._shown[index].move(vertices, self._camera, scalars)
 
     def image(self) -> NDArray[np.uint8]:
         """Draw, and return pixels of shape (height, width, 3)."""
@@ -106,21 +104,18 @@ class _Shown:
         )
         self.move(vertices, camera)
 
-    def move(self, vertices: NDArray[np.float64], camera: Camera) -> None:
-        """Update the points in place, and what depends on them."""
+    def move(self, vertices: NDArray[np.float64], camera: Camera, scalars: NDArray[np.float64] | None = None) -> None:
+        """Update the points in place, and what depends on them; and colour the faces by other scalars (n,), if any."""
         sides = Sides.of(vertices, self._faces, camera)
         if self._mesh is not None:
             self._mesh.points = vertices
+            if scalars is not None and self._scalar_colors is not None:
+                self._mesh.point_data["colors"] = np.round(255.0 * self._scalar_colors(scalars)).astype(np.uint8)
             if self._surface.smooth:
                 self._mesh.point_data.active_normals = sides.smooth
         if self._lines is not None:
             self._lines.points = vertices
             self._lines.lines = self._line_cells(sides)
-
-    def recolour(self, scalars: NDArray[np.float64]) -> None:
-        """Colour the faces by other scalars (n,)."""
-        if self._mesh is not None and self._scalar_colors is not None:
-            self._mesh.point_data["colors"] = np.round(255.0 * self._scalar_colors(scalars)).astype(np.uint8)
 
     def _line_cells(self, sides: Sides) -> NDArray[np.int64]:
         edges = self._table.edges[self._table.outline(sides)]

@@ -1,22 +1,33 @@
-"""``[flock]``: a flock of birds, each an instance of the scene's shell; its tables and objects."""
+"""Scenes of a flock of birds, each an instance of the scene's shell: ``[flock]``, its tables and objects."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated
+from dataclasses import dataclass
+from typing import Annotated, Any, final
 
 import numpy as np
 from msgspec import Meta
 from scipy.interpolate import CubicSpline
 
+from modalshell.brief import brief
 from modalshell.crowd import Crowd, Flap, Flight, Flock
 from modalshell.crowd.flock import MOST, MOST_THREADS
-from modalshell.modes import Basis
+from modalshell.errors import SceneError
+from modalshell.modes import Basis, solve_modes
+from modalshell.scene import tables
 from modalshell.scene.parts import checked_keyframes
+from modalshell.scene.read import located
+from modalshell.scene.scene import Scene, ShellScene
+from modalshell.scene.signatures import load_entries
 from modalshell.scene.tables import Keyframes, NotNegative, Positive, Table, Times, Vector
+from modalshell.shell import Shell
 from modalshell.typing import Array
 
 Pixels = Annotated[int, Meta(ge=64, le=8192)]
+_GRAVITY = (0.0, 0.0, -9.81)
+"""Gravity of a flock whose scene declares none [m/s^2]."""
+_FORMATS = ("npz", "png", "mp4")
 
 
 class TargetTable(Table, frozen=True):
@@ -111,3 +122,63 @@ def build_target(table: TargetTable) -> Callable[[float], Array]:
     times, points = checked_keyframes(table.times, table.points)
     spline = CubicSpline(times, points)
     return lambda time: spline(np.clip(time, times[0], times[-1]))
+
+
+@final
+@brief
+@dataclass(frozen=True, kw_only=True)
+class FlockScene(Scene):
+    """A scene of many such shells in flight, stepped by MWTS under gravity alone.
+
+    Attributes
+    ----------
+    name, file, mesh, material, model, supports, energies, loads, output
+        See :class:`Scene`.
+    motion : MotionTable
+        Duration and steps of the flight.
+    flock : FlockTable
+        The birds; see :mod:`modalshell.scene.flock`.
+
+    Raises
+    ------
+    SceneError
+        If another table requests what a flock does not support.
+    """
+
+    motion: tables.MotionTable
+    flock: FlockTable
+
+    def __post_init__(self) -> None:
+        model, loads = self.model, self.loads
+        refused = {
+            "model: a flock is stepped by mwts, with its number of modes and no other option": (
+                model.spec.key != "mwts" or model != type(model)(modes=model.options["modes"])
+            ),
+            "loads: a flock takes gravity alone": bool(loads and (loads.forces or any(load_entries(loads)))),
+            "supports.times: a bird's supports move with its boid": bool(self.supports and self.supports.times),
+            "motion.modal_damping: a flock takes damping alone": bool(
+                self.motion.damping_ratios or self.motion.modal_damping
+            ),
+            f"output.formats: those of a flock are {', '.join(_FORMATS)}": (
+                not set(self.output.formats) <= set(_FORMATS)
+            ),
+        }
+        refused["output.fields, output.color: a flock has no fields"] = bool(self.output.fields or self.output.color)
+        for text, wrong in refused.items():
+            if wrong:
+                raise SceneError(f"{self.file}: {text}")
+
+    def require_shell(self) -> ShellScene:
+        """Raise SceneError: this scene has many shells."""
+        raise SceneError(f"{self.file}: flock: this is about one shell; flocks are for run_scene, modalshell run")
+
+    def content(self) -> dict[str, Any]:
+        """All input except the mesh's vertices and faces, as plain dicts and lists."""
+        return super().content() | {"flock": self.flock.plain()}
+
+    def build_flight(self, shell: Shell) -> Flight:
+        """The birds at their start; SceneError where the table is refused."""
+        gravity = self.loads.gravity if self.loads and self.loads.gravity else _GRAVITY
+        basis = solve_modes(shell, self.model.options["modes"])
+        with located(self.file, "flock", self.flock):
+            return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)

@@ -9,8 +9,7 @@ from typing import Any
 from modalshell.errors import SceneError
 from modalshell.plugins import load_plugins
 from modalshell.scene import tables
-from modalshell.scene.flock import FlockTable
-from modalshell.scene.flock_scene import FlockScene
+from modalshell.scene.flock import FlockScene, FlockTable
 from modalshell.scene.index_files import with_index_files
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
@@ -81,12 +80,13 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         raise SceneError(
             f"{file}: motion.duration: must be at least one step of {motion.dt:g} s (got {motion.duration:g})"
         )
-    model = chosen(file, "model", raw["model"], "name", model_tables())
+    model, sheet = chosen(file, "model", raw["model"], "name", model_tables()), raw["material"]
+    physical = isinstance(sheet, dict) and not {"young", "poisson", "thickness"}.isdisjoint(sheet)
     declared: dict[str, Any] = optional | {
         "name": name,
         "file": file,
         "mesh": _mesh_table(file, raw["mesh"]),
-        "material": _material_table(file, raw["material"]),
+        "material": checked_table(file, "material", sheet, tables.PhysicalSheet if physical else tables.Stiffnesses),
         "model": checked_table(file, "model", raw["model"], model),
     }
     constraints = tuple(
@@ -122,9 +122,3 @@ def _supports_table(file: Path, raw: Any) -> tables.Supports | tables.SupportLis
     if len(paths) > 1:
         raise SceneError(f"{file}: supports[{paths[1]}]: supports move along one path (got another at {paths[0]})")
     return tables.SupportList(entries=entries)
-
-
-def _material_table(file: Path, raw: Any) -> tables.Stiffnesses | tables.PhysicalSheet:
-    if isinstance(raw, dict) and not {"young", "poisson", "thickness"}.isdisjoint(raw):
-        return checked_table(file, "material", raw, tables.PhysicalSheet)
-    return checked_table(file, "material", raw, tables.Stiffnesses)

@@ -14,7 +14,7 @@ from modalshell.models.reduced_rotation_strain import trained_on_loads
 from modalshell.modes import Basis, solve_modes
 from modalshell.page import Page, ReducedWarp
 from modalshell.provenance import repository_file
-from modalshell.scene.flock_scene import FlockScene
+from modalshell.scene.flock import FlockScene
 from modalshell.scene.load import load_scene
 from modalshell.scene.parts import build_damping
 from modalshell.scene.read import located

@@ -170,19 +170,13 @@ class SheetGrid:
     def springs(self) -> Springs:
         """All springs, about 6 a mass."""
         index = np.arange(self.count).reshape(self.shape)
-        pairs, lengths, stiffness = [], [], []
+        parts = []
         for family, offsets in FAMILIES.items():
             for down, right in offsets:
                 rows, columns = self.shape[0] - down, self.shape[1] - abs(right)
                 first = index[:rows, max(0, -right) : max(0, -right) + columns].ravel()
                 second = index[down:, max(0, right) : max(0, right) + columns].ravel()
-                pairs.append(np.column_stack([first, second]))
-                lengths.append(np.full(len(first), self.spacing * np.hypot(down, right)))
-                stiffness.append(np.full(len(first), getattr(self, family)))
-        count = sum(map(len, pairs))
-        return Springs(
-            np.concatenate(pairs),
-            np.concatenate(lengths),
-            np.concatenate(stiffness),
-            np.full(count, self.spring_damping),
-        )
+                numbers = self.spacing * np.hypot(down, right), getattr(self, family), self.spring_damping
+                parts.append((np.column_stack([first, second]), *(np.full(len(first), value) for value in numbers)))
+        pairs, lengths, stiffness, damping = (np.concatenate(each) for each in zip(*parts, strict=True))
+        return Springs(pairs, lengths, stiffness, damping)

@@ -85,9 +85,11 @@ class DesktopViewer(ShellWindow):
             value = float(session.gravity[axis])
             self._slider(self._pull(axis), (-limit, limit), value, f"gravity {letter}", axis, "%.1f")
         span = (1.0, float(session.mode_limit))
-        self._modes_slider = self._slider(self._take_modes, span, session.modes, "modes", 3, "%.0f", event="end")
+        self._modes_slider = self._slider(
+            lambda value: self._switch(session.name, round(value)), span, session.modes, "modes", 3, "%.0f", event="end"
+        )
         self._model_slider = plotter.add_text_slider_widget(
-            self._take_model,
+            lambda label: self._switch(label.lower(), session.modes),
             [models()[name].name for name in self._names],
             value=self._names.index(session.name),
             pointa=(0.83, 0.12),
@@ -130,12 +132,6 @@ class DesktopViewer(ShellWindow):
             self._session.set_gravity(gravity)
 
         return pull
-
-    def _take_modes(self, value: float) -> None:
-        self._switch(self._session.name, round(value))
-
-    def _take_model(self, label: str) -> None:
-        self._switch(label.lower(), self._session.modes)
 
     def _next_model(self) -> None:
         following = (self._names.index(self._session.name) + 1) % len(self._names)

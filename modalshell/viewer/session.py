@@ -8,11 +8,12 @@ import math
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
 
 from modalshell.checks import checked_count, checked_number, checked_vectors
 from modalshell.errors import LoadError, ModalShellError, OptionError
 from modalshell.models import Model
-from modalshell.models.modal import as_modal
+from modalshell.models.modal import ModalModel, as_modal
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
@@ -24,7 +25,6 @@ from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
 from modalshell.timings import Stopwatch
 from modalshell.typing import Array
-from modalshell.viewer.hand_over import hand_over
 
 FRAME_SECONDS = 1.0 / 30.0
 """Time from one picture to the next [s]."""
@@ -39,6 +39,8 @@ _MODE_LIMIT = 64
 """Modes that the slider reaches, where the scene has no more."""
 _STILL_SCENE_MOTION = MotionTable(duration=math.inf, damping=(0.5, 0.001))
 
+_WORTH_IT = 0.02
+"""Share by which a round must lessen the squared misfit for another to be worth it."""
 _FAR = 1e6
 """Shell sizes from the rest shape at which a motion counts as diverged though its numbers are still finite."""
 
@@ -299,3 +301,39 @@ class ViewSession:
         if rates is not None:
             motion.state.rates = rates
         return motion
+
+
+def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tuple[Array, Array]:
+    """Coordinates (m,) and rates (m,) with which ``model`` continues.
+
+    Parameters
+    ----------
+    before : Motion or None
+        The motion so far, unless it has diverged. If its model is the same but for the number of modes, so is what
+        follows.
+    positions : ndarray, shape (n, 3)
+        The shape [m] that any other model is brought as near to as it can, at rest, in the shell's frame.
+    model : ModalModel
+        The model that continues.
+    """
+    last = None if before is None else as_modal(before.model)
+    if before is not None and last is not None and type(last) is type(model):
+        mass = np.repeat(model.shell.mass, 3)
+        transfer = model.basis.modes.T @ (mass[:, None] * last.basis.modes)
+        return transfer @ before.state.coordinates, transfer @ before.state.rates
+    coordinates = nearest_coordinates(model, positions)
+    return coordinates, np.zeros_like(coordinates)
+
+
+def nearest_coordinates(model: ModalModel, positions: Array) -> Array:
+    """Coordinates (m,) whose shape is nearest to ``positions`` (n, 3) in the norm of the mass.
+
+    The projection of a large bend on the modes alone, when warped, is another bend.
+    """
+    weight = np.sqrt(np.repeat(model.shell.mass, 3))
+    wanted = positions - model.shell.rest_positions
+
+    def misfit(coordinates: Array) -> Array:
+        return weight * (model.raw_displacement(coordinates) - wanted).ravel()
+
+    return least_squares(misfit, model.coordinates_of(positions), method="lm", ftol=_WORTH_IT).x

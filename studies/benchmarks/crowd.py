@@ -18,9 +18,15 @@ import modalshell as ms
 from modalshell.crowd import LEVELS
 from modalshell.crowd.device import DeviceCrowd, DeviceSearch
 from modalshell.crowd.shell_crowd import ShellCrowd
+from modalshell.kernels.compiler import njit
+from modalshell.kernels.crowd import powers
 from modalshell.kernels.device import devices, warp
+from modalshell.kernels.packed import BYTES, load, store
 from modalshell.modes import Basis
 from studies.benchmarks.timing import interleaved, one_blas_thread
+
+ROTATION = 23
+"""Packed operations of a warped vertex in the crowd's kernel, those of the modes and of the polynomials aside."""
 
 
 def bird_basis(modes: int = 8, cells: tuple[int, int] = (16, 14)) -> Basis:
@@ -36,10 +42,12 @@ def reconstruction(
     repeats: int = 15,
     precisions: Iterable[DTypeLike] = (np.float64, np.float32),
 ) -> list[dict[str, Any]]:
-    """Instances a second, the best of ``repeats`` turns, of a crowd at each level, of its steps, and of two bounds.
+    """Instances a second, the best of ``repeats`` turns, of a crowd at each level, of its steps, and of three bounds.
 
-    They are the two products Phi q and Psi q over the whole batch, by BLAS, and writing the positions alone. ``mwts``
-    is without a place in the world, as the products are; ``placed`` is MWTS with a rotation and a translation each.
+    They are the two products Phi q and Psi q over the whole batch, by BLAS, writing the positions alone, and the
+    arithmetic of MWTS alone, at the processor's pace of packed fused multiplications and additions: six a mode, one a
+    coefficient of its polynomials, and :data:`ROTATION`. ``mwts`` is without a place in the world, as the products are;
+    ``placed`` is MWTS with a rotation and a translation each.
     """
     basis = basis or bird_basis()
     random = np.random.default_rng(0)
@@ -54,6 +62,10 @@ def reconstruction(
         small = q.astype(precision)
         transposed = [np.ascontiguousarray(a.T, dtype=precision) for a in (basis.modes, basis.rotations)]
         products = np.empty((2, instances, 3 * crowd.vertices), precision)
+        terms = powers(precision).size - 1
+        packs = -(-crowd.vertices // (BYTES // out.itemsize))
+        operations = instances * packs * (6 * basis.count + terms + ROTATION)
+        numbers = np.full(14 * BYTES // out.itemsize, 0.5, precision)
         functions: dict[str, Callable[[], object]] = {
             name.lower(): partial(at_level, name, crowd, None, None, out) for name in LEVELS
         }
@@ -61,6 +73,7 @@ def reconstruction(
             "placed": partial(at_level, ms.ModalWarping.name, crowd, turns, moves, out),
             "products": partial(multiply, small, transposed, products),
             "writing": partial(out.fill, 1.0),
+            "arithmetic": partial(fused, numbers, BYTES // out.itemsize, -(-operations // 12)),
             "step": partial(still, crowd, q),
         }
         with one_blas_thread():
@@ -74,9 +87,26 @@ def reconstruction(
                 **{f"per_second_{name}": instances / seconds for name, seconds in times.items()},
                 "ratio_products": times["products"] / times["mwts"],
                 "ratio_products_placed": times["products"] / times["placed"],
+                "ratio_products_arithmetic": times["products"] / times["arithmetic"],
             }
         )
     return rows
+
+
+@njit(error_model="numpy")
+def fused(numbers, lanes, turns):  # type: ignore[no-untyped-def]
+    """Twelve chains of ``turns`` packed fused multiplications and additions, as fast as the processor makes them."""
+    x, y = load(numbers, 0), load(numbers, lanes)
+    a, b, c = load(numbers, 2 * lanes), load(numbers, 3 * lanes), load(numbers, 4 * lanes)
+    d, e, f = load(numbers, 5 * lanes), load(numbers, 6 * lanes), load(numbers, 7 * lanes)
+    g, h, i = load(numbers, 8 * lanes), load(numbers, 9 * lanes), load(numbers, 10 * lanes)
+    j, k, m = load(numbers, 11 * lanes), load(numbers, 12 * lanes), load(numbers, 13 * lanes)
+    for _ in range(turns):
+        a, b, c, d = a * x + y, b * x + y, c * x + y, d * x + y
+        e, f, g, h = e * x + y, f * x + y, g * x + y, h * x + y
+        i, j, k, m = i * x + y, j * x + y, k * x + y, m * x + y
+    for at, chain in enumerate((a, b, c, d, e, f, g, h, i, j, k, m)):
+        store(numbers, (2 + at) * lanes, chain)
 
 
 def at_level(name: str, crowd: ms.Crowd, turns: Any, moves: Any, out: Any) -> None:

@@ -1,5 +1,6 @@
 """Compiled kernels are kept in a folder that can be written to, and where there is none the package still works."""
 
+import io
 import os
 import re
 import stat
@@ -67,6 +68,71 @@ def test_a_notice_tells_of_kernels_that_are_compiled_and_not_of_cached_ones(tmp_
     first = used(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)).stderr
     assert re.fullmatch(r"modalshell: compiling kernels, once, up to about \d+ s\n", first)
     assert used(tmp_path, NUMBA_CACHE_DIR=str(tmp_path)).stderr == ""
+
+
+ORDER = """
+import sys
+from numba.core import event
+log = []
+class Spy(event.Listener):
+    def on_start(self, event):
+        log.append("compilation")
+    def on_end(self, event):
+        pass
+class Stream:
+    def write(self, text):
+        log.extend(text.splitlines())
+    def flush(self):
+        pass
+event.register("numba:compile", Spy())
+import modalshell as ms
+assert not log, log
+event.register("numba:compile", Spy())  # after the package's own, which speaks first
+sys.stderr = Stream()
+ms.Shell(ms.flat_beam(cells=(2, 1)), ms.Material(20.0, 20.0, 0.05, 0.2)).raw_energy(ms.flat_beam(cells=(2, 1)).vertices)
+sys.stderr = sys.__stderr__
+print(log.index("compilation"), next(k for k, word in enumerate(log) if word.startswith("modalshell: compiling")))
+print(*({"scipy.stats", "matplotlib.pyplot", "pyvista", "sympy"} & set(sys.modules)))
+"""
+
+
+def test_the_notice_comes_before_anything_is_compiled_and_without_heavy_imports(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", ORDER]
+    answer = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+    assert answer.returncode == 0, answer.stderr
+    # The first spy hears of the first compilation, then the notice is said, then the second spy hears of it.
+    order, heavy = answer.stdout.split("\n")[:2]
+    assert order == "0 1"
+    assert heavy == ""
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+def test_a_terminal_shows_a_bar_that_is_gone_when_the_kernels_are_there(monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(sys, "__stderr__", terminal)
+    for name, value in (("due", True), ("_most", 0.0), ("_spent", 0.0)):
+        monkeypatch.setattr(compiler.notice, name, value)
+    monkeypatch.setattr(compiler, "_most_seconds", lambda: 1e-3)
+
+    def halved(x):
+        return 0.5 * x
+
+    halved.__module__ = "modalshell.kernels.halved"
+    kernel = numba.njit(halved)
+    assert (kernel(2.0), kernel(2)) == (1.0, 1.0)
+    notice, bars = terminal.getvalue().split("\n")
+    assert notice.startswith("modalshell: compiling kernels")
+    first, gone, second, end = (text.rstrip(" ") for text in bars.split("\r")[1:-1] if text != "")
+    assert first == f"[{' ' * 30}] halved"
+    assert second == f"[{'#' * 30}] halved"
+    assert gone == end == ""
+    assert bars.endswith(" \r")
 
 
 def test_the_notice_is_of_this_package_alone_and_comes_once(monkeypatch, capsys):

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.models.hybrid_training import Trained
+from modalshell.models.hybrid_training import GROWING, Trained
 from modalshell.reduction.assumed_stress import reduce_energy
 from modalshell.reduction.assumed_stress_step import evaluate
 
@@ -173,12 +173,36 @@ def test_training_counts_and_repeats_itself():
     assert isinstance(first._trained, Trained)
 
 
+def test_its_basis_grows_until_a_wanted_error_is_met():
+    shell = stiff_beam((8, 2))
+    options = {"gravity": (0, 0, -60), "motions": 6}
+    errors = {m: ms.HybridStress.trained(shell, **options, modes=m).held_out_error for m in GROWING}
+    assert errors[24] < errors[16]
+    between = 0.5 * (errors[16] + errors[24])
+    found = ms.HybridStress.trained(shell, **options, error=between)
+    assert found._trained.basis.shape[1] == 24
+    assert found.held_out_error == errors[24] <= between
+    least = ms.HybridStress.trained(shell, **options, error=1e-12)
+    assert least.held_out_error == min(errors.values())
+
+
+def test_scenes_name_the_wanted_error(scene_file):
+    """A scene's table is that of the training's parameters."""
+    table = 'name = "hybrid"\ncells = [8, 2]\nmotions = 4\nerror = 10.0'
+    file = scene_file(('name = "mwts"', table), ("[motion]\nduration = 1\n", ""))
+    model = ms.load_scene(file).build().model
+    assert model._trained.basis.shape[1] == 16
+    assert model.held_out_error <= 10.0
+
+
 def test_wrong_uses_are_refused():
     shell = stiff_beam((8, 2))
     with pytest.raises(ms.OptionError, match="not zero"):
         ms.HybridStress.trained(shell)
     with pytest.raises(ms.OptionError, match="modes"):
         ms.HybridStress.trained(shell, gravity=(0, 0, -1), modes=0)
+    with pytest.raises(ms.OptionError, match="error"):
+        ms.HybridStress.trained(shell, gravity=(0, 0, -1), error=0.0)
     with pytest.raises(ms.SupportError, match="clamp"):
         ms.HybridStress.trained(ms.Shell(shell.mesh, shell.material), gravity=(0, 0, -1))
     sheet = ms.Shell(shell.mesh, ms.Isotropic(1e6, 0.3, 1e-3, 100.0), shell.clamped)

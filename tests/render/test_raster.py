@@ -6,7 +6,7 @@ import pytest
 import modalshell as ms
 from modalshell.kernels.raster import shrink
 from modalshell.render import backend
-from modalshell.render.raster import Canvas, Triangles
+from modalshell.render.rasteriser_painter import Canvas, Triangles
 from modalshell.render.surfaces import normals
 from modalshell.triangles import area_vectors
 

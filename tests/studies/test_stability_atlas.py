@@ -76,6 +76,8 @@ def test_outcome_of_constructed_motions(tip, outcome, unconverged, truth, name):
         ("MWTS, implicit Euler", {"gamma": 1e4}, "wound up"),
         ("RSW, implicit Euler", {"aspect": 1e5}, "refused"),
         ("MD-ROM, implicit Euler", {"fold": -179.99}, "converged"),
+        ("hybrid, implicit Euler", {"ratio": 1e4}, "converged"),
+        ("hybrid, implicit Euler", {"ratio": 1.0}, "refused"),
         ("DS, implicit Euler", {"step": 10.0}, "converged"),
         ("DS, implicit Euler", {"aspect": 1e6}, "steps not converged"),
         ("DS, explicit Euler", {"step": 1e-3}, atlas.AGREES),
@@ -132,7 +134,7 @@ def rows_of():
     return {moves_by(models.model_of(name, 1e2, 1.0, 0.0)): name for name in ROWS}
 
 
-@pytest.mark.parametrize("name", [key for key, spec in MODELS.items() if spec.needs != "coarse training"])
+@pytest.mark.parametrize("name", MODELS)
 def test_every_model_of_a_scene_has_a_row_for_every_way_to_move(name, rows_of):
     """A new model or integrator that scenes know fails here until the atlas has it."""
     found = [moves_by(model) for model in variants(model_tables()[name])]
@@ -205,7 +207,7 @@ def test_every_limit_is_met_by_measurement(row):
         assert limit["theory"] is not None
         assert limit["measured"] is not None, limit["what"]
         assert limit["ratio"] == pytest.approx(1.0, abs=0.05), limit["what"]
-    without = ("MD-ROM", "coarse DS", "MWTS sum")
+    without = ("MD-ROM", "hybrid", "coarse DS", "MWTS sum")
     assert bool(found) != row.startswith(without)
 
 
