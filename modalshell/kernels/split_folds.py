@@ -54,13 +54,24 @@ def colour_triangles(neighbours: Any, colours: Any) -> None:
 
 
 @njit(**OPTIONS)
-def match_triangles(edges: Any, edge_faces: Any, over: Any) -> None:
-    """Pair triangles over the ``edges`` in their order: ``over`` (T,) of -1 takes the common edge of each pair."""
-    for place in range(edges.size):
-        edge = edges[place]
-        first, second = edge_faces[edge, 0], edge_faces[edge, 1]
-        if over[first] < 0 and over[second] < 0 and first != second:
-            over[first] = over[second] = edge
+def match_triangles(edges: Any, begins: Any, edge_faces: Any, over: Any) -> None:
+    """Pair triangles over the ``edges`` in their order: ``over`` (T,) of -1 takes the common edge of each pair.
+
+    Of the edges from one of ``begins`` to the next none comes before another: two that want one triangle both lose it.
+    """
+    wanted = np.zeros(over.size, np.int64)
+    for group in range(begins.size - 1):
+        for turn in range(3):
+            for place in range(begins[group], begins[group + 1]):
+                edge = edges[place]
+                first, second = edge_faces[edge, 0], edge_faces[edge, 1]
+                if turn == 0 and over[first] < 0 and over[second] < 0 and first != second:
+                    wanted[first] += 1
+                    wanted[second] += 1
+                elif turn == 1 and wanted[first] == 1 and wanted[second] == 1:
+                    over[first] = over[second] = edge
+                elif turn == 2:
+                    wanted[first] = wanted[second] = 0
 
 
 @njit(**OPTIONS)

@@ -13,8 +13,8 @@ stiffness :math:`D k^4 (1 - (1 - w) \beta k^2 h^2)` in the mean over directions,
 lumped masses are exact to this order; deflections under loads are where :math:`(1 - w) \beta = 1/16`, at w from 0.56
 to 0.79. The weight here lies between both.
 
-Pairs are taken in the order of their common edge's length, then of its number: on meshes with edges of one length the
-energy depends on the numbers of the vertices, by terms of the order of its error.
+Pairs follow from the shape alone: a symmetry of the mesh is one of the energy, and numbers of vertices do not matter.
+Where two edges of a triangle are alike in all respects neither makes a pair.
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ _SLENDER = 0.05
 def paired_triangles(
     mesh: TriangleMesh, rigidity: Array, poisson: Array, bends: NDArray[np.bool_], inner: NDArray[np.bool_]
 ) -> tuple[Index, Index]:
-    """Triangles that ``bends`` (T,) by pairs over the edges ``inner`` (E,), longest ones first; the rest stay single.
+    """Triangles that ``bends`` (T,) by pairs over the edges ``inner`` (E,); the rest stay single.
+
+    Edges that are longest among those of their triangles come first, of like ones those nearest to the middle.
 
     Returns
     -------
@@ -62,11 +64,16 @@ def paired_triangles(
     alike = (stiff[:, 1] <= _ALIKE * stiff[:, 0]) & (np.abs(poisson[first] - poisson[second]) <= 0.05)
     kept = stout[first] & stout[second] & flat & alike
     candidates, first, second = candidates[kept], first[kept], second[kept]
-    # Rounded, so that edges of one length are taken in the order of their numbers.
-    share = np.round(lengths[candidates] ** 2 / np.sum(sides[np.stack([first, second])] ** 2, axis=(0, 2)), 2)
-    order = np.argsort(-share, kind="stable")
     over = np.full(len(mesh.faces), -1)
-    match_triangles(candidates[order], mesh.edge_faces, over)
+    if candidates.size:
+        # Rounded, so that rounding errors do not tell edges apart that a symmetry of the mesh maps to each other.
+        share = lengths[candidates] ** 2 / np.sum(sides[np.stack([first, second])] ** 2, axis=(0, 2))
+        middle = np.average(mesh.vertices[mesh.faces].mean(axis=1), axis=0, weights=mesh.face_areas)
+        away = np.linalg.norm(mesh.vertices[mesh.edges[candidates]].mean(axis=1) - middle, axis=1)
+        rank = np.column_stack([-np.floor(100.0 * share + 0.3), np.floor(1000.0 * away / lengths.mean() + 0.3)])
+        order = np.lexsort((rank[:, 1], rank[:, 0]))
+        begins = np.flatnonzero(np.append(True, (np.diff(rank[order], axis=0) != 0.0).any(axis=1)))
+        match_triangles(candidates[order], np.append(begins, order.size), mesh.edge_faces, over)
 
     joined = np.unique(over[over >= 0])
     alone = np.flatnonzero(bends & (over < 0))
