@@ -25,10 +25,13 @@ def draw(results: Path, folder: Path) -> Path:
             places = list(range(len(own)))
             parts = {
                 f"{name} on hinges": ([row["models"][model]["on hinges"] for row in own], "black"),
-                "of that the hinges": ([row["hinges"] for row in own], "#a3211b"),
-                "of that modes and warp": ([row["models"][model]["modes and warp"] for row in own], "#2b5fc8"),
+                "error of the hinges": ([row["hinges"] for row in own], "#a3211b"),
+                "error of modes and warp, on hinges": (
+                    [row["models"][model]["modes and warp"] for row in own],
+                    "#2b5fc8",
+                ),
                 f"{name} on shell theory": ([row["models"][model]["on shell theory"] for row in own], "#2f9e44"),
-                "the mesh": ([row["of the mesh"] for row in own], "#999999"),
+                "error of the mesh, shell theory": ([row["of the mesh"] for row in own], "#999999"),
             }
             curves = [
                 Curve(places, [max(100.0 * value, FLOOR) for value in values], label, color, dashed=color != "black")

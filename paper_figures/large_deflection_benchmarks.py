@@ -10,20 +10,11 @@ from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
 from paper_figures.energy_colors import COLORS
 
-TITLES = {
-    "3.1": "cantilever, end shear",
-    "3.2": "cantilever, end moment",
-    "3.3": "slit annulus",
-    "3.4": "hemisphere",
-    "3.5": "open cylinder",
-    "3.6": "pinched cylinder",
-    "3.7": "pinched semi-cylinder",
-}
-
 
 def draw(results: Path, folder: Path) -> Path:
     """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
-    rows = StudyResult.load(results, "large_deflection_benchmarks").findings["rows"]
+    findings = StudyResult.load(results, "large_deflection_benchmarks").findings
+    rows = findings["rows"]
     panels = []
     for problem in dict.fromkeys(row["problem"] for row in rows):
         curves = []
@@ -37,5 +28,5 @@ def draw(results: Path, folder: Path) -> Path:
         for column, values in enumerate(np.array([row["published"] for row in first]).T):
             label = "Sze, Liu and Lo" if column == 0 else "_same"
             curves.append(Curve([row["share"] for row in first], values, label, "black", dashed=True))
-        panels.append(Panel(curves, f"{problem} {TITLES[problem]}", "share of the load", "displacement"))
+        panels.append(Panel(curves, f"{problem} {findings['names'][problem]}", "share of the load", "displacement"))
     return draw_curves(panels, folder / "large_deflection_benchmarks.png", columns=3)

@@ -27,5 +27,5 @@ def draw(results: Path, folder: Path) -> Path:
         for sign, label in ((1.0, "aim"), (-1.0, "_same")):
             aim = sign * 100.0 * shown[0]["bound"]
             curves.append(Curve(ends, [aim, aim], label, "black", dashed=True, points=False))
-        panels.append(Panel(curves, name, "vertices", "error [%]", log_x=True))
+        panels.append(Panel(curves, name, "vertices", "error [%]", log_x=True, legend_inside=False))
     return draw_curves(panels, folder / "obstacle_course.png", columns=4)

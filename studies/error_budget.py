@@ -13,7 +13,6 @@ Run it alone with ``modalshell reproduce --only error_budget``.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,8 +21,10 @@ import modalshell as ms
 from modalshell.models.registry import MODELS as MODEL_SPECS
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
+from modalshell.typing import Progress
 from studies.both_energies import Sheet, displacements_at, flat_shell
 from studies.pages import number
+from studies.progress import counted
 
 FIGURES = ("error_budget", "shell_theory_errors", "shell_theory_shapes")
 
@@ -46,17 +47,15 @@ SHAPES: dict[str, tuple[str, float, str, float]] = {
 """Shape, Poisson's ratio and load of each case, and by how many lengths its tip would move in linear theory."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All shapes on both mesh families; ``quick`` takes coarser meshes and two shapes."""
     across = 4 if quick else 8
     names = list(SHAPES)[:4:3] if quick else list(SHAPES)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
     cases = [(name, family) for name in names for family in FAMILIES]
-    for done, (name, family) in enumerate(cases, start=1):
+    for name, family in counted(cases, on_step):
         rows += budget(name, family, across, arrays)
-        if on_step is not None:
-            on_step(done, len(cases))
     parameters = {"length": LENGTH, "loads": LOADS, "modes": MODES, "across": across, "shapes": SHAPES}
     return StudyResult("error_budget", {"rows": rows}, arrays, run_record(parameters))
 

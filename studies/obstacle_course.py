@@ -25,9 +25,11 @@ import modalshell as ms
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
 from modalshell.supports import Support
+from modalshell.typing import Progress
 from studies.both_energies import FAMILIES
 from studies.mapped_sheets import near, quarter_cylinder, spread, square
 from studies.pages import number
+from studies.progress import counted
 from studies.sze_liu_lo import GRADING, hemisphere
 
 FIGURES = ("obstacle_course",)
@@ -48,7 +50,7 @@ class Answer(NamedTuple):
     error: float
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All problems and mesh families at two resolutions; ``quick`` takes the coarser one of one family."""
     families = FAMILIES[:1] if quick else FAMILIES
     cases = [
@@ -58,13 +60,11 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         for cells in (problem.cells[:1] if quick else problem.cells)
     ]
     rows: list[dict[str, Any]] = []
-    for done, (name, family, cells) in enumerate(cases, start=1):
+    for name, family, cells in counted(cases, on_step):
         problem = PROBLEMS[name]
         mesh_cells = f"{cells[0]} x {cells[1]}"
         answer = problem.solve(family, cells)
         rows.append({"problem": name, "mesh": family, "cells": mesh_cells, "bound": problem.bound, **answer._asdict()})
-        if on_step is not None:
-            on_step(done, len(cases))
     return StudyResult("obstacle_course", {"rows": rows}, {}, run_record({"families": families}))
 
 

@@ -27,8 +27,10 @@ import modalshell as ms
 from modalshell.errors import ModalShellWarning
 from modalshell.provenance import run_record
 from modalshell.study import StudyResult, Table
+from modalshell.typing import Progress
 from studies.both_energies import ENERGIES, FAMILIES, Sheet, displacements_at, flat_shell
 from studies.pages import numbers
+from studies.progress import counted
 
 FIGURES = ("plate_frequencies",)
 
@@ -46,18 +48,16 @@ Shapes = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Deflections (n, k) of modes at coordinates (n,) along and across, in [0, 1] and [-0.5, 0.5]."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All supports, energies and meshes at two resolutions; ``quick`` takes coarser ones."""
     resolutions = (8, 16) if quick else (22, 44)
     cases = [(s, e, f, cells) for s in SUPPORTS for e in ENERGIES for f in FAMILIES for cells in resolutions]
     references = {supports: reference(supports) for supports in SUPPORTS}
     rows: list[dict[str, Any]] = []
-    for done, (supports, energy, family, cells) in enumerate(cases, start=1):
+    for supports, energy, family, cells in counted(cases, on_step):
         exact, shapes = references[supports]
         found, likeness = matched_frequencies(supports, energy, family, cells, exact, shapes)
         rows.append(found_row(supports, energy, family, cells, found, exact[:MODES], likeness))
-        if on_step is not None:
-            on_step(done, len(cases))
     elements = finite_elements()
     for name, energy, family in [(n, e, f) for n in SHELLS for e in ENERGIES for f in FAMILIES]:
         exact = np.array(elements[name]["frequencies"])[:MODES]

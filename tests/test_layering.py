@@ -9,13 +9,8 @@ REPOSITORY = Path(__file__).resolve().parents[1]
 ROOT = "modalshell"
 PACKAGE = REPOSITORY / ROOT
 PACKAGES = (ROOT, "studies", "paper_figures")
-FIGURES_MAY_IMPORT = (
-    "modalshell.render",
-    "modalshell.study",
-    "modalshell.compare.draw",
-    "modalshell.models.registry",
-    "modalshell.typing",
-)
+_FOR_FIGURES = ("render", "study", "compare.draw", "models.registry", "typing")
+FIGURES_MAY_IMPORT = tuple(f"modalshell.{name}" for name in _FOR_FIGURES)
 
 # Top-level module -> the top-level modules that it imports, no more and no fewer, in the order of the pipeline: no row
 # names one below it. "modalshell" itself (ROOT) stands for the names that modalshell/__init__.py hands out.

@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from modalshell import TriangleMesh, cylinder_panel, sheet
-from modalshell.errors import OptionError
-from modalshell.selection import select_vertices
+from modalshell import Material, Shell, TriangleMesh, cylinder_panel, sheet
+from modalshell.errors import OptionError, SupportError
+from modalshell.selection import select_vertices, selected
 
 POINTS = np.array([[0.0, 0.0, 0.0], [0.5, -1.0, 2.0], [1.0, 1.0, -3.0]])
 
@@ -90,3 +90,12 @@ def test_parts_of_a_mesh_are_selected():
 def test_points_have_no_parts(text):
     with pytest.raises(OptionError, match="without a mesh"):
         select_vertices(text, np.zeros((3, 3)))
+
+
+@pytest.mark.parametrize("chosen", [[0, 1, 1, 0], [[0, 1], [2, 3]], [True, False], [9], [0.5]], ids=repr)
+def test_entries_that_are_no_vertices_are_refused(chosen):
+    square = sheet(cells=(1, 1))
+    with pytest.raises(OptionError, match=r"^sel "):
+        selected("sel", chosen, square)
+    with pytest.raises(SupportError, match=r"^clamped "):
+        Shell(square, Material(1.0, 1.0, 1.0, 1.0), chosen)

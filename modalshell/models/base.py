@@ -63,6 +63,8 @@ class Model(ABC):
     """Whether :meth:`step_live` takes loads that change within a step; otherwise they join the dead load before it."""
     moves_patches = False
     """Whether constrained patches are moved as boundaries, exactly, instead of by forces."""
+    new_positions = False
+    """Whether :meth:`positions` returns a new array each time, which nothing else writes to."""
     takes_constraints = False
     """Whether it takes position and orientation constraints."""
 

@@ -21,6 +21,8 @@ _SAMPLES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
 """Shares of an edge's length at which its place on the boundary is looked for."""
 _SAME = 1e-9
 """Distance, in sizes of the mesh, below which midpoints are those of one edge."""
+_THIN, _TURNED = 0.02, 0.5
+"""Least area of a triangle over the mean, and cosine of its turn, once vertices are moved onto clamped points."""
 _HEIGHT = 0.1
 """Least height of a held triangle over its edge's length."""
 
@@ -30,7 +32,8 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
 
     The part that moves is remeshed alone, so that the line where the clamps end is a boundary of it. Each coarse edge
     there gets a held triangle on its other side, the hinge between them being the clamp. The clamped region itself
-    follows as a further part, which bears the loads that act there; it has no unknowns.
+    follows as a further part, which bears the loads that act there; it has no unknowns. Vertices are moved onto clamped
+    points and lines.
 
     Raises
     ------
@@ -47,12 +50,17 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
             f"triangles must be fewer than the {len(mesh.faces)} of the shell for a coarse mesh (got {triangles})"
         )
     held: NDArray[np.bool_] = np.all(shell.clamped[mesh.faces], axis=1)
+    points = shell.clamped.copy()
+    points[mesh.faces[held]] = False
+    rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
+    points[rim[np.all(shell.clamped[rim], axis=1)]] = False  # on the boundary, which the coarse mesh keeps
+    places = mesh.vertices[points]
     if not held.any():
-        return remesh(mesh, triangles)
+        return _drawn_to(remesh(mesh, triangles), places)
     if held.all():
         raise SupportError("every triangle of the shell is clamped: nothing is left to remesh")
     moving = _part(mesh, ~held)
-    coarse = remesh(moving, max(_FEWEST, round(triangles * moving.area / mesh.area)))
+    coarse = _drawn_to(remesh(moving, max(_FEWEST, round(triangles * moving.area / mesh.area))), places)
     edges = _edges_along(coarse, moving, _clamp_line(mesh, held))
     if not len(edges):
         raise SupportError(f"the clamped line is lost on a mesh of {triangles} triangles: ask for more")
@@ -64,6 +72,29 @@ def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
         return TriangleMesh(
             np.concatenate([vertices, fixed.vertices]), np.concatenate([faces, fixed.faces + len(vertices)])
         )
+
+
+def _drawn_to(mesh: TriangleMesh, places: Array) -> TriangleMesh:
+    """``mesh`` with its vertices nearest to ``places`` (p, 3), clamped points and lines, moved onto them."""
+    if not len(places):
+        return mesh
+    nearest = np.unique(cKDTree(mesh.vertices).query(places)[1])
+    vertices = np.array(mesh.vertices)
+    vertices[nearest] = places[cKDTree(places).query(vertices[nearest])[1]]
+    try:
+        moved = TriangleMesh(vertices, mesh.faces)
+    except MeshError:
+        moved = None
+    if (
+        moved is None
+        or moved.face_areas.min() < _THIN * moved.face_areas.mean()
+        or bool((np.sum(moved.face_normals * mesh.face_normals, axis=1) < _TURNED).any())
+    ):
+        raise SupportError(
+            "the clamped points and lines of the shell have no place on a mesh so coarse: ask for another number of "
+            "triangles, or give a mesh with vertices there"
+        )
+    return moved
 
 
 def _fewer_held(shell: Shell, fixed: TriangleMesh, triangles: int) -> TriangleMesh:

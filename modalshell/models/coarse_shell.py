@@ -8,6 +8,7 @@ from typing import Any, final
 
 import numpy as np
 from scipy.optimize import brentq
+from scipy.spatial import cKDTree
 
 from modalshell.brief import brief
 from modalshell.checks import checked_count, checked_kind, shown
@@ -32,8 +33,10 @@ _APART = 0.3
 """Least difference of two modes' fractions of membrane energy for them to determine both stiffnesses."""
 _ALIKE = 0.7
 """Square of the cosine between a fine mode and the coarse one that is it."""
-_FLEXURE = 0.1
-"""Logarithm of the flexure's factor from which the mesh is too coarse for that mode, and one mode alone decides."""
+_TWISTED = 0.5
+"""Part of the logarithm of the flexure's factor that is taken from a mode above the lowest: uniform bends need less."""
+_SAME = 1e-6
+"""Relative distance and difference of areas below which a surface is the same."""
 _ROUNDS, _MET = 12, 1e-4
 """Newton steps on both stiffnesses at most, and the logarithm of a ratio of eigenvalues that counts as met."""
 
@@ -72,13 +75,13 @@ def remeshed(shell: Shell, triangles: int) -> CoarseMesh:
 def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Isotropic | None = None) -> Shell:
     """A coarse shell on ``mesh`` with the supports of ``shell`` and, by calibration, its lowest frequencies.
 
-    A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Where the
-    membrane decides the lowest mode and bending another of the lowest six, both stiffnesses are scaled until the
-    elastic eigenvalues of these two modes agree, the flexure by a tenth at most. Else one is scaled, until the lowest
-    eigenvalues agree: the membrane, or the flexure where the lowest mode hardly stretches or the membrane's factor
-    would be beyond 0.3 to 1.8. Sheets of
-    :class:`Isotropic` need no calibration. To clamp alike, give ``mesh`` a row of vertices where the fine shell's held
-    region ends.
+    A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Where one of the
+    lowest six modes is decided by the membrane and another by bending, the lowest of them included, both stiffnesses
+    are scaled until the elastic eigenvalues of these two agree. Where the membrane decides the lowest, the flexure is
+    scaled by half as much, as a logarithm: the bending mode is then a twist, and uniform bends ask for less. Else one
+    stiffness is scaled, until the lowest eigenvalues agree: the membrane, or the flexure where the lowest mode hardly
+    stretches or the membrane's factor would be beyond 0.3 to 1.8. Sheets of :class:`Isotropic` need no calibration. To
+    clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
 
     Parameters
     ----------
@@ -168,9 +171,12 @@ def _both_stiffnesses(
     """
     eigenvalues, modes, parts = _elastic_modes(shell)
     apart = parts[0, 0] - parts[:, 0]
-    if apart.max() < _APART:
+    if apart.max() >= _APART:
+        pair, taken = [0, int(np.argmax(apart >= _APART))], _TWISTED
+    elif apart.min() <= -_APART:
+        pair, taken = [int(np.argmax(apart <= -_APART)), 0], 1.0
+    else:
         return None
-    pair = [0, int(np.argmax(apart >= _APART))]
     corners = modes.reshape(len(shell.mass), 3, -1)[shell.mesh.faces[nearest]]
     sampled = np.einsum("kc,kcxm->kxm", shares, corners)[:, :, pair].reshape(-1, 2)
     factors = np.zeros(2)
@@ -184,9 +190,11 @@ def _both_stiffnesses(
         if alike.max(axis=1).min() < _ALIKE or same[0] == same[1]:
             return None
         excess = np.log(found[same] / eigenvalues[pair])
-        if np.abs(excess).max() < _MET:
-            return coarse if abs(factors[1]) < _FLEXURE else None
         slope = sensitivities[same]
+        excess[1] += (1.0 / taken - 1.0) * slope[1, 1] * factors[1]
+        slope[1, 1] /= taken
+        if np.abs(excess).max() < _MET:
+            return coarse
         if abs(np.linalg.det(slope)) < 0.5 * _APART:
             return None
         factors -= np.linalg.solve(slope, excess).clip(-1.0, 1.0)
@@ -218,8 +226,9 @@ def _elastic_modes(shell: Shell) -> tuple[Array, Array, Array]:
 def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
     """A coarse mesh with a second row of vertices where the held region of ``shell`` ends.
 
-    With one held row it would be hinged where the fine shell is clamped. The neighbours of that row are moved onto the
-    held vertices nearest to them.
+    With one held row it would be hinged where the fine shell is clamped. The neighbours of that row are moved to the
+    nearest points of held edges. The other vertices follow, the farthest not at all, where that keeps the surface and
+    its outline: rows stay evenly apart.
     """
     nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
     held = shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
@@ -227,15 +236,39 @@ def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
         return mesh
     beside = np.zeros(len(held), dtype=bool)
     beside[mesh.faces[held[mesh.faces].any(axis=1)]] = True
-    places = shell.rest_positions[shell.clamped]
-    vertices = np.array(mesh.vertices)
-    for vertex in np.flatnonzero(beside & ~held):
-        vertices[vertex] = places[np.argmin(np.linalg.norm(places - vertices[vertex], axis=1))]
+    beside &= ~held
+    edges = shell.mesh.edges[shell.clamped[shell.mesh.edges].all(axis=1)]
+    if not beside.any() or len(edges) == 0:
+        return mesh
+    row = mesh.vertices[beside]
+    moves = _nearest_on_edges(shell.rest_positions[edges], row) - row
+    drawn = np.array(mesh.vertices)
+    drawn[beside] += moves
     try:
-        moved = TriangleMesh(vertices, mesh.faces)
+        moved = TriangleMesh(drawn, mesh.faces)
     except MeshError:  # the fine shell has one held row too
         return mesh
-    return moved if moved.face_areas.min() > 0.02 * moved.face_areas.mean() else mesh
+    if moved.face_areas.min() <= 0.02 * moved.face_areas.mean():
+        return mesh
+    rest = ~held & ~beside
+    distances, leaders = (np.asarray(found) for found in cKDTree(row).query(mesh.vertices[rest]))
+    drawn[rest] += (1.0 - distances / distances.max(initial=0.0))[:, None] * moves[leaders]
+    try:
+        even = TriangleMesh(drawn, mesh.faces)
+    except MeshError:
+        return moved
+    off = closest_points(shell.mesh, even.vertices)[2].max() / mesh.size
+    grown = abs(even.face_areas.sum() / moved.face_areas.sum() - 1.0)
+    return even if max(off, grown) < _SAME else moved
+
+
+def _nearest_on_edges(edges: Array, points: Array) -> Array:
+    """Nearest points (k, 3) of edges (e, 2, 3) to ``points`` (k, 3)."""
+    arms, starts = edges[:, 1] - edges[:, 0], edges[:, 0]
+    shares = np.einsum("kex,ex->ke", points[:, None] - starts, arms) / np.sum(arms**2, axis=1)
+    candidates = starts + shares.clip(0.0, 1.0)[:, :, None] * arms
+    chosen = np.linalg.norm(candidates - points[:, None], axis=2).argmin(axis=1)
+    return np.asarray(candidates[np.arange(len(points)), chosen])
 
 
 def _lowest(shell: Shell) -> float:

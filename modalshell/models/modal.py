@@ -58,6 +58,7 @@ class ModalModel(Model):
 
     in_shell_frame = True
     takes_constraints = True
+    new_positions = True
     conservative: bool = True
     """Whether the modal force is the gradient of the load's work, so that equilibria are the minima of a potential."""
 
@@ -67,6 +68,7 @@ class ModalModel(Model):
         self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
         self._identity = np.eye(basis.count)
         self._distortion = Distortion(self.shell.mesh)
+        self._damp: tuple[Damping, Array] | None = None
         self._unit_step: tuple[tuple[float, Damping], tuple[Array, Array]] | None = None
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
@@ -133,7 +135,9 @@ class ModalModel(Model):
             return differences(lambda q: force(q, share), q, basis.rotations)
 
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as no fixed point
-            found = balance(force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, begin, retry=True)
+            found = balance(
+                force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, begin, first_step=1.0, retry=True
+            )
         return self._answer(found)
 
     def _refuse_slack(self) -> None:
@@ -162,15 +166,16 @@ class ModalModel(Model):
         return 0.0
 
     @cached_property
-    def _turns(self) -> Array:
-        """Largest rotation [rad] of a part in each mode (m,)."""
-        return np.array([self.largest_turn(unit) for unit in self._identity])
+    def _turns(self) -> Array | None:
+        """Largest rotation [rad] of a part in each mode (m,); None where no mode has any."""
+        turns = np.array([self.largest_turn(unit) for unit in self._identity])
+        return turns if turns.any() else None
 
     def fault(self, state: MotionState, positions: Array) -> Outcome | None:
         """Wound up if a part rotated by more than 2 pi, distorted if the surface is stretched or folded over."""
         # Rotations are linear in q: what the modes' own largest ones add up to bounds them.
-        q = state.coordinates
-        if not np.abs(q) @ self._turns <= WOUND_UP and self.largest_turn(q) > WOUND_UP:
+        q, turns = state.coordinates, self._turns
+        if turns is not None and not np.abs(q) @ turns <= WOUND_UP and self.largest_turn(q) > WOUND_UP:
             return Outcome.WOUND_UP
         return Outcome.DISTORTED if self._distortion.of(positions) else None
 
@@ -250,9 +255,16 @@ class ModalModel(Model):
     ) -> tuple[MotionState, bool]:
         """One step of the integrator for every mode."""
         q, v, eigenvalues = state.coordinates, state.rates, self.basis.eigenvalues
-        damp = damping.of_modes(eigenvalues)
+        damp = self._modal_damping(damping)
         after = self.integrator.step(q, v, lambda q: self.modal_force(q, load), eigenvalues, damp, dt)
         return MotionState(*after), True
+
+    def _modal_damping(self, damping: Damping) -> Array:
+        """Damping [1/s] of the modes (m,), kept from step to step."""
+        kept = self._damp  # read once: another thread may ask for another meanwhile
+        if kept is None or kept[0] is not damping:
+            kept = self._damp = damping, damping.of_modes(self.basis.eigenvalues)
+        return kept[1]
 
     def dragged(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
@@ -270,7 +282,7 @@ class ModalModel(Model):
     ) -> MotionState:
         """One step under a dead load (n, 3) [N] and what a :class:`LoadQuadrature` says of the others."""
         (push, drag), q, v, eigenvalues = pushed, state.coordinates, state.rates, self.basis.eigenvalues
-        damp = damping.of_modes(eigenvalues)
+        damp = self._modal_damping(damping)
         after = self.integrator.step(q, v, lambda q: self.modal_force(q, load) + push, eigenvalues, damp, dt)
         return self._slowed(MotionState(*after), state, dt, damping, drag) if drag.any() else MotionState(*after)
 

@@ -130,7 +130,7 @@ class ModalDerivatives(Model):
         """Derivative of an equilibrium under dead loads at a held span; see :class:`Model`.
 
         U stays as it was built: loads, the density, and Young's modulus of an :class:`Isotropic` leave its span as it
-        is; a model that is built anew with another constant has another span, and with it another error. By rest angles
+        is; a model that is built with another constant has another span, and with it another error. By rest angles
         it is that of the same energy on the same span, too. A model with cubature knows loads and the density, and
         constants that all its elements go with.
         """

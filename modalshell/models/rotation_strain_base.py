@@ -130,7 +130,7 @@ class TurnedTriangles(ModalModel):
 
     def _face(self, load: Array) -> LoadAdjoint:
         adjoint = self._faced  # read once: another thread may face another load meanwhile
-        if adjoint is None or not np.array_equal(load, adjoint.load):
+        if adjoint is None or not (load == adjoint.load).all():
             adjoint = self._faced = self._adjoint(load)
         return adjoint
 

@@ -150,7 +150,9 @@ class Motion:
         for known, positions in self._known:
             if known is state:
                 return positions
-        positions = self.model.positions(state).copy()  # the model may have one buffer only
+        positions = self.model.positions(state)
+        if not self.model.new_positions:
+            positions = positions.copy()
         self._known = [*self._known[-1:], (state, positions)]
         return positions
 

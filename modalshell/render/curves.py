@@ -64,8 +64,8 @@ class Panel:
         The only ticks of the x axis, and their texts.
     lines : sequence of Line
         Vertical lines.
-    legend_inside : bool
-        Whether the legend stands within the axes however many curves there are.
+    legend_inside : bool, optional
+        Whether the legend stands within the axes; by default where there are few curves.
     """
 
     curves: Sequence[Curve]
@@ -78,7 +78,7 @@ class Panel:
     band_label: str = ""
     x_ticks: Mapping[float, str] | None = None
     lines: Sequence[Line] = ()
-    legend_inside: bool = False
+    legend_inside: bool | None = None
 
 
 def draw_curves(
@@ -121,8 +121,11 @@ def draw_curves(
         axes.set_title(panel.title, fontsize=11)
         axes.set(xlabel=panel.x_label, ylabel=panel.y_label)
         axes.grid(alpha=0.3)
-        if len(panel.curves) + len(panel.lines) > _INSIDE and not panel.legend_inside:
-            axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
-        else:
+        inside = panel.legend_inside
+        if inside is None:
+            inside = len(panel.curves) + len(panel.lines) <= _INSIDE
+        if inside:
             axes.legend(frameon=False, fontsize=9)
+        else:
+            axes.legend(frameon=False, fontsize=9, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2)
     return write_atomically(path, lambda file: figure.savefig(file, format="png"))

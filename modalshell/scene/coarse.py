@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from modalshell.errors import MeshError, OptionError, SupportError
+from modalshell.errors import MeshError, ModalShellWarning, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
 from modalshell.models.coarse_shell import CoarseMesh, drawn_to_supports, remeshed
 from modalshell.scene.parts import Shape, build_material
@@ -82,11 +84,12 @@ def scene_coarse_meshes(
         kept = [cells for cells in sizes if cells[0] * cells[1] <= 0.5 * given.cells[0] * given.cells[1]]
         return [scene_coarse_mesh(table, material, shell, cells) for cells in kept]
     found = []
-    for factor in _COARSENINGS:
-        try:
-            found.append(scene_coarse_mesh(table, material, shell, None, round(len(shell.mesh.faces) / factor**2)))
-        except (MeshError, OptionError, SupportError):
-            continue
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)  # of another number of triangles: nobody asked for this one
+        for factor in _COARSENINGS:
+            with suppress(MeshError, OptionError, SupportError):
+                size = round(len(shell.mesh.faces) / factor**2)
+                found.append(scene_coarse_mesh(table, material, shell, triangles=size))
     return found
 
 

@@ -34,6 +34,7 @@ def balance(
     turn: Callable[[Array], float],
     start: Array | None,
     *,
+    first_step: float = 0.25,
     retry: bool = False,
 ) -> Statics:
     """Solve ``Lambda q = p(q)`` for the elastic modes by Newton, from a start or along a load that grows from rest.
@@ -54,6 +55,8 @@ def balance(
         Largest rotation [rad] at given coordinates.
     start : ndarray, shape (m,), optional
         Where to begin.
+    first_step : float
+        Share of the load that is tried first.
     retry : bool
         Whether to follow the load from rest where Newton fails from the start.
 
@@ -75,6 +78,8 @@ def balance(
         return np.asarray(y - force(whole(y), share)[rigid:] / root)
 
     def jacobian(y: Array, share: float) -> Array:
+        if share == 0.0:
+            return np.eye(root.size)
         return np.eye(root.size) - slope(whole(y), share)[rigid:, rigid:] / root[:, None] / root
 
     scale = float(np.linalg.norm(left(rest, 1.0))) or 1.0
@@ -100,7 +105,7 @@ def balance(
     if start is not None:
         y, residual, iterations, solved = newton(root * start[rigid:], 1.0)
     if start is None or (retry and not solved):
-        y, share, step = rest, 0.0, 0.25
+        y, share, step = rest, 0.0, first_step
         while share < 1.0:
             step = min(step, 1.0 - share)
             # dy/dshare = J^-1 p / sqrt(lambda), and p / sqrt(lambda) = y / share on the branch.

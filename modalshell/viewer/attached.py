@@ -30,10 +30,8 @@ class AttachedWindow(ShellWindow):
         super().__init__(run, run.name, "q: quit", off_screen=off_screen)
         self._run = run
 
-    def draw(self) -> None:
-        """Draw the run's newest frame, if there is anything new."""
-        if self._run.poll():
-            super().draw()
+    def _advance(self) -> bool:
+        return self._run.poll()
 
 
 class AttachedPage(BrowserPage):

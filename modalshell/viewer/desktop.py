@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from modalshell.viewer.stage import Shown, Stage, demand_opengl
 _HELP = "space: play or pause   m: next model   n: restart from rest   q: quit"
 
 
-class ShellWindow:
+class ShellWindow(ABC):
     """A stage with a line of text, redrawn by a timer.
 
     Parameters
@@ -46,8 +47,13 @@ class ShellWindow:
         self._status.set_text("upper_left", "; ".join(filter(None, [self._shown.status(), self._note])))
         self._stage.plotter.render()
 
+    @abstractmethod
+    def _advance(self) -> bool:
+        """Bring what is shown up to date; whether there is anything new."""
+
     def _on_timer(self, *_: object) -> None:
-        self.draw()
+        if self._advance():
+            self.draw()
 
     def show(self) -> None:
         """Open the window; returns when the user closes it."""
@@ -160,11 +166,11 @@ class DesktopViewer(ShellWindow):
         self._note = ""
         self._session.reset()
 
-    def _on_timer(self, *_: object) -> None:
+    def _advance(self) -> bool:
         now = time.perf_counter()
         passed, self._last = now - self._last, now
         self._session.keep_pace(passed)
-        self.draw()
+        return True
 
     def show(self) -> None:
         """Play in a window; returns when the user closes it."""

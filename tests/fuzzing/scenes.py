@@ -95,6 +95,7 @@ BASES: tuple[dict[str, Any], ...] = (
     BASE | {"mesh": {"shape": "leaf", "cells": [4, 2]}, "supports": {"clamped": "x < 0.5"}, "model": {"name": "lma"}},
     BASE | {"model": {"name": "reduced-rsw", "modes": 2, "rank": 8, "mixtures": 2}},
     BASE | {"model": {"name": "coarse-ds", "cells": [6, 2]}, "mesh": {"shape": "flat_beam", "cells": [8, 4]}},
+    BASE | {"model": {"name": "coarse-ds", "triangles": 24}, "mesh": {"shape": "flat_beam", "cells": [8, 4]}},
     BASE | {"model": {"name": "rigid"}, "mesh": {"shape": "cylinder_panel", "cells": [2, 2], "angle": 90.0}},
     BASE | {"model": {"name": "springs", "integrator": "linear_implicit", "solver": "cg", "reference_fold": 0.2}},
     BASE

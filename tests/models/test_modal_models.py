@@ -1,10 +1,22 @@
 """What modal models have in common: free shells, no load at all, and what is refused."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from scenes import leaf
 
-from modalshell import LinearModal, Material, ModalWarping, RotationStrain, Shell, flat_beam, solve_modes
+from modalshell import (
+    LinearModal,
+    Material,
+    ModalWarping,
+    ReducedRotationStrain,
+    RotationStrain,
+    Shell,
+    flat_beam,
+    simulate,
+    solve_modes,
+)
 from modalshell.errors import LoadError, SolverError
 from modalshell.models import Damping
 
@@ -92,3 +104,45 @@ def test_statics_without_stiffness_is_refused(model):
     basis = solve_modes(Shell(mesh, Material(0.0, 0.0, 0.0, 1.0), mesh.vertices[:, 0] < 0.3), 3)
     with pytest.raises(SolverError, match="elastic mode 0 has no stiffness"):
         model(basis).equilibrium(gravity=(0, 0, -1))
+
+
+@pytest.mark.parametrize("kind", ["LMA", "MWTS", "RSW", "reduced RSW"])
+def test_positions_are_new_arrays_as_the_class_says(v_basis, kind):
+    full = RotationStrain(v_basis)
+    model = {
+        "LMA": lambda: LinearModal(v_basis),
+        "MWTS": lambda: ModalWarping(v_basis),
+        "RSW": lambda: full,
+        "reduced RSW": lambda: ReducedRotationStrain.trained(full, [(0.0, 0.0, -1.0)], rank=4, mixtures=8),
+    }[kind]()
+    assert model.new_positions
+    state = model.start_motion()
+    first, second = model.positions(state), model.positions(state)
+    assert not np.shares_memory(first, second)
+    assert not np.shares_memory(first, v_basis.shell.rest_positions)
+
+
+def test_a_model_with_one_buffer_moves_as_one_with_new_arrays(v_basis, monkeypatch):
+    run = partial(simulate, duration=0.3, gravity=(0.0, 0.0, -4.0), damping=(0.1, 0.01))
+    wanted = run(ModalWarping(v_basis))
+    model, own = ModalWarping(v_basis), np.empty_like(v_basis.shell.rest_positions)
+    positions = ModalWarping.positions
+
+    def kept(self, state):
+        own[:] = positions(self, state)
+        return own
+
+    monkeypatch.setattr(ModalWarping, "positions", kept)
+    monkeypatch.setattr(ModalWarping, "new_positions", False)
+    found = run(model)
+    np.testing.assert_array_equal(found.positions, wanted.positions)
+    np.testing.assert_array_equal(found.energies, wanted.energies)
+
+
+def test_damping_may_change_from_step_to_step(v_basis):
+    model = LinearModal(v_basis)
+    load = v_basis.shell.gravity_force((0.0, 0.0, -1.0))
+    start = model.start_motion()
+    stepped = [model.step(start, 0.1, load, Damping(factor))[0].rates for factor in (0.0, 5.0, 0.0)]
+    assert np.abs(stepped[1]).max() < 0.9 * np.abs(stepped[0]).max()
+    np.testing.assert_array_equal(stepped[2], stepped[0])

@@ -5,6 +5,8 @@ import importlib.util
 import pytest
 
 import modalshell as ms
+from modalshell.compare.candidates import candidates
+from modalshell.compare.case import scene_case
 from modalshell.scene.coarse import scene_coarse_meshes
 
 SHAPE = ('shape = "v_beam"\ncells = [12, 4]', 'shape = "v_beam"\ncells = [40, 8]')
@@ -63,6 +65,25 @@ def test_a_mesh_file_is_remeshed(scene_file):
     )
     theory = ms.load_scene(scene_file(FILE, sheet, ('"mwts"', '"coarse-ds"\ntriangles = 100')))
     assert isinstance(theory.build().model.coarse.shell.material, ms.Isotropic)
+
+
+def test_comparisons_of_a_mesh_file_try_coarse_shells_that_a_scene_can_name(scene_file):
+    pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
+    found, left_out = candidates(scene_case(ms.load_scene(scene_file(FILE))), (4,))
+    tables = [one.model_table for one in found if one.spec.on_coarse_mesh]
+    assert tables == [
+        {"name": "hybrid", "triangles": 160},
+        *({"name": "coarse-ds", "triangles": count} for count in (160, 71, 40)),
+    ]
+    assert not left_out
+
+
+def test_scenes_without_the_key_are_the_same_as_before_it(scene_file):
+    """So that their stored results are still known as theirs."""
+    scene = ms.load_scene(scene_file(SHAPE, ('"mwts"', '"coarse-ds"\ncells = [10, 4]')))
+    assert "triangles" not in scene.content()["model"]
+    asked = ms.load_scene(scene_file(SHAPE, ('"mwts"', '"coarse-ds"\ntriangles = 100')))
+    assert asked.content()["model"]["triangles"] == 100
 
 
 def test_a_hybrid_of_a_mesh_file_is_trained_on_its_remeshed_surface(scene_file):

@@ -262,7 +262,7 @@ def test_attached_windows_take_up_another_shell(scene_file, tmp_path):
     try:
         folded = scene_file(("[12, 4]", "[10, 2]\nfold = 90.0"), ("x < 0.1", "x < 0.11"))
         stopped_run(folded, out, 3, restart=True)
-        window.draw()
+        window._on_timer()
         assert len(run.positions) == len(ms.load_scene(folded).build_shell().mass)
         np.testing.assert_allclose(window._stage._surface.points, run.positions, atol=1e-6)
         fresh = AttachedWindow(run, off_screen=True)
