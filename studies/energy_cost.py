@@ -1,7 +1,8 @@
 """What shell theory costs: forces, Hessians, steps and statics of both energies on the same meshes, and what they buy.
 
-Isotropic shells have a fold share per inner edge as a further unknown, and smooth their membrane over edges; calibrated
-hinges have neither. Both are timed on the same meshes in one process, in turns; the least time of the processor counts.
+Isotropic shells have a fold share per edge between pairs of triangles as a further unknown, and smooth their membrane
+over edges; calibrated hinges have neither. Both are timed on the same meshes in one process, in turns; the least time
+of the processor counts.
 Steps are of implicit Euler from rest under weight, 1/60 s each; statics is the rest under 0.3 of that weight. Second, a
 supported plate (:mod:`studies.mesh_bias`): the error of its deflection over the seconds of the static answer.
 

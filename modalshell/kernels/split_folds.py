@@ -32,25 +32,46 @@ from modalshell.kernels.generated.flexure import (
 
 @njit(**OPTIONS)
 def colour_triangles(neighbours: Any, colours: Any) -> None:
-    """Colour triangles 0 and 1 so that few neighbours (T, 3; -1 for none) share theirs; colours start at -1.
+    """Colour cells 0 and 1 so that few neighbours (T, k; -1 for none) share theirs; colours start at -1.
 
-    In order of the list each takes the colour that fewer of its neighbours have; then triangles change theirs as long
-    as that parts more neighbours than it joins.
+    In order of the list each takes the colour that fewer of its neighbours have; then cells change theirs as long as
+    that parts more neighbours than it joins.
     """
     for _ in range(50):
         changed = False
-        for triangle in range(colours.size):
+        for cell in range(colours.size):
             balance = 0
-            for k in range(3):
-                other = neighbours[triangle, k]
+            for k in range(neighbours.shape[1]):
+                other = neighbours[cell, k]
                 if other >= 0 and colours[other] >= 0:
                     balance += 1 if colours[other] == 1 else -1
             best = 0 if balance > 0 else 1
-            if colours[triangle] < 0 or (balance != 0 and best != colours[triangle]):
-                colours[triangle] = best
+            if colours[cell] < 0 or (balance != 0 and best != colours[cell]):
+                colours[cell] = best
                 changed = True
         if not changed:
             break
+
+
+@njit(**OPTIONS)
+def match_triangles(edges: Any, begins: Any, edge_faces: Any, over: Any) -> None:
+    """Pair triangles over the ``edges`` in their order: ``over`` (T,) of -1 takes the common edge of each pair.
+
+    Of the edges from one of ``begins`` to the next none comes before another: two that want one triangle both lose it.
+    """
+    wanted = np.zeros(over.size, np.int64)
+    for group in range(begins.size - 1):
+        for turn in range(3):
+            for place in range(begins[group], begins[group + 1]):
+                edge = edges[place]
+                first, second = edge_faces[edge, 0], edge_faces[edge, 1]
+                if turn == 0 and over[first] < 0 and over[second] < 0 and first != second:
+                    wanted[first] += 1
+                    wanted[second] += 1
+                elif turn == 1 and wanted[first] == 1 and wanted[second] == 1:
+                    over[first] = over[second] = edge
+                elif turn == 2:
+                    wanted[first] = wanted[second] = 0
 
 
 @njit(**OPTIONS)
@@ -125,7 +146,7 @@ def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots
 @njit(**OPTIONS)
 def add_bending(
     slopes: Any,
-    triangles: Any,
+    stencils: Any,
     folds: Any,
     places: Any,
     shares: Any,
@@ -135,60 +156,64 @@ def add_bending(
     strides: Any,
     data: Any,
 ) -> None:
-    """Add ``sum_T J^T K_T J`` and its coupling to the fold shares to ``data``.
+    """Add ``sum J^T K J`` over pairs of triangles, and its coupling to the fold shares, to ``data``.
 
-    ``triangles`` (T, 6) holds the corners and the vertices across each edge, ``folds`` (T, 3) the hinge at each edge
-    (or -1), ``places`` (T, 3, 4) where its vertices stand among the six, ``shares`` (T, 3) the factors of the fold
-    shares, ``moments`` (T, 3, 3) is K_T. Triangles without hinges are passed over.
+    ``stencils`` (B, 8) holds the vertices of the pair and those across each edge but the common one, ``folds`` (B, 5)
+    the hinge at each edge (or -1), ``places`` (B, 5, 4) where its vertices stand among the eight, ``shares`` (B, 5) the
+    factors of the fold shares, ``moments`` (B, 5, 5) is K. Pairs without hinges are passed over.
     """
-    rows = np.empty((3, 6, 3))
-    stressed = np.empty((3, 6, 3))
-    for triangle in range(triangles.shape[0]):
-        if folds[triangle, 0] < 0 and folds[triangle, 1] < 0 and folds[triangle, 2] < 0:
-            continue
+    rows = np.empty((5, 8, 3))
+    stressed = np.empty((5, 8, 3))
+    own = np.empty(5, np.int64)
+    for pair in range(stencils.shape[0]):
+        count = 0
         rows[:] = 0.0
-        for k in range(3):
-            hinge = folds[triangle, k]
+        stressed[:] = 0.0
+        for k in range(5):
+            hinge = folds[pair, k]
             if hinge < 0:
                 continue
+            own[count] = k
+            count += 1
             for axis in range(3):
                 g1, g2, g3 = slopes[hinge, axis], slopes[hinge, 3 + axis], slopes[hinge, 6 + axis]
-                rows[k, places[triangle, k, 0], axis] = -(g1 + g2 + g3)
-                rows[k, places[triangle, k, 1], axis] = g1
-                rows[k, places[triangle, k, 2], axis] = g2
-                rows[k, places[triangle, k, 3], axis] = g3
-        for k in range(3):
-            m0, m1, m2 = moments[triangle, k, 0], moments[triangle, k, 1], moments[triangle, k, 2]
-            for vertex in range(6):
-                for axis in range(3):
-                    stressed[k, vertex, axis] = (
-                        m0 * rows[0, vertex, axis] + m1 * rows[1, vertex, axis] + m2 * rows[2, vertex, axis]
-                    )
-        for first in range(6):
-            for second in range(6):
-                slot = slots[triangle, first, second]
-                if slot < 0:
-                    continue
-                stride = strides[triangles[triangle, first]]
-                for row in range(3):
-                    if first < 3:
-                        a, b, c = rows[0, first, row], rows[1, first, row], rows[2, first, row]
-                        for axis in range(3):
-                            data[slot + row * stride + axis] += (
-                                a * stressed[0, second, axis]
-                                + b * stressed[1, second, axis]
-                                + c * stressed[2, second, axis]
-                            )
-                    else:  # a vertex across an edge moves that edge's fold alone
-                        a = rows[first - 3, first, row]
-                        for axis in range(3):
-                            data[slot + row * stride + axis] += a * stressed[first - 3, second, axis]
-        for k in range(3):
-            share = shares[triangle, k]
+                rows[k, places[pair, k, 0], axis] = -(g1 + g2 + g3)
+                rows[k, places[pair, k, 1], axis] = g1
+                rows[k, places[pair, k, 2], axis] = g2
+                rows[k, places[pair, k, 3], axis] = g3
+        for place in range(count):
+            fold = own[place]
+            for corner in range(4):
+                vertex = places[pair, fold, corner]
+                a, b, c = rows[fold, vertex, 0], rows[fold, vertex, 1], rows[fold, vertex, 2]
+                for k in range(5):
+                    moment = moments[pair, k, fold]
+                    stressed[k, vertex, 0] += moment * a
+                    stressed[k, vertex, 1] += moment * b
+                    stressed[k, vertex, 2] += moment * c
+        for place in range(count):
+            fold = own[place]
+            for corner in range(4):
+                first = places[pair, fold, corner]
+                a, b, c = rows[fold, first, 0], rows[fold, first, 1], rows[fold, first, 2]
+                stride = strides[stencils[pair, first]]
+                for second in range(8):
+                    slot = slots[pair, first, second]
+                    if slot < 0:
+                        continue
+                    for axis in range(3):
+                        entry = stressed[fold, second, axis]
+                        data[slot + axis] += a * entry
+                        data[slot + stride + axis] += b * entry
+                        data[slot + 2 * stride + axis] += c * entry
+        if count == 0:
+            continue
+        for k in range(5):
+            share = shares[pair, k]
             if share == 0.0:
                 continue
-            for vertex in range(6):
-                slot = share_slots[triangle, k, vertex]
+            for vertex in range(8):
+                slot = share_slots[pair, k, vertex]
                 if slot >= 0:
                     for axis in range(3):
                         data[slot + axis] += share * stressed[k, vertex, axis]

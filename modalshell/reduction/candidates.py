@@ -162,11 +162,11 @@ class DiscreteShellCandidates(Candidates):
 
 @final
 class SplitFoldCandidates(Candidates):
-    """Triangles that bend, membrane over pairs of triangles and over single ones, and elements of further sets.
+    """Pairs of triangles that bend, membrane over pairs and over single triangles, and elements of further sets.
 
-    The fold shares, which follow from all triangles, are sought among few fields: leading singular vectors of the
+    The fold shares, which follow from all pairs, are sought among few fields: leading singular vectors of the
     shares at the poses and of their rates along all coordinates. A weighted sum is least over these, so that its
-    triangles must hold the balance of moments too, along each of them.
+    pairs must hold the balance of moments too, along each of them.
     """
 
     def __init__(self, basis: DerivativeBasis, energy: SplitFoldEnergy, poses: Array, sizes: Array) -> None:

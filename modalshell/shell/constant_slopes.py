@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.smoothed_membrane import Strained, plane_stress
-from modalshell.shell.split_folds import SplitFolds, fold_moments
+from modalshell.shell.split_folds import SplitFolds
+from modalshell.shell.triangle_pairs import fold_moments
 from modalshell.typing import Array
 
 _COMPLEX = 1e-30
@@ -37,8 +37,6 @@ class SlopesByPoisson:
         The sheet.
     folds : SplitFolds
         Its split folds.
-    held : ndarray of bool, shape (T,)
-        Triangles that do not bend.
     strained : list of Strained
         Its membrane elements.
     """
@@ -48,7 +46,6 @@ class SlopesByPoisson:
         mesh: TriangleMesh,
         material: Isotropic,
         folds: SplitFolds,
-        held: NDArray[np.bool_],
         strained: list[Strained],
     ) -> None:
         stiffness, rigidity, poisson = material.elasticity(mesh)
@@ -58,11 +55,10 @@ class SlopesByPoisson:
         slope = growth * plain + plane_stress(stiffness, poisson + 1.0) - plain
         self._folds = folds
         self._membrane = [(e, e.elastic(slope)) for e in strained]
-        bending = np.flatnonzero(~held)
-        moved = poisson[bending] + 1j * _COMPLEX
-        rigid = rigidity[bending] * (1.0 - poisson[bending] ** 2) / (1.0 - moved**2)
+        moved = poisson + 1j * _COMPLEX
+        rigid = rigidity * (1.0 - poisson**2) / (1.0 - moved**2)
         free = (folds.folds < 0) & (folds.share_index < 0)
-        self._moments = fold_moments(mesh, bending, rigid, moved, free).imag / _COMPLEX
+        self._moments = fold_moments(mesh, folds.faces, folds.corners, rigid, moved, free).imag / _COMPLEX
 
     def tensions(self, stretches: Array) -> Array:
         """Derivative (E,) of the tensions at half squared lengths ``stretches`` (E,)."""

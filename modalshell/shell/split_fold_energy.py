@@ -25,6 +25,7 @@ from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
+from modalshell.shell.triangle_pairs import moments_of_triangles
 from modalshell.supports import Unknowns
 from modalshell.typing import Array, Index
 from modalshell.work import count_elements
@@ -58,7 +59,7 @@ class SplitFoldEnergy(ElasticEnergy):
         Vertices that cannot move: triangles of them do not bend, and are clamps of their neighbours, but single rows of
         them leave the slope free.
     halved : bool
-        Whether folds are halved between their triangles; see :func:`split_folds`.
+        Whether folds are halved between their pairs; see :func:`split_folds`.
     """
 
     def __init__(
@@ -77,7 +78,6 @@ class SplitFoldEnergy(ElasticEnergy):
         self._further = ElementSum(further, len(mesh.vertices))
         stiffness, rigidity, poisson = material.elasticity(mesh)
         self._vertex_count = len(mesh.vertices)
-        self._held: NDArray[np.bool_] = np.asarray(held[mesh.faces].all(axis=1))
         scale = float(stiffness.mean())
         folds = self._folds = split_folds(mesh, rigidity, poisson, slopes, held, scale, halved=halved)
         self._shares = FoldShares(folds)
@@ -124,7 +124,7 @@ class SplitFoldEnergy(ElasticEnergy):
         folds, stretches = (state.folds, state.stretches) if step is None else self._rates(state, step)
         if name == "poisson":
             if self._by_poisson is None:
-                self._by_poisson = SlopesByPoisson(*sheet, self._folds, self._held, self._strained)
+                self._by_poisson = SlopesByPoisson(*sheet, self._folds, self._strained)
             couples, tensions = self._by_poisson.couples(self._shares, folds), self._by_poisson.tensions(stretches)
         else:
             bending, stretching = rates_by_constant(sheet[1], name)
@@ -156,9 +156,10 @@ class SplitFoldEnergy(ElasticEnergy):
     def pattern(self, unknowns: Unknowns) -> tuple[SparsePattern, list[Index]]:
         """Pattern of the Hessian, and the slots of the elements in it."""
         folds = self._folds
-        stencils = [folds.triangles, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
+        stencils = [folds.stencils, folds.hinges, self._edges, *(e.stencils for e in self._membrane)]
         stencils += [e.stencils for e in self._further.elements]
-        internal, share_slots = self._internal()
+        indptr, coupled, share_slots = folds.coupled_vertices(self._vertex_count)
+        internal = InternalUnknowns(indptr, coupled, self._shares.stiffness, self._shares.solve)
         pattern, slots = build_pattern(self._vertex_count, stencils, unknowns, internal)
         share_slots = np.where(share_slots >= 0, pattern.indices.size + 3 * share_slots, -1)
         return pattern, [*slots, np.ascontiguousarray(share_slots)]
@@ -173,36 +174,25 @@ class SplitFoldEnergy(ElasticEnergy):
         hinges = self._folds.hinges
         return hinges[hinges[:, 3] >= self._vertex_count][:, :2]
 
-    def _internal(self) -> tuple[InternalUnknowns, Index]:
-        """The fold shares, and the place (B, 3, 6) of each triangle's vertices in their coupling (or -1)."""
-        folds, count = self._folds, self._vertex_count
-        shape = (*folds.share_index.shape, 6)
-        shares = np.broadcast_to(folds.share_index[:, :, None], shape)
-        vertices = np.broadcast_to(folds.triangles[:, None, :], shape)
-        present = (shares >= 0) & (vertices >= 0) & (vertices < count)
-        keys, inverse = np.unique((shares * count + vertices)[present], return_inverse=True)
-        places = np.full(shape, -1)
-        places[present] = inverse
-        rows, columns = np.divmod(keys, count)
-        indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=folds.share_count))])
-        return InternalUnknowns(indptr, columns, self._shares.stiffness, self._shares.solve), places
-
     def bending(self, x: Array) -> tuple[Array, Array]:
         """Bending moments conjugate to each triangle's folds, and energies [J]: (T, 3) [N m] and (T,).
 
-        Zero in triangles whose vertices are all held.
+        Zero in triangles whose vertices are all held; the energy of a pair is shared by area.
         """
         folds, delta = self._folds, self._measured(x).folds
         shares = -self._shares.solve(self._shares.coupling @ delta)
         gamma = np.append(delta, 0.0)[folds.folds]
         gamma += folds.shares * np.append(shares, 0.0)[folds.share_index]
-        moments, energies = np.zeros((len(self._held), 3)), np.zeros(len(self._held))
-        moments[~self._held] = np.einsum("tkl,tl->tk", folds.moments, gamma)
-        energies[~self._held] = 0.5 * np.sum(gamma * moments[~self._held], axis=1)
-        return moments, energies
+        moments = np.einsum("tkl,tl->tk", folds.moments, gamma)
+        mesh = self._parts[0]
+        areas = np.append(mesh.face_areas, 0.0)
+        pairs = 0.5 * np.sum(gamma * moments, axis=1) / areas[folds.faces].sum(axis=1)
+        energies = np.zeros_like(areas)
+        energies[folds.faces] = pairs[:, None] * areas[folds.faces]
+        return moments_of_triangles(mesh, folds.faces, folds.corners, moments), energies[:-1]
 
     def halved(self) -> SplitFoldEnergy:
-        """The same energy, each fold halved between its triangles: shares are small, but more positions coupled."""
+        """The same energy, each fold halved between its pairs: shares are small, but more positions coupled."""
         other = SplitFoldEnergy(*self._parts, self._held_vertices, halved=True)
         return other.shifted(self._origin)
 
@@ -225,9 +215,9 @@ class SplitFoldEnergy(ElasticEnergy):
 
     @property
     def element_stencils(self) -> list[Index]:
-        """Vertices (or -1) of every element: triangles that bend, pairs and single ones that stretch, further sets."""
-        triangles = self._folds.triangles
-        bending = np.where(triangles < self._vertex_count, triangles, -1)
+        """Vertices (or -1) of every element: pairs that bend, pairs and single triangles that stretch, further sets."""
+        stencils = self._folds.stencils
+        bending = np.where(stencils < self._vertex_count, stencils, -1)
         return [bending, *(e.stencils for e in self._membrane), *(e.stencils for e in self._further.elements)]
 
     @property
@@ -238,7 +228,7 @@ class SplitFoldEnergy(ElasticEnergy):
     def element_forces(self, x: Array, chosen: Sequence[Index], steps: Array, shares: Array) -> list[Array]:
         """Generalised forces (elements, r + s) of chosen elements along ``steps`` (n, 3, r) and ``shares`` (m, s).
 
-        Of triangles that bend, and of pairs and single triangles that stretch, with all shares at the minimum.
+        Of pairs that bend, and of pairs and single triangles that stretch, with all shares at the minimum.
         """
         state, folds = self._measured(x), self._folds
         fold_rates, square_rates = self._all_rates(state, steps)
@@ -258,7 +248,7 @@ class SplitFoldEnergy(ElasticEnergy):
         return forces
 
     def part(self, chosen: Sequence[Index], factors: Sequence[Array], internal: Array | None = None) -> Part:
-        """Chosen triangles that bend, pairs and single ones that stretch, and elements of further sets."""
+        """Chosen pairs that bend, pairs and single triangles that stretch, and elements of further sets."""
         stencils = [stencil[picked].ravel() for stencil, picked in zip(self.element_stencils, chosen, strict=True)]
         vertices = np.unique(np.concatenate(stencils))
         vertices = vertices[vertices >= 0]
@@ -336,7 +326,7 @@ class SplitFoldEnergy(ElasticEnergy):
         folds, strides = self._folds, pattern.strides
         data = np.zeros(pattern.size)
         factors = (folds.shares, folds.moments)
-        tables = (folds.triangles, folds.folds, folds.places)
+        tables = (folds.stencils, folds.folds, folds.places)
         kernels.add_bending(state.slopes, *tables, *factors, slots[0], slots[-1], strides, data)
         for e, place in zip(self._membrane, slots[3:5], strict=True):
             kernels.add_membrane(state.points, e.stencils, e.pairs, e.matrices, place, strides, data)

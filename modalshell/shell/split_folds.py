@@ -10,9 +10,12 @@ without mass, which parts the fold between its triangles: :math:`\gamma_{T,e} = 
 
 The energy is least for the shares at which the bending moment across each edge is continuous ([morley1968]; the
 mixed element of [herrmann1967] and [johnson1973]). The shares follow linearly from the fold angles, so the bending
-energy is :math:`\delta^T H \delta / 2` with one constant matrix H. Which of the triangles is the first is free:
-triangles are coloured so that neighbours differ where possible, and folds count in those of one colour, so that
-positions are coupled across every other triangle only and factors stay sparse.
+energy is :math:`\delta^T H \delta / 2` with one constant matrix H.
+
+Most triangles bend in pairs, which know how moments vary (:mod:`modalshell.shell.triangle_pairs`): the fold inside a
+pair counts in it whole, without a share, and the moment inside it is that across its five edges. Which of two pairs is
+the first at an edge between them is free: pairs are coloured so that neighbours differ where possible, and folds count
+in those of one colour, so that positions are coupled across every other pair only and factors stay sparse.
 
 Edges: a free edge has no moment, so its fold is condensed out of K_T. At a clamped edge the whole fold belongs to the
 one free triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the
@@ -23,7 +26,7 @@ belongs to the one triangle, against the mirror image of its opposite vertex, wh
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
 import scipy.sparse as sps
@@ -32,7 +35,11 @@ from numpy.typing import NDArray
 from modalshell.kernels.split_folds import colour_triangles
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.slopes import HeldSlopes
+from modalshell.shell.triangle_pairs import fold_moments, paired_triangles
 from modalshell.typing import Array, Index
+
+_ALONG = np.array([[1, 2, 0, 3], [2, 0, 1, 4], [0, 1, 2, 5], [1, 3, 2, 6], [3, 2, 1, 7]])
+"""Vertices of the hinge at each edge among a pair's eight, where the pair's own triangle is left of the edge."""
 
 
 @final
@@ -48,18 +55,23 @@ class SplitFolds:
         Reflections that make the last s ghosts, and the last s hinges, of the vertices across their edges.
     hinges : ndarray of int64, shape (H, 4)
         Hinges that carry energy, in the order of the flexure kernel.
-    triangles : ndarray of int64, shape (B, 6)
-        Corners of every triangle that can bend, and the vertices across the edges of its hinges; else -1.
-    folds : ndarray of int64, shape (B, 3)
-        Hinge at the edge opposite each corner, whose fold angle counts in this triangle; -1 where none does.
-    places : ndarray of int64, shape (B, 3, 4)
-        Positions of each hinge's vertices among the triangle's six.
-    shares : ndarray, shape (B, 3)
+    faces : ndarray of int64, shape (B, 2)
+        Triangles of every pair; -1 after one that bends alone.
+    corners : ndarray of int64, shape (B, 2)
+        Their corners opposite the common edge; of single triangles the first.
+    stencils : ndarray of int64, shape (B, 8)
+        Corners of the first triangle, the vertex across the common edge, and those across the edges of the other
+        hinges; else -1.
+    folds : ndarray of int64, shape (B, 5)
+        Hinge at each edge, whose fold angle counts in this pair; -1 where none does.
+    places : ndarray of int64, shape (B, 5, 4)
+        Positions of each hinge's vertices among the pair's eight.
+    shares : ndarray, shape (B, 5)
         Factors of the fold share in gamma.
-    share_index : ndarray of int64, shape (B, 3)
+    share_index : ndarray of int64, shape (B, 5)
         Fold share at each edge; -1 if there is none.
-    moments : ndarray, shape (B, 3, 3)
-        K_T, free edges condensed [N m].
+    moments : ndarray, shape (B, 5, 5)
+        Stiffness by gamma, free edges condensed [N m].
     share_count : int
         Number of fold shares.
     """
@@ -67,7 +79,9 @@ class SplitFolds:
     ghosts: Array
     reflections: Array
     hinges: Index
-    triangles: Index
+    faces: Index
+    corners: Index
+    stencils: Index
     folds: Index
     places: Index
     shares: Array
@@ -77,14 +91,14 @@ class SplitFolds:
 
     def matrices(self) -> tuple[sps.csr_array, sps.csr_array, sps.csr_array]:
         """Second derivatives of the bending energy: by fold angles (H, H), by shares and angles (m, H), by shares."""
-        count = len(self.triangles)
-        rows = np.arange(3 * count)
+        count = len(self.stencils)
+        rows = np.arange(5 * count)
         blocks = sps.block_diag(list(self.moments), format="csr") if count else sps.csr_array((0, 0))
 
         def selection(columns: Index, factors: Array, size: int) -> sps.csr_array:
             used = columns.ravel() >= 0
             entries = (factors.ravel()[used], (rows[used], columns.ravel()[used]))
-            return sps.csr_array(sps.coo_array(entries, shape=(3 * count, size)))
+            return sps.csr_array(sps.coo_array(entries, shape=(5 * count, size)))
 
         by_fold = selection(self.folds, np.ones(self.folds.shape), len(self.hinges))
         by_share = selection(self.share_index, self.shares, self.share_count)
@@ -104,12 +118,28 @@ class SplitFolds:
         found[order[np.searchsorted(keys[order], wanted)]] = values[real]
         return found
 
+    def coupled_vertices(self, count: int) -> tuple[Index, Index, Index]:
+        """Vertices below ``count`` that shares are coupled to: row starts, columns, and places (B, 5, 8) among these.
+
+        Places are those of each pair's vertices in the row of the share at each of its edges, -1 if there is none.
+        """
+        shape = (*self.share_index.shape, 8)
+        shares = np.broadcast_to(self.share_index[:, :, None], shape)
+        vertices = np.broadcast_to(self.stencils[:, None, :], shape)
+        present = (shares >= 0) & (vertices >= 0) & (vertices < count)
+        keys, inverse = np.unique((shares * count + vertices)[present], return_inverse=True)
+        places = np.full(shape, -1)
+        places[present] = inverse
+        rows, columns = np.divmod(keys, count)
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=self.share_count))])
+        return indptr, columns, places
+
     def part(self, chosen: Index, factors: Array, vertices: Index, count: int) -> tuple[SplitFolds, Index, Index]:
-        """Chosen triangles times factors, on a numbering of the sorted ``vertices`` out of ``count``.
+        """Chosen pairs times factors, on a numbering of the sorted ``vertices`` out of ``count``.
 
         Ghosts follow these again. Also the hinges and the shares that the part has.
         """
-        folds, share_index, triangles = self.folds[chosen], self.share_index[chosen], self.triangles[chosen]
+        folds, share_index, stencils = self.folds[chosen], self.share_index[chosen], self.stencils[chosen]
         hinges, shares = (np.unique(numbers[numbers >= 0]) for numbers in (folds, share_index))
 
         def local(numbers: Index) -> Index:
@@ -121,7 +151,9 @@ class SplitFolds:
             self,
             reflections=self.reflections[mirrored[mirrored >= 0]],
             hinges=local(self.hinges[hinges]),
-            triangles=np.where(triangles >= 0, local(triangles), -1),
+            faces=self.faces[chosen],
+            corners=self.corners[chosen],
+            stencils=np.where(stencils >= 0, local(stencils), -1),
             folds=np.where(folds >= 0, np.searchsorted(hinges, folds), -1),
             places=self.places[chosen],
             shares=self.shares[chosen],
@@ -157,51 +189,70 @@ def split_folds(
     scale : float
         Diagonal entry that the shares' stiffness is scaled to [N/m], near those of the positions.
     halved : bool
-        Whether each fold counts by half in both of its triangles, and the shares are what one has more and the other
-        less than that. The energy is the same, but every triangle couples all the vertices around it.
+        Whether each fold counts by half in both of its pairs, and the shares are what one has more and the other less
+        than that. The energy is the same, but every pair couples all the vertices around it.
     """
-    faces = mesh.faces
-    held: NDArray[np.bool_] = np.asarray(held_vertices[faces].all(axis=1))
-    bending = np.flatnonzero(~held)
-    corners = faces[bending]
-    # Edge k lies opposite corner k and runs from corner k + 1 to corner k + 2.
-    edges = mesh.face_edges[bending][:, [1, 2, 0]]
-    sides = mesh.edge_faces[edges]
-    left = sides[:, :, 0] == bending[:, None]
-    across = np.where(left, sides[:, :, 1], sides[:, :, 0])
-    held_edge = slopes.clamped[mesh.edges[edges]].all(axis=2)
-    against_held = (across >= 0) & held[across]
+    held: NDArray[np.bool_] = np.asarray((held_vertices & slopes.clamped)[mesh.faces].all(axis=1))
+    clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
     plane = np.full(len(mesh.edges), -1)
     plane[slopes.mirrored] = np.arange(slopes.mirrored.size)
-    mirrored = plane[edges] >= 0
-    ghost = (held_edge & ~against_held) | mirrored
-    free = (across < 0) & ~ghost
-    split = ~free & ~ghost & ~against_held
-    whole = _takes_fold(held, bending, np.where(split, across, -1), left)
+    # Of the last side, which stands for none, nothing bends.
+    bends = np.append(~held, False)[mesh.edge_faces]
+    meeting = bends.all(axis=1) & ~clamped & (plane < 0)
+    faces, corners = paired_triangles(mesh, rigidity, poisson, ~held, meeting)
+    pair = np.full(len(mesh.faces) + 1, -1)
+    pair[faces[:, 0]], paired = np.arange(len(faces)), faces[:, 1] >= 0
+    pair[faces[paired, 1]] = np.flatnonzero(paired)
+
+    # Edges of every pair, the common one and the two after it of either triangle, and what lies on their other sides.
+    own = faces[:, [0, 0, 0, 1, 1]]
+    exists = own >= 0
+    turned = (corners[:, [0, 0, 0, 1, 1]] + np.array([1, 2, 3, 2, 3])) % 3
+    edges = np.where(exists, mesh.face_edges[own, turned], -1)
+    sides = mesh.edge_faces[edges]
+    left = sides[:, :, 0] == own
+    across = np.where(left, sides[:, :, 1], sides[:, :, 0])
+    first = mesh.faces[faces[:, 0, None], (corners[:, 0, None] + np.arange(3)) % 3]
+    inner = np.full((len(first), 1), -1)
+    inner[paired, 0] = mesh.faces[faces[paired, 1], corners[paired, 1]]
+    stencils = np.hstack([first, inner, np.full((len(first), 4), -1)])
+
+    common = paired[:, None] & (np.arange(5) == 0)
+    against_held = exists & (across >= 0) & held[across]
+    mirrored = exists & (plane[edges] >= 0)
+    ghost = (exists & clamped[edges] & ~against_held) | mirrored
+    free = exists & (across < 0) & ~ghost
+    split = exists & ~free & ~ghost & ~against_held & ~common
+    neighbours = np.where(split, pair[across], -1)
+    whole = _takes_fold(neighbours, left)
 
     number = np.full(len(mesh.edges), -1)
-    used = np.unique(edges[split | against_held])
+    used = np.unique(edges[split | against_held | common])
     number[used] = np.arange(used.size)
     hinge_of_edge = np.full(len(mesh.edges), -1)
     hinge_of_edge[mesh.hinge_edges] = np.arange(len(mesh.hinges))
     real = mesh.hinges[hinge_of_edge[used]]
 
-    triangle, k = np.hstack([np.nonzero(ghost & ~mirrored), np.nonzero(mirrored)])
-    first, second, apex = (corners[triangle, (k + shift) % 3] for shift in (1, 2, 0))
-    ghosts = _mirror_images(mesh.vertices, first, second, apex)
+    row, k = np.hstack([np.nonzero(ghost & ~mirrored), np.nonzero(mirrored)])
+    start, end, apex = (stencils[row, _ALONG[k, place]] for place in range(3))
+    ghosts = _mirror_images(mesh.vertices, start, end, apex)
     reflections = slopes.reflections()[plane[edges][mirrored]]
-    ghost_index = len(mesh.vertices) + np.arange(triangle.size)
-    hinges = np.vstack([real, np.column_stack([first, second, apex, ghost_index])]).astype(np.int64)
+    ghost_index = len(mesh.vertices) + np.arange(row.size)
+    hinges = np.vstack([real, np.column_stack([start, end, apex, ghost_index])]).astype(np.int64)
 
-    folds = np.where((split & (whole | halved)) | against_held, number[edges], -1)
-    folds[triangle, k] = used.size + np.arange(triangle.size)
-    places, opposite = _places(hinges, folds, left | ghost)
+    folds = np.where((split & (whole | halved)) | against_held | common, number[edges], -1)
+    folds[row, k] = used.size + np.arange(row.size)
+    # One on the right runs against its edge, and is the second of the hinge's triangles.
+    own_left = left | ghost
+    places = np.where(own_left[:, :, None], _ALONG, _ALONG[:, [1, 0, 3, 2]])
+    row, k = np.nonzero(folds >= 0)
+    stencils[row, _ALONG[k, 3]] = hinges[folds[row, k], np.where(own_left[row, k], 3, 2)]
     share_number = np.full(len(mesh.edges), -1)
     shared = np.unique(edges[split])
     share_number[shared] = np.arange(shared.size)
     share_index = np.where(split, share_number[edges], -1)
 
-    moments = fold_moments(mesh, bending, rigidity[bending], poisson[bending], free)
+    moments = fold_moments(mesh, faces, corners, rigidity, poisson, free)
     diagonal = np.zeros(shared.size)
     np.add.at(diagonal, share_index[split], np.einsum("tkk->tk", moments)[split])
     shares = np.zeros(split.shape)
@@ -216,9 +267,11 @@ def split_folds(
         ghosts=ghosts,
         reflections=reflections,
         hinges=np.ascontiguousarray(hinges),
-        triangles=np.ascontiguousarray(np.hstack([corners, opposite])),
+        faces=faces,
+        corners=corners,
+        stencils=np.ascontiguousarray(stencils),
         folds=np.ascontiguousarray(folds),
-        places=places,
+        places=np.ascontiguousarray(places),
         shares=shares,
         share_index=np.ascontiguousarray(share_index),
         moments=moments,
@@ -226,12 +279,9 @@ def split_folds(
     )
 
 
-def _takes_fold(held: NDArray[np.bool_], bending: Index, across: Index, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Whether each fold angle counts in this triangle (B, 3), and not in the one ``across``, whose is the share."""
-    number = np.full(held.size, -1)
-    number[bending] = np.arange(bending.size)
-    neighbours = np.where(across >= 0, number[across], -1)
-    colours = np.full(bending.size, -1)
+def _takes_fold(neighbours: Index, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether each fold angle counts in this pair (B, 5), and not in its neighbour, whose is the share."""
+    colours = np.full(len(neighbours), -1)
     colour_triangles(neighbours, colours)
     own, other = colours[:, None], colours[neighbours]
     return np.where(own == other, left, own > other)
@@ -242,35 +292,3 @@ def _mirror_images(points: Array, first: Index, second: Index, apex: Index) -> A
     edge, arm = points[second] - points[first], points[apex] - points[first]
     foot = (np.sum(arm * edge, axis=1) / np.sum(edge**2, axis=1))[:, None] * edge
     return np.asarray(points[first] + 2.0 * foot - arm)
-
-
-def _places(hinges: Index, folds: Index, left: NDArray[np.bool_]) -> tuple[Index, Index]:
-    """Places of each fold's hinge vertices among the triangle's six, and the vertex across each edge (or -1)."""
-    places = np.zeros((*folds.shape, 4), dtype=np.int64)
-    across = np.full(folds.shape, -1)
-    for k in range(3):
-        # A triangle left of the edge runs along it, from corner k + 1 to corner k + 2; one on the right against it.
-        along = np.array([(k + 1) % 3, (k + 2) % 3, k, 3 + k])
-        against = along[[1, 0, 3, 2]]
-        places[:, k] = np.where(left[:, k, None], along, against)
-        present = folds[:, k] >= 0
-        hinge = hinges[folds[present, k]]
-        across[present, k] = np.where(left[present, k], hinge[:, 3], hinge[:, 2])
-    return places, across
-
-
-def fold_moments(mesh: TriangleMesh, bending: Index, rigidity: Any, poisson: Any, free: NDArray[np.bool_]) -> Any:
-    """K_T (B, 3, 3) with the free edges' folds condensed out; complex where the constants are."""
-    x = mesh.vertices[mesh.faces[bending]]
-    edge = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)
-    length = np.linalg.norm(edge, axis=2)
-    # In-plane normals make the angles that the edges make.
-    cosines = np.einsum("tki,tli->tkl", edge, edge) / (length[:, :, None] * length[:, None, :])
-    nu = poisson[:, None, None]
-    weight = (rigidity / mesh.face_areas[bending])[:, None, None]
-    moments = weight * length[:, :, None] * length[:, None, :] * (nu + (1.0 - nu) * cosines**2)
-    for k in range(3):
-        condensed = moments - moments[:, :, k, None] * moments[:, k, None, :] / moments[:, k, k, None, None]
-        condensed[:, k] = condensed[:, :, k] = 0.0
-        moments = np.where(free[:, k, None, None], condensed, moments)
-    return np.ascontiguousarray(moments)

