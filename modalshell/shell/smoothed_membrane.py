@@ -56,6 +56,8 @@ class MembraneElements:
         Q of each element [N/m^3].
     faces : ndarray of int64, shape (elements, triangles)
         Triangles of each element.
+    areas : ndarray, shape (elements, triangles)
+        Part of each triangle's area in the element [m^2].
     """
 
     stencils: Index
@@ -63,6 +65,7 @@ class MembraneElements:
     edges: Index
     matrices: Array
     faces: Index
+    areas: Array
 
     def part(self, chosen: Index, factors: Array, vertices: Index) -> MembraneElements:
         """Chosen elements times factors, on a numbering of the sorted ``vertices``; edges as they were."""
@@ -72,6 +75,7 @@ class MembraneElements:
             edges=self.edges[chosen],
             matrices=self.matrices[chosen] * factors[:, None, None],
             faces=self.faces[chosen],
+            areas=self.areas[chosen] * factors[:, None],
         )
 
 
@@ -176,10 +180,10 @@ def membrane_elements(strained: list[Strained], elastic: Array) -> list[Membrane
     ``elastic`` (T, 3, 3) is the elasticity of every triangle [N/m]; means over the areas count across smooth edges.
     """
     pairs, *singles = (
-        MembraneElements(e.stencils, e.pairs, e.edges, _products(e.strain, e.elastic(elastic)), e.faces)
+        MembraneElements(e.stencils, e.pairs, e.edges, _products(e.strain, e.elastic(elastic)), e.faces, e.areas)
         for e in strained
     )
-    names = ("stencils", "edges", "matrices", "faces")
+    names = ("stencils", "edges", "matrices", "faces", "areas")
     if len(singles) > 1:
         joined = {name: np.concatenate([getattr(e, name) for e in singles]) for name in names}
         singles = [replace(singles[0], **joined)]

@@ -268,14 +268,13 @@ class SplitFoldEnergy(ElasticEnergy):
         return Part(other, vertices)
 
     def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
-        """Energy of every triangle (T,) [J]; that of membrane elements is shared by their triangles by area."""
+        """Energy of every triangle (T,) [J]; that of membrane elements goes to triangles by their areas in them."""
         stretches = self._measured(x).stretches
         energies = self.bending(x)[1]
         for e in self._membrane:
             s = stretches[e.edges]
             shared = 0.5 * np.einsum("ep,epq,eq->e", s, e.matrices, s)
-            areas = mesh.face_areas[e.faces]
-            np.add.at(energies, e.faces, (shared / areas.sum(axis=1))[:, None] * areas)
+            np.add.at(energies, e.faces, (shared / e.areas.sum(axis=1))[:, None] * e.areas)
         return energies + self._further.face_energies(mesh, x)
 
     def energy(self, x: Array) -> float:

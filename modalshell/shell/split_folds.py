@@ -192,7 +192,7 @@ def split_folds(
         Whether each fold counts by half in both of its pairs, and the shares are what one has more and the other less
         than that. The energy is the same, but every pair couples all the vertices around it.
     """
-    held: NDArray[np.bool_] = np.asarray((held_vertices & slopes.clamped)[mesh.faces].all(axis=1))
+    held: NDArray[np.bool_] = np.asarray(held_vertices[mesh.faces].all(axis=1))
     clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
     plane = np.full(len(mesh.edges), -1)
     plane[slopes.mirrored] = np.arange(slopes.mirrored.size)
