@@ -185,15 +185,17 @@ def split_folds(
     slopes : HeldSlopes
         Clamped and mirrored edges.
     held_vertices : ndarray of bool, shape (n,)
-        All held vertices; triangles of them do not bend.
+        All held vertices; triangles of them do not bend, but for those at corners of edges that are not clamped.
     scale : float
         Diagonal entry that the shares' stiffness is scaled to [N/m], near those of the positions.
     halved : bool
         Whether each fold counts by half in both of its pairs, and the shares are what one has more and the other less
         than that. The energy is the same, but every pair couples all the vertices around it.
     """
-    held: NDArray[np.bool_] = np.asarray(held_vertices[mesh.faces].all(axis=1))
     clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
+    # At a corner of pinned edges the triangle is flat, but there is twist: its moments are those of its neighbour.
+    pinned = ((mesh.edge_faces[:, 1] < 0) & ~clamped)[mesh.face_edges].sum(axis=1) == 2
+    held: NDArray[np.bool_] = np.asarray(held_vertices[mesh.faces].all(axis=1)) & ~pinned
     plane = np.full(len(mesh.edges), -1)
     plane[slopes.mirrored] = np.arange(slopes.mirrored.size)
     # Of the last side, which stands for none, nothing bends.
