@@ -78,7 +78,7 @@ def test_split_folds_follow_the_elastica_on_coarse_meshes(quick_study):
     rows = StudyResult.load(quick_study("cantilever_master_curve"), "cantilever_master_curve").findings["rows"]
     for row in rows:
         assert row["stable_minima"] == len(row["error"])
-        assert row["largest_error"] < (0.012 if row["energy"] == "Isotropic" else 0.05)
+        assert row["largest_error"] < (0.004 if row["energy"] == "Isotropic" else 0.05)
 
 
 def test_plates_of_split_folds_converge_at_second_order_and_those_of_hinges_do_not(quick_study):
@@ -87,7 +87,7 @@ def test_plates_of_split_folds_converge_at_second_order_and_those_of_hinges_do_n
     for (supports, energy, family, cells), coarse in errors.items():
         if cells == 8 and energy == "Isotropic" and supports in plate_frequencies.SUPPORTS:
             fine = errors[supports, energy, family, 16]
-            assert np.abs(fine).max() < 0.07
+            assert np.abs(fine).max() < 0.025
             order = np.log2(np.linalg.norm(coarse) / np.linalg.norm(fine))  # of the seven modes together
             assert 1.6 < order < 2.2
     assert errors["FFFF", "hinges", "union-jack", 16][0] > 0.5
@@ -161,13 +161,13 @@ def test_symmetric_snap_of_a_v_beam(quick_study):
     assert [kind for kind, _ in findings["snaps"]["Isotropic"]] == ["bifurcation", "limit", "limit", "bifurcation"]
     whole = [row for row in findings["rows"] if row["model"] == "ds" and row["beam"].endswith("10 mm, down")]
     assert {row["status"] for row in whole} == {"converged"}
-    assert max(row["error"] for row in whole) < 0.07
+    assert max(row["error"] for row in whole) < 0.04
 
 
 def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
     rows = StudyResult.load(quick_study("large_deflection_benchmarks"), "large_deflection_benchmarks").findings["rows"]
-    # 3.3 is on four cells across, whose membrane is too stiff.
-    tolerances = {"3.1": 0.01, "3.2": 0.01, "3.3": 0.035, "3.4": 0.06, "3.5": 0.04}
+    # 3.3 is on four cells across.
+    tolerances = {"3.1": 0.001, "3.2": 0.0015, "3.3": 0.03, "3.4": 0.035, "3.5": 0.006}
     for row in rows:
         assert row["status"] == "converged"
         assert row["error"] < tolerances[row["problem"]]
@@ -176,53 +176,49 @@ def test_benchmarks_of_large_deflections_on_coarse_meshes(quick_study):
 @pytest.mark.slow
 @pytest.mark.parametrize("family", both_energies.FAMILIES)
 @pytest.mark.parametrize(
-    ("name", "tolerance"), [("3.1", 0.003), ("3.2", 0.001), ("3.3", 0.02), ("3.4", 0.03), ("3.5", 0.02)]
+    ("name", "tolerance"), [("3.1", 0.0015), ("3.2", 0.0006), ("3.3", 0.01), ("3.4", 0.025), ("3.5", 0.016)]
 )
 def test_published_large_deflections(name, tolerance, family):
-    """Every fifth tabulated load, that of 3.5 before its wall buckles."""
+    """Every fifth tabulated load."""
     problem = sze_liu_lo.PROBLEMS[name](family, large_deflection_benchmarks.CELLS[name])
     entries = json.loads((STUDIES / "sze_liu_lo.json").read_text(encoding="utf-8"))["problems"][name]["rows"]
-    rows = large_deflection_benchmarks.solve(problem, [row for row in entries[4::5] if name != "3.5" or row[0] <= 0.5])
+    rows = large_deflection_benchmarks.solve(problem, entries[4::5])
     assert {row["status"] for row in rows} == {"converged"}
     assert max(row["error"] for row in rows) < tolerance
 
 
 def test_obstacle_course_on_coarse_meshes(quick_study):
-    """Patch tests are exact, of moments but for what free edges leave inside; the others within 4 %."""
+    """Patch tests are exact, of moments but for what free edges leave inside."""
     rows = StudyResult.load(quick_study("obstacle_course"), "obstacle_course").findings["rows"]
-    coarse = {"plate, clamped, 48 cells": 0.01, "plate, supported, 24 cells": 0.01}
-    exact = {"patch test, constant strain": 1e-9, "patch test, constant moments": 4e-3}
+    exact = {"patch test, constant strain": 1e-9, "patch test, constant moments": 2e-3}
+    plates = {
+        "plate, supported, 24 cells": 0.006,
+        "plate, clamped, 24 cells": 0.027,
+        "plate, clamped, 48 cells": 0.007,
+        "plate, clamped, frequency": 0.014,
+    }
+    bounds = {**exact, **plates, "pinched cylinder, equal cells": 0.025, "sphere under pressure": 0.035}
     for row in rows:
-        assert abs(row["error"]) < exact.get(row["problem"], coarse.get(row["problem"], 0.04)), row
+        assert abs(row["error"]) < bounds.get(row["problem"], 0.004), row
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", both_energies.FAMILIES)
-def test_clamped_plates_extrapolated_from_two_resolutions(family):
-    """By the order of 2 from 12 and 24 cells, whose own errors are 9 to 15 and 2 to 4 %."""
-    coarse, fine = (obstacle_course.loaded_plate(family, (n, n), True, 1.2653e-3).error for n in (12, 24))
-    assert 0.02 < fine < 0.3 * coarse
-    assert abs(fine + (fine - coarse) / 3.0) < 0.003
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("name", obstacle_course.PROBLEMS)
-def test_aims_of_the_obstacle_course(name):
-    """On union-jack meshes."""
+def test_aims_of_the_obstacle_course(name, family):
     problem = obstacle_course.PROBLEMS[name]
-    assert abs(problem.solve("union-jack", problem.cells[-1]).error) < problem.bound
+    assert abs(problem.solve(family, problem.cells[-1]).error) < problem.bound
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", both_energies.FAMILIES)
 @pytest.mark.parametrize("case", v_beam_truth.references(), ids=[case["name"] for case in v_beam_truth.references()])
 def test_v_beams_at_six_cells_a_flange(case, family):
-    """Within 2 % up to a drop of 0.45 L, but for union-jack cells, whose flanges are too stiff in their planes."""
-    missed = {("120 deg, flange 10 mm, up", "union-jack"): 0.021, (v_beam_truth.SNAPPING, "union-jack"): 0.026}
+    """Within 2 % up to a drop of 0.45 L."""
     found = v_beam_truth.before_snap(case, family, 6, stride=2)
     assert found["converged"]
     assert found["vertices"] <= 3000
-    assert found["moderate"] < missed.get((case["name"], family), 0.02)
+    assert found["moderate"] < 0.02
 
 
 @pytest.mark.slow
@@ -251,7 +247,7 @@ def test_shell_theory_buys_accuracy(quick_study):
     rows = StudyResult.load(quick_study("energy_cost"), "energy_cost").findings["errors"]
     fine = [row for row in rows if row["cells"] == 12]
     errors = {energy: [row["error"] for row in fine if row["energy"] == energy] for energy in ("Isotropic", "hinges")}
-    assert max(errors["Isotropic"]) < 0.03
+    assert max(errors["Isotropic"]) < 0.01
     assert all(split < hinges for split, hinges in zip(errors["Isotropic"], errors["hinges"], strict=True))
 
 
@@ -271,4 +267,4 @@ def test_narrow_strips_buckle_sideways_where_closed_forms_say(family, poisson):
 def test_strips_buckle_sideways_where_finite_elements_do(quick_study):
     for row in StudyResult.load(quick_study("lateral_buckling"), "lateral_buckling").findings["rows"]:
         error = abs(row["found"] / row["gamma"] - 1.0)
-        assert error < 0.02 if row["energy"] == "Isotropic" else error > 0.2
+        assert error < 0.001 if row["energy"] == "Isotropic" else error > 0.2
