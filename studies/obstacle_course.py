@@ -10,11 +10,10 @@ In a patch test all vertices are put where a field of constant strain or moment 
 vertices must then vanish; the largest is compared with the largest one at the boundary. Moments are compared inside,
 more than four edges from the free boundary, where they must vanish instead.
 
-Clamped plates and the cylinder of equal cells are too soft by a constant times the square of the cell. Moments are
-constant in each triangle, so the error arises in the whole plate and not at its clamp: 24 x 24 cells that are drawn
-towards the rim by the power 1.5 err by 4.7, 4.0 and 5.1 % on union-jack, equilateral and random meshes, equal ones by
-3.7, 2.4 and 3.2 %. Two resolutions help: the deflections of 12 and 24 cells, extrapolated by their order of 2, are
-within 0.3 % on all three.
+Moments are constant in each triangle, which leaves plates too soft by a constant times the square of the cell. Pairs of
+triangles that share one elastic form take most of it away (``modalshell.shell.triangle_pairs``): single ones err by 3.7,
+2.4 and 3.2 % on clamped plates of 24 x 24 cells, union-jack, equilateral and random (``tests/shell``), pairs by the 0.4
+to 0.7 % of the table.
 
 Run it alone with ``modalshell reproduce --only obstacle_course``.
 """
