@@ -22,10 +22,10 @@ def draw(results: Path, folder: Path) -> Path:
                     label = f"{energy}, {family}"
                     curves.append(Curve([r["width"] for r in own], [r["found"] for r in own], label, color))
         first = [r for r in rows if r["poisson"] == poisson]
-        widths = list(dict.fromkeys(r["width"] for r in first))
+        widths = list(dict.fromkeys(r["width"] for r in first if r["gamma"] is not None))
         exact = [next(r["gamma"] for r in first if r["width"] == width) for width in widths]
         curves.append(Curve(widths, exact, "finite elements", "black", dashed=True))
-        narrow = [first[0]["narrow"]] * len(widths)
-        curves.append(Curve(widths, narrow, "narrow strip", "0.5", dashed=True, points=False))
+        ends = [min(r["width"] for r in first), max(widths)]
+        curves.append(Curve(ends, [first[0]["narrow"]] * 2, "narrow strip", "0.5", dashed=True, points=False))
         panels.append(Panel(curves, f"Poisson's ratio {poisson:g}", "width [L]", "critical gravity Γ"))
     return draw_curves(panels, folder / "lateral_buckling.png")

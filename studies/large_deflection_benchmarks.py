@@ -114,7 +114,8 @@ def at_displacements(problem: Problem, entries: list[list[float]], steep: Steep)
     None for a displacement that the path does not reach.
     """
     begin, until = steep.path
-    path = ms.equilibrium_path(problem.shell, force=problem.force, begin=begin, until=until, steps=10)
+    # Between its points the load is interpolated, so they are close.
+    path = ms.equilibrium_path(problem.shell, force=problem.force, begin=begin, until=until, steps=100)
     values = np.array([displacements(problem, positions)[steep.column] for positions in path.positions])
     rows: list[dict[str, Any]] = []
     for share, *published in (entry for entry in entries if entry[0] in steep.shares):
