@@ -161,9 +161,7 @@ def test_symmetric_snap_of_a_v_beam(quick_study):
     assert [kind for kind, _ in findings["snaps"]["Isotropic"]] == ["bifurcation", "limit", "limit", "bifurcation"]
     whole = [row for row in findings["rows"] if row["model"] == "ds" and row["beam"].endswith("10 mm, down")]
     assert {row["status"] for row in whole} == {"converged"}
-    split, hinges = (
-        max(row["error"] for row in whole if row["energy"] == energy) for energy in both_energies.ENERGIES
-    )
+    split, hinges = (max(row["error"] for row in whole if row["energy"] == energy) for energy in both_energies.ENERGIES)
     assert split < 0.01 < hinges < 0.06
 
 
