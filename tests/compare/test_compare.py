@@ -297,6 +297,12 @@ def test_cases_that_cannot_be_compared_are_refused(scene_file):
         ms.tradeoff(file, gravity=(0, 0, -1))
 
 
+@pytest.mark.parametrize("compare", [ms.tradeoff, ms.advise])
+def test_a_load_at_which_ds_has_no_equilibrium_is_no_fault_of_an_option(compare):
+    with pytest.raises(ms.SolverError, match=r"none of .*0\.5.*at 0\.5: not converged, residual .*lessen the load"):
+        compare(beam(), gravity=(0, 0, -1e9), modes=(4,), loads=(0.5, 1.0))
+
+
 def test_moving_supports_load_by_their_inertia(scene_file):
     path = '"x < 0.1"\ntimes = [0.0, 1.0]\ntranslations = [[0, 0, 0], [0, 1.0, 0]]'
     file = scene_file(FLAT, DISCRETE, ("-9.81", "0.0"), ('"x < 0.1"', path))
