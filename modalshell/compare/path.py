@@ -12,7 +12,7 @@ from modalshell.brief import brief
 from modalshell.errors import SolverError
 from modalshell.models import DiscreteShell, Equilibrium
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
-from modalshell.modes import lowest_tangent_eigenvalue, solve_modes
+from modalshell.modes import lowest_modes, lowest_tangent_eigenvalue
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.bifurcation import LIMIT
 from modalshell.typing import Array
@@ -162,7 +162,7 @@ def follow_loads(
 ) -> LoadPath:
     """Find the equilibria of DS at growing shares of ``load`` (n, 3) [N], each from the one before, and its snap."""
     model = DiscreteShell(shell)
-    lowest = float(solve_modes(shell, 1).eigenvalues[0])
+    lowest = float(lowest_modes(shell, 1)[0].eigenvalues[0])
     answers: list[Equilibrium] = []
     tangents: list[float | None] = []
     snaps: list[Snap | None] = []

@@ -12,7 +12,7 @@ from modalshell.checks import checked_count, checked_number
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.integrators.state import Damping
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.modes import solve_modes
+from modalshell.modes import lowest_modes
 from modalshell.reduction.assumed_stress import ReducedStress, position_modes, reduce_energy, stress_modes
 from modalshell.reduction.assumed_stress_step import implicit_step
 from modalshell.shell import Shell
@@ -134,7 +134,7 @@ def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, R
     every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
     frames = np.concatenate(motions)[::every]
     steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
-    lowest = solve_modes(coarse, min(_STRESSED, coarse.free_unknowns.size)).modes
+    lowest = lowest_modes(coarse, min(_STRESSED, coarse.free_unknowns.size))[0].modes
     leading = np.array([_membrane(coarse, rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
     elastic = np.array([_membrane(coarse, frame, np.zeros_like(frame)) for frame in frames]).T
     rates = np.array([_membrane(coarse, x, step) - _membrane(coarse, x, np.zeros_like(x)) for x, step in steps]).T

@@ -1,6 +1,6 @@
 """Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
 
-from modalshell.modes.basis import Basis, solve_modes
+from modalshell.modes.basis import Basis, lowest_modes, solve_modes
 from modalshell.modes.derivatives import BasisSensitivity
 from modalshell.modes.eigenpairs import (
     largest_eigenvalue,
@@ -20,6 +20,7 @@ __all__ = [
     "LoadedModes",
     "condensed_factor",
     "largest_eigenvalue",
+    "lowest_modes",
     "lowest_tangent_eigenvalue",
     "lowest_tangent_mode",
     "nearest_tangent_mode",

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
 from modalshell.checks import finite_answer
-from modalshell.errors import REPAIR, ModalShellWarning, OptionError, SolverError
+from modalshell.errors import REPAIR, OptionError, SolverError
 from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
@@ -45,7 +43,7 @@ _RESTARTS = 100
 """Restarts after which a mode that has not converged is sought again without the others."""
 
 
-def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Array, Array, int, float, str]:
+def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Array, Array, int, float, str, int]:
     """The ``count`` lowest eigenpairs of the shell's free unknowns, rigid motions first.
 
     Returns
@@ -60,6 +58,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         Largest ``|K phi - lambda M phi| / (|K| |phi|)``, in the mass-scaled problem.
     backend : str
         Library that held the factor.
+    whole : int
+        Number of leading modes whose eigenspaces ``count`` does not cut.
     """
     mass = shell.unknowns.masses(shell.mass)
     size = mass.size
@@ -76,7 +76,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     name = "dense"
     if elastic <= 0:
         values, vectors = np.empty(0), np.empty((size, 0))
-        rigid = rigid[:, :count]
+        rigid, whole = rigid[:, :count], 0
     else:
         # One mode more shows whether the last one asked for is part of a repeated eigenvalue.
         wanted = min(elastic + 1, size - rigid.shape[1])
@@ -89,7 +89,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             name = solver.factor.backend
             values, vectors = lanczos_pairs(solver, root, root[:, None] * rigid, wanted)
             del solver
-        values, vectors = canonical_pairs(values, vectors, elastic)
+        values, vectors, whole = canonical_pairs(values, vectors, elastic)
     data = stiffness()
     scaled = mass_scaled(shell, data)
     norm = _norm(shell, data) or 1.0
@@ -106,7 +106,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     _check_rounding(shell, data, values, strain)
     # Already in order, to rounding: repeated ones must not change places by it.
     eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), np.maximum.accumulate(strain)])
-    return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name
+    return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name, rigid.shape[1] + whole
 
 
 def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
@@ -360,8 +360,11 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
 
 
-def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
-    """The first ``count`` pairs in a form that repeats: a fixed basis in each repeated eigenspace, fixed signs."""
+def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, Array, int]:
+    """The first ``count`` pairs in a form that repeats: a fixed basis in each repeated eigenspace, fixed signs.
+
+    And how many of them are of eigenspaces that ``count`` does not cut.
+    """
     groups = np.concatenate([[0], np.cumsum(np.diff(values) > _REPEATED * np.abs(values[1:]))])
     fixed = vectors.copy()
     for group in range(int(groups[-1]) + 1):
@@ -376,14 +379,9 @@ def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, A
         leading = int(np.argmax(magnitude >= 0.999 * magnitude.max()))
         if column[leading] < 0:
             column *= -1.0
-    if count < groups.size and groups[count] == groups[count - 1]:
-        warnings.warn(
-            f"mode {count} belongs to a repeated eigenvalue that the count of elastic modes ({count}) cuts in two; "
-            "ask for one or two modes more to hold its whole subspace",
-            ModalShellWarning,
-            stacklevel=4,
-        )
-    return values[:count], fixed[:, :count]
+    cut = count < groups.size and groups[count] == groups[count - 1]
+    whole = int(np.argmax(groups == groups[count])) if cut else count
+    return values[:count], fixed[:, :count], whole
 
 
 def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array:

@@ -12,7 +12,7 @@ from scenes import PLAIN, SHELLS, cantilever
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, leaf, sheet, solve_modes, v_beam
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.modes import BACKENDS, Factoriser, eigenpairs, nearest_tangent_mode
+from modalshell.modes import BACKENDS, Factoriser, eigenpairs, lowest_modes, nearest_tangent_mode
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.rigid import rigid_motions
 
@@ -195,6 +195,9 @@ def test_a_count_that_cuts_a_repeated_eigenvalue_warns():
         basis = solve_modes(shell, first + 1)
     assert basis.count == first + 1
     solve_modes(shell, first + 2)  # holds the pair: a warning would be an error here
+    assert lowest_modes(shell, first + 1)[1] == first
+    assert lowest_modes(shell, first + 2)[1] == first + 2
+    np.testing.assert_array_equal(lowest_modes(shell, first + 1)[0].modes, basis.modes)
 
 
 def test_modes_do_not_depend_on_how_many_are_asked_for():
