@@ -151,7 +151,7 @@ def advise(
     OptionError
         If ``error`` or ``fps`` is not above 0, and as :func:`modalshell.tradeoff` does.
     SolverError
-        If DS finds no equilibrium at any of the loads.
+        As :func:`modalshell.tradeoff` does.
     """
     wanted = checked_number("error", error, above=0.0)
     rate = checked_number("fps", fps, above=0.0, unit="1/s")

@@ -185,7 +185,7 @@ def tradeoff(
         If the supports leave rigid motions free, nothing loads the shell, the scene has constraints, or a parameter is
         out of range.
     SolverError
-        If DS finds no equilibrium at any of the loads.
+        If DS finds no equilibrium at any of the loads, or the lowest mode has no stiffness.
     """
     case = make_case(scene, gravity, force, coarse)
     factors = checked_factors(loads)

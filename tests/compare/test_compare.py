@@ -11,12 +11,13 @@ from modalshell.cli import main
 from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
-from modalshell.compare.path import NEXT_TO_SNAP, Marks, find_snap
+from modalshell.compare.path import NEXT_TO_SNAP, Marks, _SnapSearch, find_snap
 from modalshell.compare.runs import static_answers, turn_at
 from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
+from modalshell.work import counted
 from studies import held_out_advice
 
 FLAT = ('"v_beam"', '"flat_beam"')
@@ -270,6 +271,22 @@ def test_a_smooth_path_is_no_jump(bent):
     assert bent.path.snap is None
 
 
+def test_one_factor_gives_the_speed_and_the_tangent_of_a_state(bent):
+    model, load, step = ms.DiscreteShell(bent.case.shell), bent.case.load, 1e-4
+    search = _SnapSearch(model, load, bent.path.lowest)
+    before, exact, after = (
+        model.equilibrium(force=share * load, start=bent.path.answers[0].positions).positions
+        for share in (0.5 - step, 0.5, 0.5 + step)
+    )
+    with counted() as work:
+        state = search.state(0.5, exact)
+    assert work.factorisations == 1.0
+    assert state.tangent == lowest_tangent_eigenvalue(bent.case.shell, exact) / bent.path.lowest
+    mass = bent.case.shell.mass
+    speed = np.sqrt(mass @ np.sum((after - before) ** 2, axis=1) / mass.sum()) / (2.0 * step)
+    assert state.speed == pytest.approx(speed, rel=1e-5)
+
+
 def test_coarse_meshes_are_clamped_alike():
     fine = beam((24, 4))
     coarse = drawn_to_supports(fine, ms.flat_beam(cells=(8, 2)))
@@ -301,6 +318,12 @@ def test_cases_that_cannot_be_compared_are_refused(scene_file):
 def test_a_load_at_which_ds_has_no_equilibrium_is_no_fault_of_an_option(compare):
     with pytest.raises(ms.SolverError, match=r"none of .*0\.5.*at 0\.5: not converged, residual .*lessen the load"):
         compare(beam(), gravity=(0, 0, -1e9), modes=(4,), loads=(0.5, 1.0))
+
+
+def test_a_shell_without_stiffness_in_its_lowest_mode_is_refused():
+    mesh = ms.flat_beam(cells=(6, 2))
+    with pytest.raises(ms.SolverError, match="no stiffness to compare with"):
+        ms.tradeoff(held(mesh, 0.25, ms.Material(20.0, 20.0, 1e-300, 0.2)), gravity=(0, 0, -1), modes=(2,))
 
 
 def test_moving_supports_load_by_their_inertia(scene_file):
