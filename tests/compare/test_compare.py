@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scenes import held, strip
 
 import modalshell as ms
@@ -420,6 +421,21 @@ def test_outside_solutions_of_another_mesh_are_refused(tmp_path):
 def test_fronts_of_impossible_values_are_refused(tmp_path, x):
     with pytest.raises(ms.OptionError, match="finite and positive"):
         draw_pareto([ParetoPanel([Mark(x, 1.0, "LMA", "4")], "title")], tmp_path / "a.png")
+
+
+def test_the_legend_of_a_front_keeps_within_the_picture(tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, file, **_: (figures.append(figure), file.write(b"drawn")))
+    for names in (["a", "b"], [f"{number} of the long names of other engines" for number in range(6)]):
+        marks = [Mark(1.0 + number, 1.0, name, "4") for number, name in enumerate(names)]
+        draw_pareto([ParetoPanel(marks, "title")], tmp_path / "a.png")
+    for figure in figures:
+        figure.draw_without_rendering()
+        extent = figure.legends[0].get_window_extent()
+        assert extent.x0 >= 0.0
+        assert extent.x1 <= figure.bbox.width
+    short, tall = (figure.get_figheight() for figure in figures)
+    assert tall > short
 
 
 @pytest.mark.slow
