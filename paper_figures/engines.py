@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalshell.engines import ENGINES
+from modalshell.engines.engine import ENGINES
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
