@@ -18,7 +18,11 @@ COLORS = {
     "jittered": "#c8322b",
     "random": "#000000",
 }
-WORDS = {"supported": "simply supported plate", "twisted": "plate in pure twist"}
+WORDS = {
+    "supported": "simply supported plate",
+    "waves": "supported plate, four waves",
+    "twisted": "plate in pure twist",
+}
 FLOOR = 1e-2
 """Smallest error [%] that is drawn; smaller ones are drawn there."""
 
