@@ -51,15 +51,15 @@ def test_heavy_elastica(family):
         assert state.converged
         assert state.stable
         along, _, up = state.positions[tip].mean(axis=0)
-        assert -up / 0.3 == pytest.approx(drop, abs=1.2e-3)
-        assert along / 0.3 == pytest.approx(reach, abs=1.2e-3)
+        assert -up / 0.3 == pytest.approx(drop, abs=2e-4)
+        assert along / 0.3 == pytest.approx(reach, abs=2e-4)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("family", THREE)
 @pytest.mark.parametrize("strip", DATA["strips"])
 def test_strips_of_finite_elements(strip, family):
-    """Narrow to square ones, Poisson's ratio 0 and 0.3: the middle of the tip within 0.6 % of the length."""
+    """Narrow to square ones, Poisson's ratio 0 and 0.3: the middle of the tip within 0.15 % of the length."""
     width, poisson = (float(word) for word in strip.split())
     across = {0.1: 6, 0.25: 10, 1.0: 30}[width]
     columns = round(across / width / (2 / np.sqrt(3) if family == "equilateral" else 1))
@@ -73,7 +73,7 @@ def test_strips_of_finite_elements(strip, family):
         start = state.positions
         order = np.argsort(mesh.vertices[tip, 1])
         middle = [np.interp(0.0, mesh.vertices[tip[order], 1], start[tip[order], axis]) for axis in (0, 2)]
-        assert np.hypot(middle[0] / 0.3 - reach, -middle[1] / 0.3 - drop) < 0.006
+        assert np.hypot(middle[0] / 0.3 - reach, -middle[1] / 0.3 - drop) < 0.0015
 
 
 @pytest.mark.parametrize("family", THREE)
@@ -88,8 +88,8 @@ def test_cantilever_under_end_shear(family):
         assert state.converged
         start = state.positions
         moved = shares @ (state.positions - mesh.vertices)[tip]
-        assert -moved[0] == pytest.approx(back, abs=0.003 * 3.286)
-        assert moved[2] == pytest.approx(up, abs=0.003 * 6.698)
+        assert -moved[0] == pytest.approx(back, abs=0.0012 * 3.286)
+        assert moved[2] == pytest.approx(up, abs=0.0012 * 6.698)
 
 
 def rolled(flat, radius):
@@ -150,7 +150,7 @@ def test_simply_supported_plate(family):
     mesh, material, unit = plate(family, 24, 0.3)
     shell = Shell(mesh, material).holding(mesh.boundary_vertices)  # held, and free to turn
     lowest = np.sqrt(solve_modes(shell, 1).eigenvalues[0]) / unit
-    assert lowest == pytest.approx(2.0 * np.pi**2, rel=0.01)
+    assert lowest == pytest.approx(2.0 * np.pi**2, rel=0.0025)
 
 
 def check_plate(family, supports, poisson, cells, tolerance):
@@ -165,7 +165,7 @@ def check_plate(family, supports, poisson, cells, tolerance):
 @pytest.mark.parametrize("supports", ["CFFF", "FFFF"])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_plate_frequencies_at_24_cells(family, supports):
-    check_plate(family, supports, 0.3, 24, 0.03)
+    check_plate(family, supports, 0.3, 24, 0.013)
 
 
 @pytest.mark.slow
@@ -173,7 +173,7 @@ def test_plate_frequencies_at_24_cells(family, supports):
 @pytest.mark.parametrize("supports", ["CFFF", "FFFF"])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_plate_frequencies(family, supports, poisson):
-    check_plate(family, supports, poisson, 44, 0.01)
+    check_plate(family, supports, poisson, 44, 0.004)
 
 
 @pytest.mark.slow
@@ -182,7 +182,7 @@ def test_plate_frequencies(family, supports, poisson):
 def test_panel_frequencies(family, poisson):
     mesh = cylinder_panel(length=0.3, radius=0.6, angle=np.degrees(0.5), cells=(44, 44), family=family)
     basis = solve_modes(clamped_at_start(mesh, Isotropic(1e9, poisson, 1e-3, 1000.0)), 7)
-    np.testing.assert_allclose(basis.frequencies, DATA["panel_frequencies"][f"{poisson:g}"], rtol=0.02)
+    np.testing.assert_allclose(basis.frequencies, DATA["panel_frequencies"][f"{poisson:g}"], rtol=0.005)
 
 
 def panel(family):
@@ -199,30 +199,15 @@ def swept_plate(family):
 
 
 def v_shape(family):
-    columns = {"union-jack": 228, "equilateral": 156, "delaunay": 180}[family]  # 3,000 vertices at most
+    columns = 156 if family == "equilateral" else 180
     return v_beam(length=0.3, width=0.02, fold=150.0, cells=(columns, 12), family=family), 0.0
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("family", THREE)
 @pytest.mark.parametrize(
-    ("case", "family", "tolerance"),
-    [
-        ("panel", "union-jack", 0.02),
-        ("panel", "equilateral", 0.01),
-        ("panel", "delaunay", 0.01),
-        ("panel, nu 0", "union-jack", 0.02),
-        ("panel, nu 0", "equilateral", 0.01),
-        ("panel, nu 0", "delaunay", 0.01),
-        ("swept plate", "union-jack", 0.015),
-        ("swept plate", "equilateral", 0.015),
-        ("swept plate", "delaunay", 0.015),
-        ("V up", "union-jack", 0.02),
-        ("V up", "equilateral", 0.02),
-        ("V up", "delaunay", 0.02),
-        ("V down", "union-jack", 0.02),
-        ("V down", "equilateral", 0.02),
-        ("V down", "delaunay", 0.02),
-    ],
+    ("case", "tolerance"),
+    [("panel", 0.003), ("panel, nu 0", 0.003), ("swept plate", 0.006), ("V up", 0.011), ("V down", 0.011)],
 )
 def test_deflections_of_finite_elements(case, family, tolerance):
     """Displacements of the tip's corners and middle, as shares of the largest of them."""
