@@ -11,6 +11,7 @@ from modalshell.checks import checked_count
 from modalshell.crowd.flock import MOST_THREADS
 from modalshell.crowd.shell_crowd import LEVELS, ShellCrowd
 from modalshell.kernels import crowd as kernels
+from modalshell.kernels.crowd_polynomials import powers
 from modalshell.kernels.packed import BYTES
 from modalshell.modes import Basis
 from modalshell.reduction.warp_frame import aligned_zeros
@@ -71,10 +72,10 @@ class Crowd(ShellCrowd):
         self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
         shell = basis.shell
         shapes = np.concatenate([a.reshape(-1, 3, basis.count) for a in (basis.modes, basis.rotations)], axis=1)
-        self._force_modal, self._force_powers = packs(shapes.transpose(0, 2, 1)), kernels.powers(np.float64)
+        self._force_modal, self._force_powers = packs(shapes.transpose(0, 2, 1)), powers(np.float64)
         single = self.dtype == np.float32
         self._modal = packs(shapes.transpose(0, 2, 1).astype(self.dtype)) if single else self._force_modal
-        self._powers = kernels.powers(self.dtype)
+        self._powers = powers(self.dtype)
         self._rest, self._mass = packs(shell.rest_positions.astype(self.dtype)), packs(shell.mass)
         self._force_work = aligned_zeros((self.threads, kernels.WORK), np.dtype(np.float64))
 

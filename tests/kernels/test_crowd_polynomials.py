@@ -6,14 +6,14 @@ import pytest
 from mpmath import mpf
 from numba import njit
 
-from modalshell.kernels import crowd as kernels
+from modalshell.kernels import crowd_polynomials as kernels
 from modalshell.kernels.packed import BYTES, load, store
 
 
 @njit(error_model="numpy")
 def tabulate(squared, powers, lanes, second, third):
     for at in range(0, squared.size, lanes):
-        c2, c3 = kernels._coefficients(load(squared, at), powers)
+        c2, c3 = kernels.packed_coefficients(load(squared, at), powers)
         store(second, at, c2)
         store(third, at, c3)
 
@@ -48,7 +48,7 @@ def divided(powers, divisor):
 
 
 def taken_apart(powers, kept):
-    """The line of constants that :mod:`modalshell.kernels.crowd` describes, ``kept`` terms of lowest degree as such."""
+    """A line of constants as the module describes it, with ``kept`` terms of lowest degree."""
     even, odd = powers[kept::2], powers[kept + 1 :: 2]
     roots = mpmath.polyroots(odd[::-1], maxsteps=500, extraprec=500)
     nodes, inner = [], []
