@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.engines.engine import ENGINES
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.study import StudyResult
 
 OURS = {f"modalshell {spec.name}": (spec.color, spec.marker) for spec in models().values()}
-OTHERS = (("#222222", "X"), ("#8c6d4f", "<"), ("#999999", ">"), ("#b8a9d9", "p"))
+LOOKS = OURS | {engine.name: (engine.color, engine.marker) for engine in ENGINES}
 TICKS = {10.0**power: f"{10.0**power:g}" for power in range(-2, 3)}
 
 
@@ -17,14 +18,12 @@ def draw(results: Path, folder: Path) -> Path:
     """Draw from the result in ``results`` into ``folder``; return the PNG's path."""
     findings = StudyResult.load(results, "engines").findings
     rows = [row for row in findings["rows"] if any(error is not None for error in row.get("errors", ()))]
-    others = dict.fromkeys(row["engine"] for row in rows if not row["engine"].startswith("modalshell"))
-    looks = OURS | dict(zip(others, OTHERS, strict=False))
     panels = []
     for scene in dict.fromkeys(row["scene"] for row in rows):
         curves = []
         for row in (row for row in rows if row["scene"] == scene):
             name = row["engine"]
-            color, marker = looks[name] if name in looks else looks[name.rstrip(" 0123456789")]  # "LMA 8" is LMA
+            color, marker = LOOKS.get(name) or LOOKS[name.rstrip(" 0123456789")]  # "LMA 8" is LMA
             errors = [100.0 * error for error in row["errors"] if error is not None]
             curves.append(Curve([row["seconds"]] * len(errors), errors, name, color, marker=marker))
         axes = "time to answer [s]", "error of displacement [%]"
@@ -32,8 +31,8 @@ def draw(results: Path, folder: Path) -> Path:
     plates = [row for row in findings["plates"] if "deviations" in row]
     modes = [float(mode) for mode in range(1, 1 + len(plates[0]["deviations"]))]
     curves = [
-        Curve(modes, [100.0 * one for one in row["deviations"]], row["engine"], color)
-        for row, color in zip(plates, (OURS["modalshell DS"][0], OTHERS[0][0]), strict=False)
+        Curve(modes, [100.0 * one for one in row["deviations"]], name, LOOKS.get(name, LOOKS["modalshell DS"])[0])
+        for name, row in ((row["engine"], row) for row in plates)
     ]
     panels.append(Panel(curves, "square plate clamped on one edge", "mode", "deviation of the frequency [%]"))
     return draw_curves(panels, folder / "engines.png", columns=3)

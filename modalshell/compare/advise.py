@@ -145,6 +145,13 @@ def advise(
     -------
     Advice
         The advice, with all measurements.
+
+    Raises
+    ------
+    OptionError
+        If ``error`` or ``fps`` is not above 0, and as :func:`modalshell.tradeoff` does.
+    SolverError
+        As :func:`modalshell.tradeoff` does.
     """
     wanted = checked_number("error", error, above=0.0)
     rate = checked_number("fps", fps, above=0.0, unit="1/s")

@@ -16,7 +16,6 @@ _HEADS = (
     *("engine", "outcome", "small drop off", "error"),
     *("ms a step", "stable step [s]", "time to answer [s]", "version"),
 )
-_COLORS = ("#d98200", "#c8322b", "#7b2d8e", "#66c2a5")
 
 
 def engine_rows(case: Case, truth: Array | None, on_step: Progress | None = None) -> list[dict[str, Any]]:
@@ -59,9 +58,10 @@ def engine_lines(rows: list[dict[str, Any]]) -> list[str]:
 
 def engine_marks(rows: list[dict[str, Any]], floor: float) -> list[Mark]:
     """Marks of the engines that count and step in time, at their error and milliseconds a step."""
+    looks = {engine.name: (engine.color, engine.marker) for engine in ENGINES}
     marks = []
-    for row, color in zip(rows, _COLORS, strict=False):
+    for row in rows:
         if row["error"] is not None and row["frame_ms"] is not None:
-            error = 100.0 * max(row["error"], floor)
-            marks.append(Mark(row["frame_ms"], error, row["name"], row["name"], False, color, "X"))
+            error, name = 100.0 * max(row["error"], floor), row["name"]
+            marks.append(Mark(row["frame_ms"], error, name, name, False, *looks.get(name, ())))
     return marks

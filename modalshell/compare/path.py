@@ -12,8 +12,8 @@ from modalshell.brief import brief
 from modalshell.errors import SolverError
 from modalshell.models import DiscreteShell, Equilibrium
 from modalshell.models.paths import EquilibriumPath, equilibrium_path
-from modalshell.modes import lowest_tangent_eigenvalue, solve_modes
-from modalshell.shell import EXACT, Shell
+from modalshell.modes import Factoriser, TangentStiffness, lowest_modes
+from modalshell.shell import Shell
 from modalshell.statics.bifurcation import LIMIT
 from modalshell.typing import Array
 from modalshell.work import counted
@@ -149,12 +149,19 @@ class LoadPath:
 @final
 @dataclass(frozen=True)
 class _State:
-    """An equilibrium of DS at a share of the load, with its tangent by the share, as its length; 0 where singular."""
+    """An equilibrium of DS at a share of the load."""
 
     factor: float
     positions: Array
-    speed: float = 0.0
-    singular: bool = False
+    speed: float
+    """How far it moves by the share, 0 where its Hessian is singular."""
+    tangent: float
+    """Lowest eigenvalue over that at rest."""
+
+    @property
+    def singular(self) -> bool:
+        """Whether a critical point is near."""
+        return self.tangent < _SINGULAR
 
 
 def follow_loads(
@@ -162,20 +169,26 @@ def follow_loads(
 ) -> LoadPath:
     """Find the equilibria of DS at growing shares of ``load`` (n, 3) [N], each from the one before, and its snap."""
     model = DiscreteShell(shell)
-    lowest = float(solve_modes(shell, 1).eigenvalues[0])
+    lowest = float(lowest_modes(shell, 1)[0].eigenvalues[0])
+    if not lowest > 0.0:
+        raise SolverError(
+            f"the lowest mode of the shell has no stiffness to compare with (got eigenvalue {lowest:g}): give the "
+            "material a stretch, shear and flexure above 0"
+        )
     answers: list[Equilibrium] = []
     tangents: list[float | None] = []
     snaps: list[Snap | None] = []
-    search = _SnapSearch(model, load)
-    last, missed, cost = search.state(0.0, shell.rest_positions, 1.0), False, 0.0
+    search = _SnapSearch(model, load, lowest)
+    last, missed, cost = search.rest(), False, 0.0
     for factor in factors:
         with counted() as work:
             answer = model.equilibrium(force=factor * load, start=last.positions if last.factor else None)
         cost += work.cost
         answers.append(answer)
-        tangents.append(tangent_ratio(shell, answer, lowest))
+        tangents.append(None)
         if answer.converged:
-            state = search.state(factor, answer.positions, tangents[-1])
+            state = search.state(factor, answer.positions)
+            tangents[-1] = state.tangent
             if missed or search.suspicious(last, state):
                 snaps.append(find_snap(model, load, last.positions, last.factor, answer.positions, factor, missed))
             last, missed = state, False
@@ -202,32 +215,34 @@ def follow_loads(
     )
 
 
-def tangent_ratio(shell: Shell, answer: Equilibrium, lowest: float) -> float | None:
-    """Lowest eigenvalue about an answer of DS over ``lowest``."""
-    if not answer.converged:
-        return None
-    try:
-        return lowest_tangent_eigenvalue(shell, answer.positions) / lowest
-    except SolverError:  # singular to the last bit
-        return 0.0
-
-
 @final
 class _SnapSearch:
-    """Decides between which loads the path of equilibria is followed."""
+    """Decides between which loads the path of equilibria is followed; ``lowest`` [1/s^2] is the eigenvalue at rest."""
 
-    def __init__(self, model: DiscreteShell, load: Array) -> None:
-        self._followed, self._size = model.followable(load), model.shell.size
+    def __init__(self, model: DiscreteShell, load: Array, lowest: float) -> None:
+        self._followed, self._shell, self._lowest = model.followable(load), model.shell, lowest
+        self._factoriser = Factoriser()
 
-    def state(self, factor: float, positions: Array, tangent: float | None) -> _State:
-        """A state of DS whose lowest eigenvalue over that at rest is ``tangent``."""
-        problem, x = self._followed.problem, self._followed.unknowns(positions)
+    def rest(self) -> _State:
+        """The state without a load."""
+        x = self._shell.rest_positions
+        return _State(0.0, x, self._speed(TangentStiffness.at(self._shell, x, self._factoriser)), 1.0)
+
+    def state(self, share: float, positions: Array) -> _State:
+        """A state of DS at a share of the load."""
+        stiffness = TangentStiffness.at(self._shell, positions, self._factoriser)
         try:
-            factored = problem.factor(problem.loaded(factor).linearise(x, EXACT)[1])
-            speed = self._length(factored.solve(problem.push_at(x)))
+            tangent = stiffness.lowest_mode()[0] / self._lowest
+        except SolverError:  # singular to the last bit
+            tangent = 0.0
+        return _State(share, positions, self._speed(stiffness), tangent)
+
+    def _speed(self, stiffness: TangentStiffness) -> float:
+        """How far a state of that stiffness moves by the share of the load."""
+        try:
+            return self._length(stiffness.solve(self._followed.problem.push))
         except SolverError:
-            speed = 0.0
-        return _State(factor, positions, speed, tangent is not None and tangent < _SINGULAR)
+            return 0.0
 
     def suspicious(self, before: _State, after: _State) -> bool:
         """Whether DS may have left its branch between two states."""
@@ -235,7 +250,7 @@ class _SnapSearch:
         moved = self._length(problem.difference(unknowns(after.positions), unknowns(before.positions)))
         predicted = (after.factor - before.factor) * min(before.speed, after.speed)
         apart = float(np.linalg.norm(after.positions - before.positions, axis=1).max())
-        return before.singular or apart >= _SHIFT * self._size or moved > _MOVED * predicted
+        return before.singular or apart >= _SHIFT * self._shell.size or moved > _MOVED * predicted
 
     def _length(self, step: Array) -> float:
         return float(np.sqrt(self._followed.problem.weights @ step**2))

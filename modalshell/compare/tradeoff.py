@@ -22,7 +22,7 @@ from modalshell.compare.engines import engine_lines, engine_rows
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import html_table, markdown_table
 from modalshell.compare.runs import Measurement, measure_row
-from modalshell.errors import FileFormatError, ModalShellError, OptionError
+from modalshell.errors import FileFormatError, ModalShellError, OptionError, SolverError
 from modalshell.mesh import TriangleMesh, flat_beam, load_mesh
 from modalshell.models import CoarseMesh
 from modalshell.provenance import run_record
@@ -182,8 +182,10 @@ def tradeoff(
     Raises
     ------
     OptionError
-        If the supports leave rigid motions free, nothing loads the shell, the scene has constraints, a parameter is out
-        of range, or DS finds no equilibrium at any load.
+        If the supports leave rigid motions free, nothing loads the shell, the scene has constraints, or a parameter is
+        out of range.
+    SolverError
+        If DS finds no equilibrium at any of the loads, or the lowest mode has no stiffness.
     """
     case = make_case(scene, gravity, force, coarse)
     factors = checked_factors(loads)
@@ -212,9 +214,11 @@ def _measured(
 
     path = follow_loads(case.shell, case.load, factors, advance)
     if not path.known:
-        raise OptionError(
-            f"{case.name}: DS finds no equilibrium at any of the loads ({path.answers[0].status}), so there is no "
-            "truth to compare with: lessen the load"
+        first = path.answers[0]
+        raise SolverError(
+            f"{case.name}: DS, which errors are measured against, has an equilibrium at none of "
+            f"{shown(path.factors)} of the load (at {path.factors[0]:g}: {first.status}, {first.message}): lessen the "
+            "load, or let the shares in loads begin lower"
         )
     last = path.answers[path.known[-1]].positions
     tip = int(np.argmax(np.linalg.norm(last - case.shell.rest_positions, axis=1)))

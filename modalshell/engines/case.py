@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from modalshell.engines.engine import Engine
 from modalshell.errors import ModalShellWarning, OptionError
 from modalshell.mesh import TriangleMesh
-from modalshell.modes import solve_modes
+from modalshell.modes import lowest_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.energies_of import material_constants
@@ -48,7 +48,7 @@ def engine_case(
     if clamped and not engine.has_turns:
         mesh, held = with_images(mesh, held)
     hinges, masses = _hinges(mesh, held, constants)
-    circular = 2.0 * np.pi * float(solve_modes(shell, 1).frequencies[0])
+    circular = 2.0 * np.pi * float(lowest_modes(shell, 1)[0].frequencies[0])
     period = 2.0 * np.pi / circular
     return {
         **{name: constants[name] for name in CONSTANTS},

@@ -41,6 +41,8 @@ class Engine:
         triangles along a clamped edge, which are held.
     calibrated : bool
         Whether its modulus is calibrated on the drop of a strip, and checked on another.
+    color, marker : str
+        Of its marks in pictures, none of them a model's color.
     """
 
     key: str
@@ -51,6 +53,8 @@ class Engine:
     moves: bool = True
     has_turns: bool = False
     calibrated: bool = False
+    color: str = "0.5"
+    marker: str = "X"
 
 
 _FLEX = {"limit": 60.0}
@@ -62,6 +66,7 @@ ENGINES = (
         options={"limit": 0.95 * SECONDS},  # the adapter stops the program, which would outlive it
         moves=False,
         has_turns=True,
+        color="#222222",
     ),
     Engine(
         "mujoco_flex",
@@ -69,14 +74,26 @@ ENGINES = (
         "pip install mujoco",
         limits="its bending has a stiffness of its own at the modulus that its documents name",
         options=_FLEX,
+        color="#b8a9d9",
+        marker="p",
     ),
-    Engine("mujoco_flex", "MuJoCo flex, calibrated modulus", "pip install mujoco", options=_FLEX, calibrated=True),
+    Engine(
+        "mujoco_flex",
+        "MuJoCo flex, calibrated modulus",
+        "pip install mujoco",
+        options=_FLEX,
+        calibrated=True,
+        color="#8c6d4f",
+        marker="<",
+    ),
     Engine(
         "newton_vbd",
         "Newton VBD, 20 iterations a step",
         "pip install newton",
         limits="20 iterations a step do not reach the equilibrium of a stiff membrane",
         options={"limit": 60.0, "iterations": 20},
+        color="#999999",
+        marker=">",
     ),
 )
 

@@ -47,7 +47,7 @@ class CholeskyAnalysis:
     matrix : csc_array, shape (N, N)
         A matrix with the pattern, both triangles stored.
     once : bool
-        Whether a single factor is wanted, so that a good order is worth less.
+        Whether a single factor is wanted, so that the best order is worth less.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class CholeskyAnalysis:
     def __init__(self, matrix: sps.csc_array, *, once: bool = False) -> None:
         self.size = matrix.shape[0]
         self.block, graph = block_graph(matrix)
-        order, graph, tree, counts = found = best_elimination(graph, self.block, once=once)
+        order, graph, tree, counts = found = best_elimination(graph, once=once)
         first = analysis.supernodes(tree, counts, self.block)
         row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, tree)
         relative = analysis.relative_rows(first, row_starts, rows, parent)

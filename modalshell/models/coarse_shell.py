@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from scipy.optimize import brentq
@@ -15,7 +15,7 @@ from modalshell.checks import checked_count, checked_kind, shown
 from modalshell.errors import MeshError, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
 from modalshell.models.coarse_mesh import places_on, remeshed_to_supports
-from modalshell.modes import Factoriser, solve_modes
+from modalshell.modes import Factoriser, lowest_modes
 from modalshell.modes.rigid import rigid_motions
 from modalshell.reduction.prolongation import closest_points
 from modalshell.shell import GAUSS_NEWTON, Isotropic, Material, Shell
@@ -32,7 +32,9 @@ _COMPARED = 6
 _APART = 0.3
 """Least difference of two modes' fractions of membrane energy for them to determine both stiffnesses."""
 _ALIKE = 0.7
-"""Square of the cosine between a fine mode and the coarse one that is it."""
+"""Square of the cosine between fine modes of one eigenvalue and the coarse eigenspace that is theirs."""
+_EQUAL = 1e-6
+"""Relative gap below which modes are of one eigenspace, of which any others would do."""
 _TWISTED = 0.5
 """Part of the logarithm of the flexure's factor that is taken from a mode above the lowest: uniform bends need less."""
 _NEARER = 1.0 / 3.0
@@ -79,13 +81,13 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
 
     A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Where one of the
     lowest six modes is decided by the membrane and another by bending, the lowest of them included, both stiffnesses
-    are scaled until the elastic eigenvalues of these two agree. Where the membrane decides the lowest, the flexure is
-    scaled by half as much, as a logarithm: the bending mode is then a twist, and uniform bends ask for less. Else one
-    stiffness is scaled, until the lowest eigenvalues agree: the membrane, or the flexure where the lowest mode hardly
-    stretches or the membrane's factor would be beyond 0.3 to 1.8. The flexure is scaled alone, too, where that brings
-    the small displacements under gravity along the three axes much nearer to those of a supported fine shell: their
-    squared error below a third. Sheets of :class:`Isotropic` need no calibration. To clamp alike, give ``mesh`` a row
-    of vertices where the fine shell's held region ends.
+    are scaled until the elastic eigenvalues of these two agree; modes of one eigenvalue count as one. Where the
+    membrane decides the lowest, the flexure is scaled by half as much, as a logarithm: the bending mode is then a
+    twist, and uniform bends ask for less. Else one stiffness is scaled, until the lowest eigenvalues agree: the
+    membrane, or the flexure where the lowest mode hardly stretches or the membrane's factor would be beyond 0.3 to 1.8.
+    The flexure is scaled alone, too, where that brings the small displacements under gravity along the three axes much
+    nearer to those of a supported fine shell: their squared error below a third. Sheets of :class:`Isotropic` need no
+    calibration. To clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
 
     Hinges of a remeshed surface bend and twist in other proportions than those of the fine mesh, which two factors
     cannot correct. Under gravity a leaf and V-beams in a fifth to three fifths of the triangles were within 0.5 to 5 %
@@ -183,28 +185,31 @@ def _both_stiffnesses(
 
     Coarse vertices lie on the fine mesh in triangles ``nearest`` (k,), at barycentric ``shares`` (k, 3).
     """
-    eigenvalues, modes, parts = _elastic_modes(shell)
-    apart = parts[0, 0] - parts[:, 0]
-    if apart.max() >= _APART:
+    fine = _lowest_spaces(shell)
+    apart = fine.parts[:1, 0] - fine.parts[:, 0]
+    if apart.max(initial=0.0) >= _APART:
         pair, taken = [0, int(np.argmax(apart >= _APART))], _TWISTED
-    elif apart.min() <= -_APART:
+    elif apart.min(initial=0.0) <= -_APART:
         pair, taken = [int(np.argmax(apart <= -_APART)), 0], 1.0
     else:
         return None
-    corners = modes.reshape(len(shell.mass), 3, -1)[shell.mesh.faces[nearest]]
-    sampled = np.einsum("kc,kcxm->kxm", shares, corners)[:, :, pair].reshape(-1, 2)
+    corners = fine.modes.reshape(len(shell.mass), 3, -1)[shell.mesh.faces[nearest]]
+    sampled = np.einsum("kc,kcxm->kxm", shares, corners).reshape(-1, fine.modes.shape[1])
     factors = np.zeros(2)
     for _ in range(_ROUNDS):
         coarse = stiffened(*np.exp(factors))
-        found, own, sensitivities = _elastic_modes(coarse)
+        own = _lowest_spaces(coarse)
+        if not own.starts.size:
+            return None
         mass = np.repeat(coarse.mass, 3)[:, None]
-        lengths = np.sum(mass * sampled**2, axis=0)[:, None] * np.sum(mass * own**2, axis=0)
-        alike = (sampled.T @ (mass * own)) ** 2 / lengths
+        lengths = np.sum(mass * sampled**2, axis=0)[:, None] * np.sum(mass * own.modes**2, axis=0)
+        cosines = (sampled.T @ (mass * own.modes)) ** 2 / lengths
+        alike = _means(np.add.reduceat(cosines, own.starts, axis=1), fine.starts)[pair]
         same = alike.argmax(axis=1)
         if alike.max(axis=1).min() < _ALIKE or same[0] == same[1]:
             return None
-        excess = np.log(found[same] / eigenvalues[pair])
-        slope = sensitivities[same]
+        excess = np.log(own.eigenvalues[same] / fine.eigenvalues[pair])
+        slope = own.parts[same]
         excess[1] += (1.0 / taken - 1.0) * slope[1, 1] * factors[1]
         slope[1, 1] /= taken
         if np.abs(excess).max() < _MET:
@@ -226,11 +231,25 @@ def _small_displacements(shell: Shell) -> Array:
     return np.asarray(answers).reshape(len(shell.mass), 3, 3)
 
 
-def _elastic_modes(shell: Shell) -> tuple[Array, Array, Array]:
-    """Lowest elastic eigenvalues (k,), modes (3n, k), and the shares (k, 2) of membrane and flexure in their energy."""
+@final
+class _Spaces(NamedTuple):
+    """Lowest elastic eigenspaces: a mode of its own each, or several of one eigenvalue."""
+
+    eigenvalues: Array
+    """(g,) [1/s^2]."""
+    modes: Array
+    """(3n, k), those of a space next to each other."""
+    starts: Index
+    """First mode (g,) of each."""
+    parts: Array
+    """Shares (g, 2) of membrane and flexure in the energy, the mean of the modes of a space."""
+
+
+def _lowest_spaces(shell: Shell) -> _Spaces:
+    """The eigenspaces of the lowest six elastic modes, without one that has further modes."""
     rigid = rigid_motions(shell).shape[1]
-    basis = solve_modes(shell, min(rigid + _COMPARED, shell.unknowns.count))
-    modes = basis.modes[:, rigid:]
+    basis, whole = lowest_modes(shell, min(rigid + _COMPARED, shell.unknowns.count))
+    modes, eigenvalues = basis.modes[:, rigid:whole], basis.eigenvalues[rigid:whole]
     rest, parts = shell.rest_positions, np.zeros((modes.shape[1], 2))
     offsets = shell.predicted_stresses(rest, np.zeros_like(rest))
     for mode, part in zip(modes.T, parts, strict=True):
@@ -242,8 +261,17 @@ def _elastic_modes(shell: Shell) -> tuple[Array, Array, Array]:
                 part[0] += energy
             elif elements.name.endswith("flexure"):
                 part[1] += energy
-    eigenvalues = np.asarray(basis.eigenvalues[rigid:])
-    return eigenvalues, modes, 2.0 * parts / eigenvalues[:, None]
+    starts = np.flatnonzero(np.diff(eigenvalues, prepend=-1.0) > _EQUAL * eigenvalues)
+    means = _means(eigenvalues, starts), _means(2.0 * parts / eigenvalues[:, None], starts)
+    return _Spaces(means[0], modes, starts, means[1])
+
+
+def _means(values: Array, starts: Index) -> Array:
+    """Means (g, ...) of the rows (k, ...) from each of ``starts`` (g,) to the next."""
+    if not len(starts):
+        return values
+    sizes = np.diff(starts, append=len(values)).reshape(-1, *(1,) * (values.ndim - 1))
+    return np.asarray(np.add.reduceat(values, starts, axis=0) / sizes)
 
 
 def drawn_to_supports(shell: Shell, mesh: TriangleMesh) -> TriangleMesh:
@@ -296,4 +324,4 @@ def _nearest_on_edges(edges: Array, points: Array) -> Array:
 def _lowest(shell: Shell) -> float:
     """Lowest elastic eigenvalue [1/s^2]."""
     rigid = rigid_motions(shell).shape[1]
-    return float(solve_modes(shell, rigid + 1).eigenvalues[-1])
+    return float(lowest_modes(shell, rigid + 1)[0].eigenvalues[-1])

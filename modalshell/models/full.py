@@ -22,7 +22,7 @@ from modalshell.models.base import Model, Placement
 from modalshell.models.equilibrium import Equilibrium
 from modalshell.models.sensitivity import checked_names, checked_state, checked_weights
 from modalshell.models.tangent import Tangent
-from modalshell.modes import Factoriser, largest_eigenvalue, lowest_tangent_eigenvalue, lowest_tangent_mode
+from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
@@ -249,7 +249,7 @@ class FullModel(Model):
             return False
         rounding = _ROUNDING * float(np.abs(hessian.diagonal()).mean() / self.shell.mass.mean())
         try:
-            return lowest_tangent_mode(self.shell, hessian, self.factoriser)[0] < -rounding
+            return TangentStiffness(self.shell, hessian, self.factoriser).lowest_mode()[0] < -rounding
         except SolverError:
             return False
 

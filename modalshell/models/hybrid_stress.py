@@ -119,7 +119,7 @@ class HybridStress(Model):
         force: ArrayLike | None = None,
         loads: Sequence[Load] | None = None,
         coarse: Shell | None = None,
-        modes: int = 32,
+        modes: int | None = None,
         motions: int = 40,
         seed: int = 0,
         error: float | None = None,
@@ -135,15 +135,16 @@ class HybridStress(Model):
             The load about which to train, as in :meth:`equilibrium`.
         coarse : Shell, optional
             A coarse shell of the same surface, which is reduced; by default ``shell`` itself.
-        modes : int
-            Vectors m of the basis, where ``error`` does not choose them.
+        modes : int, optional
+            Vectors m of the basis, by default 32; with ``error`` the most, by default 44.
         motions : int
             Motions through the random loads, and back, to train on.
         seed : int
             Of the random loads.
         error : float, optional
-            Wanted ``held_out_error``: the basis grows from 16 to 24, 32 and 44 vectors until it is met. Where none
-            meets it, the best is taken, and a :class:`ModalShellWarning` says so.
+            Wanted ``held_out_error``: the basis grows from 16 to 24, 32 and 44 vectors, as far as ``modes`` lets it and
+            at last to these, until it is met. Where none meets it, the best is taken, and a :class:`ModalShellWarning`
+            says so.
         on_step : callable, optional
             Called with the motions done and their total.
 
@@ -383,7 +384,7 @@ def trainable(coarse: Shell) -> Shell:
 
 
 def trained_on_load(
-    shell: Shell, coarse: Shell, load: Array, *, modes: int = 32, motions: int = 40, seed: int = 0,
+    shell: Shell, coarse: Shell, load: Array, *, modes: int | None = None, motions: int = 40, seed: int = 0,
     error: float | None = None, on_step: Progress | None = None,
 ) -> HybridStress:  # fmt: skip
     """The rung trained about a load (n, 3) [N]; see :meth:`HybridStress.trained`."""

@@ -12,7 +12,7 @@ from modalshell.checks import checked_count, checked_number
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.integrators.state import Damping
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.modes import solve_modes
+from modalshell.modes import lowest_modes
 from modalshell.reduction.assumed_stress import ReducedStress, position_modes, reduce_energy, stress_modes
 from modalshell.reduction.assumed_stress_step import implicit_step
 from modalshell.shell import Shell
@@ -30,7 +30,9 @@ _DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
 _HELD_OUT = 10
 """Motions on loads that are not in training."""
 GROWING = (16, 24, 32, 44)
-"""Sizes of the basis that are tried where an error is wanted."""
+"""Sizes of the basis that are tried where an error is wanted, up to the largest that is allowed."""
+_MODES = 32
+"""Size of the basis where neither it nor an error is wanted."""
 _LINEAR, _STRESSED = 4, 6
 """Linear modes in the basis, and those whose stresses are assumed."""
 _MOST_FRAMES = 900
@@ -82,7 +84,7 @@ class Trained:
 def train(
     coarse: Shell,
     load: Array,
-    modes: int,
+    modes: int | None,
     motions: int,
     seed: int,
     on_step: Progress | None = None,
@@ -90,15 +92,19 @@ def train(
 ) -> Trained:
     """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N].
 
-    With an ``error``, the basis is the first of :data:`GROWING` that meets it on the held-out motions, or else the best
-    of them, with a ModalShellWarning.
+    With an ``error``, the basis is the first of :data:`GROWING`, and of ``modes`` as the last, that meets it on the
+    held-out motions, or else the best of them, with a ModalShellWarning.
     """
-    modes = checked_count("modes", modes, at_least=2)
+    most = None if modes is None else checked_count("modes", modes, at_least=2)
     wanted = None if error is None else checked_number("error", error, above=0.0)
     motions = checked_count("motions", motions, at_least=4)
     if not load.any():
         raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
-    sizes = sorted({min(size, coarse.free_unknowns.size) for size in ((modes,) if wanted is None else GROWING)})
+    if wanted is None:
+        tries = [_MODES if most is None else most]
+    else:
+        tries = [*GROWING] if most is None else [*(size for size in GROWING if size < most), most]
+    sizes = sorted({min(size, coarse.free_unknowns.size) for size in tries})
     rng = np.random.default_rng(seed)
     model = CoarseDiscreteShell(coarse, coarse)
     total = motions + _HELD_OUT
@@ -121,7 +127,7 @@ def train(
     if wanted is not None:
         warnings.warn(
             f"no basis of up to {sizes[-1]} vectors meets an error of {wanted:g}: the best is "
-            f"{best.held_out_error:.3g} off; train on more motions, or about a smaller load",
+            f"{best.held_out_error:.3g} off; allow more modes, train on more motions, or about a smaller load",
             ModalShellWarning,
             stacklevel=4,
         )
@@ -134,7 +140,7 @@ def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, R
     every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
     frames = np.concatenate(motions)[::every]
     steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
-    lowest = solve_modes(coarse, min(_STRESSED, coarse.free_unknowns.size)).modes
+    lowest = lowest_modes(coarse, min(_STRESSED, coarse.free_unknowns.size))[0].modes
     leading = np.array([_membrane(coarse, rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
     elastic = np.array([_membrane(coarse, frame, np.zeros_like(frame)) for frame in frames]).T
     rates = np.array([_membrane(coarse, x, step) - _membrane(coarse, x, np.zeros_like(x)) for x, step in steps]).T

@@ -1,15 +1,11 @@
 """Vibration modes of a shell: sparse factorisation, eigenpairs, modal rotation, and the basis that holds them."""
 
-from modalshell.modes.basis import Basis, solve_modes
+from modalshell.modes.basis import Basis, lowest_modes, solve_modes
 from modalshell.modes.derivatives import BasisSensitivity
-from modalshell.modes.eigenpairs import (
-    largest_eigenvalue,
-    lowest_tangent_eigenvalue,
-    lowest_tangent_mode,
-    nearest_tangent_mode,
-)
+from modalshell.modes.eigenpairs import largest_eigenvalue
 from modalshell.modes.factorisation import BACKENDS, Factor, Factoriser, condensed_factor
 from modalshell.modes.loaded import LoadedModes
+from modalshell.modes.tangent import TangentStiffness, lowest_tangent_eigenvalue
 
 __all__ = [
     "BACKENDS",
@@ -18,10 +14,10 @@ __all__ = [
     "Factor",
     "Factoriser",
     "LoadedModes",
+    "TangentStiffness",
     "condensed_factor",
     "largest_eigenvalue",
+    "lowest_modes",
     "lowest_tangent_eigenvalue",
-    "lowest_tangent_mode",
-    "nearest_tangent_mode",
     "solve_modes",
 ]

@@ -326,24 +326,52 @@ def solve_modes(
     """
     checked_kind("shell", shell, Shell)
     count = checked_count("count", count)
-    if fault := loose_parts_fault(shell.mesh, shell.unknowns.supported):
-        if not shell.loose_parts:
-            raise SupportError(fault)
-        warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=2)
-    Factoriser(backend)  # refuses an unknown back end before any work
-    _demand_memory(shell, count)
-    if about is not None:
+    _checked_parts(shell, count, backend)
+    found: Basis | LoadedModes
+    if about is None:
+        found, whole = _solved(shell, count, attachments, backend)
+    else:
         if attachments is not None:
             raise OptionError("attachments are shapes about rest: leave them out, or about=")
-        return loaded_modes(shell, about, count, backend)
+        found, whole = loaded_modes(shell, about, count, backend)
+    if whole < count:
+        warnings.warn(
+            f"mode {count} belongs to a repeated eigenvalue that the count of modes ({count}) cuts in two; ask for one "
+            "or two modes more to hold its whole subspace",
+            ModalShellWarning,
+            stacklevel=2,
+        )
+    return found
+
+
+def lowest_modes(shell: Shell, count: int) -> tuple[Basis, int]:
+    """As :func:`solve_modes`; how many are of eigenspaces that ``count`` does not cut is returned, with no warning."""
+    _checked_parts(shell, count, None)
+    return _solved(shell, count, None, None)
+
+
+def _solved(
+    shell: Shell, count: int, attachments: Sequence[Load | ArrayLike] | None, backend: str | None
+) -> tuple[Basis, int]:
+    """The basis, and how many of its modes are of eigenspaces that ``count`` does not cut."""
     forces = attached_forces(shell, attachments)
-    eigenvalues, free_modes, rigid_modes, residual, name = eigenpairs(shell, count, backend)
+    eigenvalues, free_modes, rigid_modes, residual, name, whole = eigenpairs(shell, count, backend)
     if forces.shape[1]:
         eigenvalues, free_modes = with_attachments(shell, eigenvalues, free_modes, forces, backend)
     modes = np.asarray(shell.unknowns.prolong(free_modes))
     rotations = shell.unknowns.turns(np.asarray(rotation_matrix(shell.mesh) @ modes))
     finite_answer("the modes", eigenvalues, modes, rotations)
-    return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name)
+    return Basis(shell, eigenvalues, read_only(modes), read_only(rotations), rigid_modes, residual, name), whole
+
+
+def _checked_parts(shell: Shell, count: int, backend: str | None) -> None:
+    """SupportError for parts that no support holds, OptionError for too many modes or an unknown ``backend``."""
+    if fault := loose_parts_fault(shell.mesh, shell.unknowns.supported):
+        if not shell.loose_parts:
+            raise SupportError(fault)
+        warnings.warn(f"modes are spent on rigid motion: {fault}", ModalShellWarning, stacklevel=3)
+    Factoriser(backend)  # refuses an unknown back end before any work
+    _demand_memory(shell, count)
 
 
 def _demand_memory(shell: Shell, count: int) -> None:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
 from modalshell.checks import finite_answer
-from modalshell.errors import REPAIR, ModalShellWarning, OptionError, SolverError
-from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
+from modalshell.errors import REPAIR, OptionError, SolverError
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
-from modalshell.shell import EXACT, GAUSS_NEWTON, Shell
+from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.typing import Array
 
 _DENSE_BELOW = 150
@@ -33,10 +30,6 @@ _FALSE_STIFFNESS = 0.5
 """Largest fraction of the lowest eigenvalue that rounding may give to rigid motions; more can lose a mode."""
 _LOOSE = 1e-6
 """Share of the largest strain energy below which a mode is loose, and its eigenvalue is rounding with good reason."""
-_ROUNDING = 1e-12
-"""Shift of a singular matrix, as a share of its largest diagonal entry."""
-_LANCZOS_FROM = 30
-"""Unknowns from which Lanczos has room."""
 _GLANCE = 1e-3
 """Tolerance of a first look for missed modes; what lies no further above the last mode is looked at closely."""
 _CLOSELY = 1e-9
@@ -45,7 +38,7 @@ _RESTARTS = 100
 """Restarts after which a mode that has not converged is sought again without the others."""
 
 
-def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Array, Array, int, float, str]:
+def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Array, Array, int, float, str, int]:
     """The ``count`` lowest eigenpairs of the shell's free unknowns, rigid motions first.
 
     Returns
@@ -60,6 +53,8 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
         Largest ``|K phi - lambda M phi| / (|K| |phi|)``, in the mass-scaled problem.
     backend : str
         Library that held the factor.
+    whole : int
+        Number of leading modes whose eigenspaces ``count`` does not cut.
     """
     mass = shell.unknowns.masses(shell.mass)
     size = mass.size
@@ -76,7 +71,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     name = "dense"
     if elastic <= 0:
         values, vectors = np.empty(0), np.empty((size, 0))
-        rigid = rigid[:, :count]
+        rigid, whole = rigid[:, :count], 0
     else:
         # One mode more shows whether the last one asked for is part of a repeated eigenvalue.
         wanted = min(elastic + 1, size - rigid.shape[1])
@@ -89,7 +84,7 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
             name = solver.factor.backend
             values, vectors = lanczos_pairs(solver, root, root[:, None] * rigid, wanted)
             del solver
-        values, vectors = canonical_pairs(values, vectors, elastic)
+        values, vectors, whole = canonical_pairs(values, vectors, elastic)
     data = stiffness()
     scaled = mass_scaled(shell, data)
     norm = _norm(shell, data) or 1.0
@@ -106,12 +101,12 @@ def eigenpairs(shell: Shell, count: int, backend: str | None = None) -> tuple[Ar
     _check_rounding(shell, data, values, strain)
     # Already in order, to rounding: repeated ones must not change places by it.
     eigenvalues = np.concatenate([np.zeros(rigid.shape[1]), np.maximum.accumulate(strain)])
-    return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name
+    return eigenvalues, np.hstack([rigid, modes]), rigid.shape[1], residual, name, rigid.shape[1] + whole
 
 
 def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     """``M^-1/2 K M^-1/2`` on the free unknowns (N, N), from K's entries on the pattern, without internal unknowns."""
-    whole, free = _mass_scaled(shell, shell.pattern.free_matrix(data))[0], shell.unknowns.count
+    whole, free = scaled_by_mass(shell, shell.pattern.free_matrix(data))[0], shell.unknowns.count
     inner = shell.pattern.internal
     if inner is None:
         return spla.aslinearoperator(whole)
@@ -124,7 +119,7 @@ def mass_scaled(shell: Shell, data: Array) -> spla.LinearOperator:
     return spla.LinearOperator(own.shape, matvec=product, matmat=product, dtype=np.float64)
 
 
-def _mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
+def scaled_by_mass(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Array]:
     """``M^-1/2 K M^-1/2`` of the free unknowns and of the internal ones, which have no mass; and ``M^1/2`` (N,)."""
     scaled = matrix.copy()
     masses = np.sqrt(shell.unknowns.masses(shell.mass))
@@ -137,7 +132,7 @@ def _mass_scaled(shell: Shell, matrix: sps.csc_array) -> tuple[sps.csc_array, Ar
 def _norm(shell: Shell, data: Array) -> float:
     """1-norm of the mass-scaled stiffness by positions, fold shares and the like held."""
     size = shell.unknowns.count
-    return float(spla.norm(_mass_scaled(shell, shell.pattern.free_matrix(data))[0][:size, :size], 1))
+    return float(spla.norm(scaled_by_mass(shell, shell.pattern.free_matrix(data))[0][:size, :size], 1))
 
 
 def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
@@ -151,92 +146,6 @@ def largest_eigenvalue(shell: Shell, data: Array | None = None) -> float:
     start = np.random.default_rng(0).standard_normal(scaled.shape[0])
     value = spla.eigsh(scaled, k=1, which="LM", v0=start, tol=1e-4, return_eigenvectors=False)
     return float(value[0]) * (1.0 + 1e-4)
-
-
-def lowest_tangent_eigenvalue(shell: Shell, positions: Array) -> float:
-    """Lowest eigenvalue of the tangent stiffness over the mass at ``positions`` (n, 3) [1/s^2].
-
-    On a stable branch that is the lowest squared frequency about the deformed state; it falls to zero at a snap, and is
-    negative where the state is unstable.
-    """
-    whole = shell.pattern.free_matrix(shell.energy_gradient_hessian(positions, EXACT)[2])
-    return lowest_tangent_mode(shell, whole, Factoriser())[0]
-
-
-def lowest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
-    """Lowest eigenvalue [1/s^2] of a stiffness over the mass, and its direction (N,) in the free unknowns.
-
-    Lanczos finds the eigenvalues nearest to a shift. For an indefinite matrix those near 0 need not be the lowest:
-    the shift is lowered until it has the whole spectrum above it.
-
-    Parameters
-    ----------
-    shell : Shell
-        Gives the masses.
-    matrix : csc_array
-        A stiffness on the free unknowns (N, N), with those of internal unknowns after them.
-    factoriser : Factoriser
-        For matrices of that pattern.
-
-    Raises
-    ------
-    SolverError
-        If a factorisation fails, or Lanczos does not converge.
-    """
-    scaled, root = _mass_scaled(shell, matrix)
-    if root.size < _LANCZOS_FROM:
-        values, vectors = _small_pairs(scaled, root)
-        return float(values[0]), vectors[:, 0]
-    factor = _condensed(factoriser, scaled, root.size)
-    value, vector = _nearest(factor, root)
-    if factor.is_definite():
-        return value, vector
-    diagonal, shift = scaled.diagonal(), max(abs(value), 1e-300)
-    while not factor.is_definite():
-        shift *= 4.0
-        scaled.setdiag(diagonal + np.where(np.arange(diagonal.size) < root.size, shift, 0.0))
-        factor = _condensed(factoriser, scaled, root.size)
-    return _nearest(factor, root, shift)
-
-
-def nearest_tangent_mode(shell: Shell, matrix: sps.csc_array, factoriser: Factoriser) -> tuple[float, Array]:
-    """As :func:`lowest_tangent_mode`, the eigenvalue nearest to zero and its direction (N,)."""
-    scaled, root = _mass_scaled(shell, matrix)
-    if root.size < _LANCZOS_FROM:
-        values, vectors = _small_pairs(scaled, root)
-        nearest = int(np.abs(values).argmin())
-        return float(values[nearest]), vectors[:, nearest]
-    try:
-        return _nearest(_condensed(factoriser, scaled, root.size), root)
-    except SolverError:  # exactly at a critical point it is singular
-        shift = _ROUNDING * float(np.abs(scaled.diagonal()).max())
-        scaled.setdiag(scaled.diagonal() + shift * (np.arange(scaled.shape[0]) < root.size))
-        return _nearest(_condensed(factoriser, scaled, root.size), root, shift)
-
-
-def _small_pairs(scaled: sps.csc_array, root: Array) -> tuple[Array, Array]:
-    """All eigenvalues of a small mass-scaled matrix, internal unknowns condensed, and their directions (N, N)."""
-    dense, size = scaled.toarray(), root.size
-    inner = dense[size:, :size]
-    values, vectors = np.linalg.eigh(dense[:size, :size] - inner.T @ np.linalg.solve(dense[size:, size:], inner))
-    return values, np.asarray(vectors / root[:, None])
-
-
-def _condensed(factoriser: Factoriser, matrix: sps.csc_array, size: int) -> Factor:
-    """Factor of a symmetric matrix for its first ``size`` unknowns."""
-    return condensed_factor(factoriser.symmetric(matrix), matrix.shape[0] - size)
-
-
-def _nearest(factor: Factor, root: Array, shift: float = 0.0) -> tuple[float, Array]:
-    """The eigenvalue nearest to ``-shift``, from the factor of the mass-scaled matrix so shifted."""
-    size = root.size
-    start = np.random.default_rng(0).standard_normal(size)
-    inverse = spla.LinearOperator((size, size), matvec=factor.solve, dtype=np.float64)
-    try:  # with its inverse at hand, Lanczos asks nothing of the matrix itself but its shape
-        values, vectors = spla.eigsh(inverse, k=1, sigma=-shift, OPinv=inverse, v0=start)
-    except spla.ArpackError as error:
-        raise SolverError(f"no lowest eigenvalue of a matrix of {size} unknowns: {error}") from error
-    return float(values[0]), np.asarray(vectors[:, 0] / root)
 
 
 def dense_pairs(matrix: Array, rigid: Array, wanted: int) -> tuple[Array, Array]:
@@ -360,8 +269,11 @@ def _stiffness_of_rounding(shell: Shell, data: Array) -> float:
     return float((np.abs(np.sum(fields * forces, axis=0)) / (mass @ fields**2)).max())
 
 
-def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, Array]:
-    """The first ``count`` pairs in a form that repeats: a fixed basis in each repeated eigenspace, fixed signs."""
+def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, Array, int]:
+    """The first ``count`` pairs in a form that repeats: a fixed basis in each repeated eigenspace, fixed signs.
+
+    And how many of them are of eigenspaces that ``count`` does not cut.
+    """
     groups = np.concatenate([[0], np.cumsum(np.diff(values) > _REPEATED * np.abs(values[1:]))])
     fixed = vectors.copy()
     for group in range(int(groups[-1]) + 1):
@@ -376,14 +288,9 @@ def canonical_pairs(values: Array, vectors: Array, count: int) -> tuple[Array, A
         leading = int(np.argmax(magnitude >= 0.999 * magnitude.max()))
         if column[leading] < 0:
             column *= -1.0
-    if count < groups.size and groups[count] == groups[count - 1]:
-        warnings.warn(
-            f"mode {count} belongs to a repeated eigenvalue that the count of elastic modes ({count}) cuts in two; "
-            "ask for one or two modes more to hold its whole subspace",
-            ModalShellWarning,
-            stacklevel=4,
-        )
-    return values[:count], fixed[:, :count]
+    cut = count < groups.size and groups[count] == groups[count - 1]
+    whole = int(np.argmax(groups == groups[count])) if cut else count
+    return values[:count], fixed[:, :count], whole
 
 
 def _strain_eigenvalues(shell: Shell, modes: Array, approximate: Array) -> Array:

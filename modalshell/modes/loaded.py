@@ -80,8 +80,11 @@ class LoadedModes(ReadOnlyArrays):
         return int(self.eigenvalues.size)
 
 
-def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: str | None) -> LoadedModes:
-    """The ``count`` lowest vibrations about a state, or positions (n, 3) [m]; see :func:`modalshell.solve_modes`."""
+def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: str | None) -> tuple[LoadedModes, int]:
+    """The ``count`` lowest vibrations about a state, or positions (n, 3) [m]; see :func:`modalshell.solve_modes`.
+
+    And how many of them are of eigenspaces that ``count`` does not cut.
+    """
     given: Any = about
     state: State | None = given if hasattr(given, "load_stiffness") else None
     x = shell.checked_positions(getattr(given, "positions", given))
@@ -95,9 +98,9 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
     if not np.isfinite(data).all():
         raise OptionError("about must be a stable state (got one whose stiffness is not finite)")
     if state is not None and not state.conservative:
-        values, vectors = _general_pairs(shell, data, mass, count)
+        values, vectors, whole = _general_pairs(shell, data, mass, count)
         modes = np.asarray(unknowns.prolong(vectors / np.sqrt(mass)[:, None]))
-        return LoadedModes(shell, read_only(x.copy()), read_only(values), read_only(modes), conservative=False)
+        return LoadedModes(shell, read_only(x.copy()), read_only(values), read_only(modes), conservative=False), whole
     root, none = np.sqrt(mass), np.empty((mass.size, 0))
     wanted = min(count + 1, mass.size)
     unstable = OptionError(
@@ -119,14 +122,14 @@ def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: st
         if not solver.factor.is_definite():
             raise unstable
         values, vectors = lanczos_pairs(solver, root, none, wanted)
-    values, vectors = canonical_pairs(values, vectors, count)
+    values, vectors, whole = canonical_pairs(values, vectors, count)
     modes = np.asarray(unknowns.prolong(vectors / root[:, None]))
     finite_answer("the modes", values, modes)
-    return LoadedModes(shell, read_only(x.copy()), read_only(values.copy()), read_only(modes))
+    return LoadedModes(shell, read_only(x.copy()), read_only(values.copy()), read_only(modes)), whole
 
 
-def _general_pairs(shell: Shell, data: Array, mass: Array, count: int) -> tuple[Array, Array]:
-    """The lowest eigenvalues (m,), and eigenvectors (N, m) of length one, of an unsymmetric stiffness over the mass.
+def _general_pairs(shell: Shell, data: Array, mass: Array, count: int) -> tuple[Array, Array, int]:
+    """As :func:`canonical_pairs`, eigenvectors (N, m) of length one, of an unsymmetric stiffness over the mass.
 
     OptionError where one is complex or not positive: such a state flutters or drifts away.
     """
@@ -158,5 +161,5 @@ def _general_pairs(shell: Shell, data: Array, mass: Array, count: int) -> tuple[
     vectors = np.stack([(one / one[np.argmax(np.abs(one))]).real for one in vectors.T], axis=1)
     vectors /= np.linalg.norm(vectors, axis=0)
     found = canonical_pairs(1.0 / inverses.real, vectors, count)
-    finite_answer("the modes", *found)
+    finite_answer("the modes", *found[:2])
     return found

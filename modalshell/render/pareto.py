@@ -13,7 +13,12 @@ from modalshell.atomic_io import write_atomically
 from modalshell.errors import OptionError
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_LINE = 0.2
+"""Height of a line of the legend [inches]."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +81,22 @@ def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int
     if truth := next((panel.truth for panel in panels if panel.truth), None):
         entries.append(Line2D([], [], color=truth.color, lw=2, label=f"{truth.group}, the truth"))
     entries.append(Line2D([], [], color="0.2", lw=5, alpha=0.25, label="none cheaper is as accurate"))
-    lines = {1: 4, 2: 2}.get(across, 1)
-    figure.legend(handles=entries, loc="outside lower center", ncols=-(-len(entries) // lines), frameon=False)
+    _add_legend(figure, entries, {1: 4, 2: 2}.get(across, 1))
     return write_atomically(path, lambda file: figure.savefig(file, format="png"))
+
+
+def _add_legend(figure: Figure, entries: Sequence[Artist], lines: int) -> None:
+    """Name the entries below the panels in so many lines; in more, on a higher figure, where they would be too wide."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
+    for columns in range(-(-len(entries) // lines), 0, -1):
+        legend = figure.legend(handles=entries, loc="outside lower center", ncols=columns, frameon=False)
+        if columns == 1 or legend.get_window_extent(renderer).width <= figure.bbox.width:
+            break
+        legend.remove()
+    further = max(0, -(-len(entries) // columns) - lines)
+    figure.set_figheight(figure.get_figheight() + _LINE * further)
 
 
 def _draw_panel(axes: Axes, panel: ParetoPanel) -> None:

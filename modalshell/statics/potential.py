@@ -15,7 +15,7 @@ import scipy.sparse.linalg as spla
 
 from modalshell.errors import SolverError
 from modalshell.kernels import rotations
-from modalshell.modes import Factor, Factoriser, condensed_factor, lowest_tangent_mode, nearest_tangent_mode
+from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.live_loads import LiveLoads
@@ -120,7 +120,7 @@ class Potential(Problem[sps.csc_array]):
 
     def critical_mode(self, hessian: sps.csc_array) -> tuple[float, Array]:
         """Eigenvalue [1/s^2] nearest to zero, over the mass, and its direction (N,)."""
-        return nearest_tangent_mode(self.shell, hessian, self.factoriser)
+        return TangentStiffness(self.shell, hessian, self.factoriser).nearest_mode()
 
     def value(self, x: Array) -> float:
         """Potential [J]."""
@@ -352,7 +352,8 @@ def leave_saddle(problem: Potential, x: Array) -> tuple[Array, float]:
     """
     shell = problem.shell
     try:
-        lowest, direction = lowest_tangent_mode(shell, problem.linearise(x, EXACT)[1], problem.factoriser)
+        tangent = TangentStiffness(shell, problem.linearise(x, EXACT)[1], problem.factoriser)
+        lowest, direction = tangent.lowest_mode()
     except SolverError:
         return x, 0.0
     direction *= shell.size / float(np.abs(direction).max())

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from scenes import held, strip
 
 import modalshell as ms
@@ -11,12 +12,13 @@ from modalshell.cli import main
 from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
-from modalshell.compare.path import NEXT_TO_SNAP, Marks, find_snap
+from modalshell.compare.path import NEXT_TO_SNAP, Marks, _SnapSearch, find_snap
 from modalshell.compare.runs import static_answers, turn_at
 from modalshell.models.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
+from modalshell.work import counted
 from studies import held_out_advice
 
 FLAT = ('"v_beam"', '"flat_beam"')
@@ -270,6 +272,22 @@ def test_a_smooth_path_is_no_jump(bent):
     assert bent.path.snap is None
 
 
+def test_one_factor_gives_the_speed_and_the_tangent_of_a_state(bent):
+    model, load, step = ms.DiscreteShell(bent.case.shell), bent.case.load, 1e-4
+    search = _SnapSearch(model, load, bent.path.lowest)
+    before, exact, after = (
+        model.equilibrium(force=share * load, start=bent.path.answers[0].positions).positions
+        for share in (0.5 - step, 0.5, 0.5 + step)
+    )
+    with counted() as work:
+        state = search.state(0.5, exact)
+    assert work.factorisations == 1.0
+    assert state.tangent == lowest_tangent_eigenvalue(bent.case.shell, exact) / bent.path.lowest
+    mass = bent.case.shell.mass
+    speed = np.sqrt(mass @ np.sum((after - before) ** 2, axis=1) / mass.sum()) / (2.0 * step)
+    assert state.speed == pytest.approx(speed, rel=1e-5)
+
+
 def test_coarse_meshes_are_clamped_alike():
     fine = beam((24, 4))
     coarse = drawn_to_supports(fine, ms.flat_beam(cells=(8, 2)))
@@ -295,6 +313,18 @@ def test_cases_that_cannot_be_compared_are_refused(scene_file):
         ms.tradeoff(file)
     with pytest.raises(ms.OptionError, match="brings its own load"):
         ms.tradeoff(file, gravity=(0, 0, -1))
+
+
+@pytest.mark.parametrize("compare", [ms.tradeoff, ms.advise])
+def test_a_load_at_which_ds_has_no_equilibrium_is_no_fault_of_an_option(compare):
+    with pytest.raises(ms.SolverError, match=r"none of .*0\.5.*at 0\.5: not converged, residual .*lessen the load"):
+        compare(beam(), gravity=(0, 0, -1e9), modes=(4,), loads=(0.5, 1.0))
+
+
+def test_a_shell_without_stiffness_in_its_lowest_mode_is_refused():
+    mesh = ms.flat_beam(cells=(6, 2))
+    with pytest.raises(ms.SolverError, match="no stiffness to compare with"):
+        ms.tradeoff(held(mesh, 0.25, ms.Material(20.0, 20.0, 1e-300, 0.2)), gravity=(0, 0, -1), modes=(2,))
 
 
 def test_moving_supports_load_by_their_inertia(scene_file):
@@ -391,6 +421,21 @@ def test_outside_solutions_of_another_mesh_are_refused(tmp_path):
 def test_fronts_of_impossible_values_are_refused(tmp_path, x):
     with pytest.raises(ms.OptionError, match="finite and positive"):
         draw_pareto([ParetoPanel([Mark(x, 1.0, "LMA", "4")], "title")], tmp_path / "a.png")
+
+
+def test_the_legend_of_a_front_keeps_within_the_picture(tmp_path, monkeypatch):
+    figures = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, file, **_: (figures.append(figure), file.write(b"drawn")))
+    for names in (["a", "b"], [f"{number} of the long names of other engines" for number in range(6)]):
+        marks = [Mark(1.0 + number, 1.0, name, "4") for number, name in enumerate(names)]
+        draw_pareto([ParetoPanel(marks, "title")], tmp_path / "a.png")
+    for figure in figures:
+        figure.draw_without_rendering()
+        extent = figure.legends[0].get_window_extent()
+        assert extent.x0 >= 0.0
+        assert extent.x1 <= figure.bbox.width
+    short, tall = (figure.get_figheight() for figure in figures)
+    assert tall > short
 
 
 @pytest.mark.slow

@@ -28,7 +28,7 @@ def answers(monkeypatch):
             return found[0]
         exact = ms.DiscreteShell(shell).equilibrium(force=loads[0][1]).positions
         off = shell.rest_positions + 1.1 * (exact - shell.rest_positions)
-        return EngineAnswer("Fake", "counts", "Fake 1", 0.01, 2.0, 1e-3, 5.0, off[None])
+        return EngineAnswer(engine.name, "counts", "Fake 1", 0.01, 2.0, 1e-3, 5.0, off[None])
 
     monkeypatch.setattr(engines, "answered", answered)
     monkeypatch.setattr(engines, "ENGINES", engines.ENGINES[:2])
@@ -41,10 +41,12 @@ def test_engines_are_rows_of_a_tradeoff(shell, tmp_path):
     assert fake["error"] == pytest.approx(0.1, rel=1e-3)
     assert missing["error"] is None
     table = found.table()
-    assert "| Fake | counts | +1.0 % | 10 % | 5 | 0.001 | 2 | Fake 1 |" in table
+    engine = engines.ENGINES[0]
+    assert f"| {engine.name} | counts | +1.0 % | 10 % | 5 | 0.001 | 2 | Fake 1 |" in table
     assert "| Missing | not installed: pip install it | - | - | - | - | - |  |" in table
-    marks = [mark for mark in pareto_panel(found.findings(), "").marks if mark.group == "Fake"]
+    marks = [mark for mark in pareto_panel(found.findings(), "").marks if mark.group == engine.name]
     assert [(mark.x, mark.y) for mark in marks] == [(5.0, pytest.approx(10.0, rel=1e-3))]
+    assert (marks[0].color, marks[0].marker) == (engine.color, engine.marker)
     assert all(path.stat().st_size for path in found.save(tmp_path))
 
 
@@ -53,6 +55,12 @@ def test_without_engines_nothing_is_told(shell):
     assert found.engines == []
     assert "engine" not in found.table()
     assert engines.engine_lines([]) == []
+
+
+def test_no_two_engines_and_no_engine_and_model_look_alike():
+    looks = [(one.color, one.marker) for one in engines.ENGINES]
+    assert len(set(looks)) == len(looks)
+    assert not {color for color, _ in looks} & {spec.color for spec in ms.models().values()}
 
 
 def test_a_shell_of_hinges_is_beyond_the_engines():

@@ -76,6 +76,42 @@ def test_flexure_takes_half_of_what_a_twist_asks_for():
     assert own[1] * factor == pytest.approx(exact[1], rel=1e-2)  # it twists, by its flexure alone
 
 
+def dome(cells, height):
+    """Square dome with all symmetries of the square, and its rim."""
+    flat = ms.sheet(cells=(cells, cells), family="union-jack").vertices
+    x, y = (2.0 * (flat[:, :2] - flat[:, :2].mean(axis=0)) / np.ptp(flat[:, :2], axis=0)).T
+    vertices = np.column_stack([flat[:, :2], height * (1.0 - x**2) * (1.0 - y**2)])
+    mesh = ms.TriangleMesh(vertices, ms.sheet(cells=(cells, cells), family="union-jack").faces)
+    return mesh, np.maximum(abs(x), abs(y)) > 1.0 - 1e-9
+
+
+@pytest.mark.parametrize(("height", "membrane"), [(0.05, 200.0), (0.2, 20.0), (0.3, 5.0)])
+def test_calibration_does_not_depend_on_which_modes_of_one_eigenvalue_are_taken(height, membrane):
+    """The choice follows the numbers of the vertices: one mode of a pair is as much one coarse mode as the other."""
+    mesh, rim = dome(16, height)
+    fine, under = ms.Shell(mesh, ms.Material(membrane, membrane, 0.05, 0.2), rim), dome(8, height)[0]
+    lowest = ms.solve_modes(fine, 3).eigenvalues
+    assert min(np.diff(lowest) / lowest[1:]) < 1e-9
+    order = np.random.default_rng(3).permutation(len(under.vertices))
+    renumbered = ms.TriangleMesh(under.vertices[order], np.argsort(order)[under.faces])
+    found, other = (coarse_shell(fine, one) for one in (under, renumbered))
+    assert found.material.stretch != membrane
+    assert found.material.flexure != 0.05
+    assert other.material.stretch == pytest.approx(found.material.stretch, rel=1e-9)
+    assert other.material.flexure == pytest.approx(found.material.flexure, rel=1e-9)
+
+
+def test_symmetric_shells_are_calibrated_without_a_warning():
+    """The sixth mode of this square, held about its middle, is one of a pair."""
+    mesh, under = (ms.sheet(cells=(cells, cells), family="union-jack") for cells in (16, 8))
+    middle = np.linalg.norm(mesh.vertices - mesh.vertices.mean(axis=0), axis=1) < 0.3 * np.ptp(mesh.vertices[:, 0])
+    fine = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), middle)
+    with pytest.warns(ms.ModalShellWarning, match="mode 6 belongs to a repeated eigenvalue"):
+        exact = ms.solve_modes(fine, 6).eigenvalues[0]
+    coarse = coarse_shell(fine, under)  # a warning would be an error here
+    assert ms.solve_modes(coarse, 1).eigenvalues[0] == pytest.approx(exact, rel=1e-6)
+
+
 def test_small_displacements_are_those_of_statics_under_little_gravity():
     one = shell((12, 4), 150.0)
     answers = _small_displacements(one)

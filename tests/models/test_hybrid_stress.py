@@ -1,5 +1,6 @@
 """The trained rung with assumed membrane stresses: through a snap, on loads that were not in training."""
 
+import contextlib
 import pickle
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snapping_loads
 
 import modalshell as ms
+from modalshell.models import hybrid_training
 from modalshell.models.hybrid_training import GROWING, Trained
 from modalshell.reduction.assumed_stress import reduce_energy
 from modalshell.reduction.assumed_stress_step import evaluate
@@ -188,13 +190,29 @@ def test_its_basis_grows_until_a_wanted_error_is_met():
     assert least.held_out_error == min(errors.values())
 
 
+@pytest.mark.parametrize(("modes", "error", "size"), [(20, 1e-12, 20), (50, 1e-12, 50), (20, 10.0, 16), (8, 10.0, 8)])
+def test_modes_are_the_most_that_a_wanted_error_takes(modes, error, size, monkeypatch):
+    """A wanted error that none meets tries them all; the last one is told."""
+    shell, tried = stiff_beam((8, 2)), []
+    monkeypatch.setattr(
+        hybrid_training, "_held_out", lambda found, *_: (tried.append(found.basis.shape[1]) or 1.0, 0.0)
+    )
+    options = {"gravity": (0, 0, -20), "motions": 4, "modes": modes, "error": error}
+    told = f"no basis of up to {size} vectors meets an error of 1e-12: the best is 1 off; allow more modes"
+    with pytest.warns(ms.ModalShellWarning, match=told) if error < 1.0 else contextlib.nullcontext():
+        ms.HybridStress.trained(shell, **options)
+    allowed = [one for one in GROWING if one < modes]
+    assert sorted(set(tried)) == ([*allowed, modes] if error < 1.0 else [size])
+
+
 def test_scenes_name_the_wanted_error(scene_file):
-    """A scene's table is that of the training's parameters."""
-    table = 'name = "hybrid"\ncells = [8, 2]\nmotions = 4\nerror = 10.0'
-    file = scene_file(('name = "mwts"', table), ("[motion]\nduration = 1\n", ""))
-    model = ms.load_scene(file).build().model
-    assert model._trained.basis.shape[1] == 16
-    assert model.held_out_error <= 10.0
+    """A scene's table is that of the training's parameters, with the most modes too."""
+    for further, size in (("", 16), ("\nmodes = 12", 12)):
+        table = f'name = "hybrid"\ncells = [8, 2]\nmotions = 4\nerror = 10.0{further}'
+        file = scene_file(('name = "mwts"', table), ("[motion]\nduration = 1\n", ""))
+        model = ms.load_scene(file).build().model
+        assert model._trained.basis.shape[1] == size
+        assert model.held_out_error <= 10.0
 
 
 def test_wrong_uses_are_refused():
@@ -203,6 +221,8 @@ def test_wrong_uses_are_refused():
         ms.HybridStress.trained(shell)
     with pytest.raises(ms.OptionError, match="modes"):
         ms.HybridStress.trained(shell, gravity=(0, 0, -1), modes=0)
+    with pytest.raises(ms.OptionError, match="modes"):
+        ms.HybridStress.trained(shell, gravity=(0, 0, -1), modes=1, error=0.1)
     with pytest.raises(ms.OptionError, match="error"):
         ms.HybridStress.trained(shell, gravity=(0, 0, -1), error=0.0)
     with pytest.raises(ms.SupportError, match="clamp"):

@@ -12,7 +12,7 @@ from scenes import PLAIN, SHELLS, cantilever
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, leaf, sheet, solve_modes, v_beam
 from modalshell.errors import ModalShellWarning, OptionError, SolverError
-from modalshell.modes import BACKENDS, Factoriser, eigenpairs, nearest_tangent_mode
+from modalshell.modes import BACKENDS, Factoriser, TangentStiffness, eigenpairs, lowest_modes
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.rigid import rigid_motions
 
@@ -195,6 +195,9 @@ def test_a_count_that_cuts_a_repeated_eigenvalue_warns():
         basis = solve_modes(shell, first + 1)
     assert basis.count == first + 1
     solve_modes(shell, first + 2)  # holds the pair: a warning would be an error here
+    assert lowest_modes(shell, first + 1)[1] == first
+    assert lowest_modes(shell, first + 2)[1] == first + 2
+    np.testing.assert_array_equal(lowest_modes(shell, first + 1)[0].modes, basis.modes)
 
 
 def test_modes_do_not_depend_on_how_many_are_asked_for():
@@ -342,6 +345,6 @@ def test_the_mode_nearest_to_zero_of_an_exactly_singular_matrix():
     matrix = sps.csc_array(shell.stiffness()[shell.free_unknowns][:, shell.free_unknowns])
     matrix.data[matrix.indices == 7] = 0.0
     matrix.data[matrix.indptr[7] : matrix.indptr[8]] = 0.0
-    value, direction = nearest_tangent_mode(shell, matrix, Factoriser())
+    value, direction = TangentStiffness(shell, matrix, Factoriser()).nearest_mode()
     assert abs(value) < 1e-6 * solve_modes(shell, 1).eigenvalues[0]
     assert np.abs(np.delete(direction, 7)).max() < 1e-6 * abs(direction[7])

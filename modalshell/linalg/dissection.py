@@ -1,0 +1,335 @@
+"""Nested dissection of a graph, compiled: level cuts between far vertices, improved by minimum vertex separators."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from modalshell.kernels.compiler import njit
+from modalshell.linalg.analysis import distances
+from modalshell.typing import Index
+
+_LEAST = 0.3
+"""Share of a part's vertices that each side of a cut has at least, so that parts halve."""
+_BAND = 0.1
+"""Share of a part's vertices on either side of a level cut among which the minimum separator is sought."""
+
+
+@njit
+def dissect(starts: Index, neighbours: Index, leaf: int) -> tuple[Index, Index]:
+    """Nested dissection order (n,) of a graph [george1973], and where the small part of each of its places begins.
+
+    Parts of at most ``leaf`` vertices, and those that no cut halves, are left as they are; the places (n,) of
+    separators are in no part: -1.
+    """
+    n = len(starts) - 1
+    order = _sorted(distances(starts, neighbours, 0))  # neighbours are near in memory
+    part_begin = np.full(n, -1, np.int64)
+    number = np.full(n, -1, np.int64)
+    stack = np.empty((n + 1, 2), np.int64)
+    stack[0, 0], stack[0, 1] = 0, n
+    depth = 1
+    while depth > 0:
+        depth -= 1
+        begin, end = stack[depth, 0], stack[depth, 1]
+        for k in range(begin, end):
+            part_begin[k] = begin
+        if end - begin <= leaf:
+            continue
+        vertices = order[begin:end].copy()
+        part = _subgraph(starts, neighbours, vertices, number)
+        side, across = _cut(*part)
+        lower_size, upper_size = 0, 0
+        for s in side:
+            lower_size += s == 0
+            upper_size += s == 1
+        if min(lower_size, upper_size) < 0.5 * _LEAST * len(side):
+            continue
+        lower, upper, place = begin, begin + lower_size, begin + lower_size + upper_size
+        stack[depth, 0], stack[depth, 1] = lower, upper
+        stack[depth + 1, 0], stack[depth + 1, 1] = upper, place
+        depth += 2
+        for k in range(place, end):
+            part_begin[k] = -1
+        for i in _sorted(across):  # separators from one end to the other
+            if side[i] == 2:
+                order[place] = vertices[i]
+                place += 1
+        for i in range(len(side)):
+            if side[i] == 0:
+                order[lower] = vertices[i]
+                lower += 1
+            elif side[i] == 1:
+                order[upper] = vertices[i]
+                upper += 1
+    return order, part_begin
+
+
+@njit
+def _range(levels: Index) -> tuple[int, int]:
+    """Least and largest."""
+    least = most = levels[0]
+    for level in levels:
+        least, most = min(least, level), max(most, level)
+    return least, most
+
+
+@njit
+def _sorted(levels: Index) -> Index:
+    """Order (m,) that sorts whole numbers of a narrow range, stable."""
+    least, most = _range(levels)
+    begins = np.zeros(most - least + 2, np.int64)
+    for level in levels:
+        begins[level - least + 1] += 1
+    for level in range(1, len(begins)):
+        begins[level] += begins[level - 1]
+    order = np.empty(len(levels), np.int64)
+    for i in range(len(levels)):
+        order[begins[levels[i] - least]] = i
+        begins[levels[i] - least] += 1
+    return order
+
+
+@njit
+def _subgraph(starts: Index, neighbours: Index, vertices: Index, number: Index) -> tuple[Index, Index]:
+    """The graph of some vertices, without their entries on the diagonal; ``number`` (n,) is -1 before and after."""
+    most = 0
+    for i, v in enumerate(vertices):
+        number[v] = i
+        most += starts[v + 1] - starts[v]
+    own_starts, own = np.empty(len(vertices) + 1, np.int64), np.empty(most, np.int64)
+    own_starts[0] = count = 0
+    for i, v in enumerate(vertices):
+        for e in range(starts[v], starts[v + 1]):
+            j = number[neighbours[e]]
+            if j >= 0 and j != i:
+                own[count] = j
+                count += 1
+        own_starts[i + 1] = count
+    for v in vertices:
+        number[v] = -1
+    return own_starts, own[:count].copy()
+
+
+@njit
+def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
+    """Side (m,) of each vertex, 0, 1 or, in the separator, 2; and a coordinate (m,) along the separator.
+
+    Coordinates are differences of the distances from four far vertices. The best cut between their levels that leaves
+    enough vertices on both sides gives the band in which the minimum separator is found, as in inertial flow
+    [schild2015].
+    """
+    m = len(starts) - 1
+    axes = _coordinates(starts, neighbours)
+    fewest, chosen, low, high = np.inf, -1, 0, 0
+    for k in range(4):
+        cost, below, above = _level_cut(starts, neighbours, axes[k])
+        if cost < fewest:
+            fewest, chosen, low, high = cost, k, below, above
+    side = np.zeros(m, np.int64)
+    if chosen >= 0:
+        for i in range(m):
+            side[i] = 0 if axes[chosen, i] <= low else 1 if axes[chosen, i] >= high else 2
+        minimum_separator(starts, neighbours, axes[chosen], side)
+    return side, axes[chosen ^ 1]
+
+
+@njit
+def _coordinates(starts: Index, neighbours: Index) -> Index:
+    """Four coordinates (4, m), the first two and the last two across each other; parts that are apart, one by one."""
+    m = len(starts) - 1
+    nearest = distances(starts, neighbours, 0)
+    axes = np.zeros((4, m), np.int64)
+    if _range(nearest)[1] == m:
+        _components(starts, neighbours, axes[0])
+        return axes
+    for k in range(4):
+        vertex = 0
+        for i in range(m):
+            if nearest[i] > nearest[vertex]:
+                vertex = i
+        far = distances(starts, neighbours, vertex)
+        for i in range(m):
+            axes[k, i] = far[i]
+            nearest[i] = far[i] if k == 0 else min(nearest[i], far[i])
+    for i in range(m):
+        first, second = axes[0, i] - axes[1, i], axes[2, i] - axes[3, i]
+        axes[0, i], axes[1, i], axes[2, i], axes[3, i] = first, second, first + second, first - second
+    return axes
+
+
+@njit
+def _components(starts: Index, neighbours: Index, found: Index) -> None:
+    """Write the number of the connected part of each vertex (m,)."""
+    m = len(starts) - 1
+    for i in range(m):
+        found[i] = -1
+    queue = np.empty(m, np.int64)
+    parts = 0
+    for vertex in range(m):
+        if found[vertex] >= 0:
+            continue
+        found[vertex], queue[0], count, k = parts, vertex, 1, 0
+        while k < count:
+            for e in range(starts[queue[k]], starts[queue[k] + 1]):
+                j = neighbours[e]
+                if found[j] < 0:
+                    found[j], queue[count] = parts, j
+                    count += 1
+            k += 1
+        parts += 1
+
+
+@njit
+def _level_cut(starts: Index, neighbours: Index, along: Index) -> tuple[float, int, int]:
+    """Cost of the best cut between levels of a coordinate, inf without one, and the levels that bound its band.
+
+    The cost is the number of vertices that separate the two sides, more where these are uneven.
+    """
+    m = len(along)
+    least, most = _range(along)
+    levels = most - least + 1
+    counts = np.zeros(levels + 1, np.int64)
+    lower, upper = np.zeros(levels + 1, np.int64), np.zeros(levels + 1, np.int64)
+    for i in range(m):
+        own = lowest = highest = along[i] - least
+        for e in range(starts[i], starts[i + 1]):
+            other = along[neighbours[e]] - least
+            lowest, highest = min(lowest, other), max(highest, other)
+        counts[own] += 1
+        # Cuts after the levels from this one on to its highest neighbour's have it as an end on their lower side.
+        lower[own] += 1
+        lower[highest] -= 1
+        upper[lowest] += 1
+        upper[own] -= 1
+    best, cut, below, lower_ends, upper_ends = np.inf, 0, 0, 0, 0
+    for level in range(levels):
+        below += counts[level]
+        lower_ends += lower[level]
+        upper_ends += upper[level]
+        if min(below, m - below) >= _LEAST * m:
+            cost = (min(lower_ends, upper_ends) + 1) / (below * (m - below))
+            if cost < best:
+                best, cut = cost, below
+    first, last = max(cut - _BAND * m, _LEAST * m), min(cut + _BAND * m, m - _LEAST * m)
+    low, high, below = 0, levels - 1, 0
+    for level in range(levels - 1, -1, -1):
+        if m - below >= last:
+            high = min(levels - 1, level + 1)
+        below += counts[level]
+        if m - below >= first:
+            low = max(0, level - 1)
+    return best, low + least, high + least
+
+
+@njit
+def minimum_separator(starts: Index, neighbours: Index, along: Index, side: Any) -> int:
+    """The fewest vertices that separate those of side 0 from those of side 1; ``side`` (m,) is 2 for others.
+
+    Vertices of these, and of side 0 next to side 1, go to a side or stay 2, in the separator. It is as large as the
+    most paths between the sides that share no vertex [even1975]: these are found by depth-first search, up the
+    coordinate ``along`` (m,) first. Returns its size.
+    """
+    for i in range(len(side)):
+        for e in range(starts[i], starts[i + 1]):
+            if side[i] == 0 and side[neighbours[e]] == 1:
+                side[i] = 2
+    inner, number, m = np.empty(len(side), np.int64), np.empty(len(side), np.int64), 0
+    order = _sorted(along)
+    for k in range(len(side) - 1, -1, -1):
+        v = order[k]
+        number[v] = -1 - side[v]
+        if side[v] == 2:
+            number[v], inner[m] = m, v
+            m += 1
+    begins, source, sink = np.zeros(m + 1, np.int64), np.zeros(m, np.bool_), np.zeros(m, np.bool_)
+    for i in range(m):
+        v = inner[i]
+        begins[i + 1] = begins[i]
+        for e in range(starts[v], starts[v + 1]):
+            j = number[neighbours[e]]
+            begins[i + 1] += j >= 0
+            source[i] |= j == -1
+            sink[i] |= j == -2
+    near, ends = np.empty(begins[m], np.int64), begins.copy()
+    for i in range(m):  # each vertex's highest neighbours come first
+        v = inner[i]
+        for e in range(starts[v], starts[v + 1]):
+            j = number[neighbours[e]]
+            if j >= 0:
+                near[ends[j]] = i
+                ends[j] += 1
+    # On a path: what comes before and after a vertex, m at the path's ends; -1 on none.
+    before, after = np.full(m, -1, np.int64), np.full(m, -1, np.int64)
+    tried, path, arc = np.empty(2 * m, np.bool_), np.empty(2 * m, np.int64), np.empty(2 * m, np.int64)
+    size, gained = 0, 1
+    while gained > 0:
+        gained = 0
+        for k in range(2 * m):
+            tried[k] = False
+        for i in range(m - 1, -1, -1):
+            if source[i] and before[i] != m and not tried[2 * i]:
+                gained += _augment(begins, near, sink, before, after, tried, path, arc, i)
+        size += gained
+    for i in range(m):
+        side[inner[i]] = 0 if tried[2 * i + 1] else 2 if tried[2 * i] or before[i] == m else 1
+    return size
+
+
+@njit
+def _augment(
+    begins: Index,
+    near: Index,
+    sink: Any,
+    before: Index,
+    after: Index,
+    tried: Any,
+    path: Index,
+    arc: Index,
+    start: int,
+) -> bool:
+    """Find one more path from a vertex to the sink through what is not ``tried``, and take it.
+
+    A vertex i is two states, 2 i entered and 2 i + 1 left. One on another path can only be entered to turn back along
+    that, or left because that turned back.
+    """
+    m, depth = len(before), 1
+    path[0] = state = 2 * start
+    arc[state] = -1
+    tried[state] = True
+    while depth > 0:
+        state = path[depth - 1]
+        i = state // 2
+        if state % 2 == 1 and sink[i] and after[i] != m:
+            break
+        following = -1
+        if state % 2 == 0:
+            if arc[state] < 0:
+                arc[state] = 0
+                following = state + 1 if before[i] < 0 else 2 * before[i] + 1 if before[i] < m else -1
+        else:
+            if arc[state] < 0:
+                arc[state] = begins[i]
+                following = state - 1 if before[i] >= 0 else -1
+            while (following < 0 or tried[following]) and arc[state] < begins[i + 1]:
+                j = near[arc[state]]
+                arc[state] += 1
+                following = 2 * j if after[i] != j else -1
+        if following >= 0 and not tried[following]:
+            tried[following] = True
+            path[depth], arc[following] = following, -1
+            depth += 1
+        elif state % 2 == 0 or arc[state] == begins[i + 1]:
+            depth -= 1
+    for k in range(depth):
+        i = path[k] // 2
+        if path[k] % 2 == 0:
+            if k == 0 or path[k - 1] // 2 != i:
+                before[i] = m if k == 0 else path[k - 1] // 2
+        elif k == depth - 1 or path[k + 1] // 2 != i:
+            after[i] = m if k == depth - 1 else path[k + 1] // 2
+    for k in range(depth - 1):
+        if path[k] % 2 == 1 and path[k + 1] == path[k] - 1:  # no path goes through it any more
+            before[path[k] // 2] = after[path[k] // 2] = -1
+    return depth > 0
