@@ -1,4 +1,4 @@
-"""The polynomials of :mod:`modalshell.kernels.frame` with fewer multiplications, for packed numbers.
+"""The polynomials of :mod:`modalshell.kernels.frame` with fewer multiplications, for SIMD vectors.
 
 With x = s - CENTRE and y = x^2 any polynomial is even(y) + x odd(y). Where odd has a root -r, an equal remainder of
 even makes it (y + r) p + t, and p is of that form again [knuth1997, 4.6.4]: two degrees for one multiplication, and an
