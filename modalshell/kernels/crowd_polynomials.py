@@ -67,10 +67,9 @@ _inline = njit(error_model="numpy", fastmath=False, forceinline=True)
 def powers(dtype: Any) -> NDArray[Any]:
     """The polynomials of the warp as one array: a centre, those of c2, those of c3; the same up to half a turn."""
     if np.dtype(dtype) == np.float32:
-        whole, near = (HALF_SINGLE, THIRD_SINGLE), (NEAR_HALF_SINGLE, NEAR_THIRD_SINGLE)
-    else:
-        whole, near = (HALF_DOUBLE, THIRD_DOUBLE), (NEAR_HALF_DOUBLE, NEAR_THIRD_DOUBLE)
-    return np.array([CENTRE, *whole[0], *whole[1], NEAR_CENTRE, *near[0], *near[1]], dtype=dtype)
+        single = (CENTRE, *HALF_SINGLE, *THIRD_SINGLE, NEAR_CENTRE, *NEAR_HALF_SINGLE, *NEAR_THIRD_SINGLE)
+        return np.array(single, np.float32)
+    return np.array([CENTRE, *HALF_DOUBLE, *THIRD_DOUBLE, NEAR_CENTRE, *NEAR_HALF_DOUBLE, *NEAR_THIRD_DOUBLE])
 
 
 @_inline
