@@ -11,10 +11,10 @@ from modalshell.checks import checked_count
 from modalshell.crowd.flock import MOST_THREADS
 from modalshell.crowd.shell_crowd import LEVELS, ShellCrowd
 from modalshell.kernels import crowd as kernels
-from modalshell.kernels.frame import TILE
-from modalshell.models.rotation_strain import tiled
+from modalshell.kernels.crowd_polynomials import powers
+from modalshell.kernels.packed import BYTES
 from modalshell.modes import Basis
-from modalshell.reduction.warp_frame import WarpFrame, aligned_zeros
+from modalshell.reduction.warp_frame import aligned_zeros
 from modalshell.typing import Array
 
 
@@ -70,17 +70,14 @@ class Crowd(ShellCrowd):
     ) -> None:
         super().__init__(basis, count, damping, dtype)
         self.threads = checked_count("threads", threads, at_most=MOST_THREADS)
-        frame = WarpFrame(basis, dtype=self.dtype)
-        double = self.dtype == np.float64
-        self._modal, self._powers = frame.modal_data, kernels.powers(self.dtype)
-        self._force_modal = self._modal if double else WarpFrame(basis).modal_data
-        self._force_powers = kernels.powers(np.float64)
-        self._rest = tiled(basis.shell.rest_positions).reshape(-1, 3 * TILE).astype(self.dtype)
-        self._mass = tiled(basis.shell.mass)
-        self._work = aligned_zeros((self.threads, kernels.work_size(self.dtype)), self.dtype)
-        self._force_work = (
-            self._work if double else aligned_zeros((self.threads, kernels.work_size(np.float64)), np.dtype(np.float64))
-        )
+        shell = basis.shell
+        shapes = np.concatenate([a.reshape(-1, 3, basis.count) for a in (basis.modes, basis.rotations)], axis=1)
+        self._force_modal, self._force_powers = packs(shapes.transpose(0, 2, 1)), powers(np.float64)
+        single = self.dtype == np.float32
+        self._modal = packs(shapes.transpose(0, 2, 1).astype(self.dtype)) if single else self._force_modal
+        self._powers = powers(self.dtype)
+        self._rest, self._mass = packs(shell.rest_positions.astype(self.dtype)), packs(shell.mass)
+        self._force_work = aligned_zeros((self.threads, kernels.WORK), np.dtype(np.float64))
 
     def _modal_forces(self, felt: Array) -> Array:
         force = np.asarray(felt @ self.modal_weights)
@@ -100,13 +97,23 @@ class Crowd(ShellCrowd):
         q = np.ascontiguousarray(coordinates, dtype=self.dtype)
         for level in range(len(LEVELS)):
             order = np.flatnonzero(levels == level)
-            given = (level, order, self._modal, self._rest, q, self._powers, placed)
+            given = (level, order, self._modal, self._rest, q, self._powers, placed, out)
             if self.threads == 1:
-                kernels.crowd_positions(0, chunks(order), *given, self._work[0], out)
+                kernels.crowd_positions(0, chunks(order), *given)
             else:
-                kernels.crowd_positions_parallel(*given, self._work, out)
+                kernels.crowd_positions_parallel(self.threads, *given)
 
 
 def chunks(order: NDArray[np.int64]) -> int:
     """Number of chunks that the kernels take ``order`` in."""
     return -(-order.size // kernels.CHUNK)
+
+
+def packs(rows: NDArray[Any]) -> NDArray[Any]:
+    """Numbers of vertices (n, ...) as packs (ceil(n / lanes), ..., lanes), the last one filled up with zeros."""
+    lanes = BYTES // rows.itemsize
+    packed = aligned_zeros((-(-len(rows) // lanes), *rows.shape[1:], lanes), rows.dtype)
+    for lane in range(lanes):
+        own = rows[lane::lanes]
+        packed[: len(own), ..., lane] = own
+    return packed

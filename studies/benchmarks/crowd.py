@@ -19,14 +19,13 @@ from modalshell.crowd import LEVELS
 from modalshell.crowd.device import DeviceCrowd, DeviceSearch
 from modalshell.crowd.shell_crowd import ShellCrowd
 from modalshell.kernels.compiler import njit
-from modalshell.kernels.crowd import powers
 from modalshell.kernels.device import devices, warp
 from modalshell.kernels.packed import BYTES, load, store
 from modalshell.modes import Basis
 from studies.benchmarks.timing import interleaved, one_blas_thread
 
-ROTATION = 23
-"""Packed operations of a warped vertex in the crowd's kernel, those of the modes and of the polynomials aside."""
+ROTATION = {8: 34, 4: 29}
+"""Packed multiplications of a warped vertex in a crowd, by bytes of a number, without its modes: up to half a turn."""
 
 
 def bird_basis(modes: int = 8, cells: tuple[int, int] = (16, 14)) -> Basis:
@@ -45,9 +44,9 @@ def reconstruction(
     """Instances a second, the best of ``repeats`` turns, of a crowd at each level, of its steps, and of three bounds.
 
     They are the two products Phi q and Psi q over the whole batch, by BLAS, writing the positions alone, and the
-    arithmetic of MWTS alone, at the processor's pace of packed fused multiplications and additions: six a mode, one a
-    coefficient of its polynomials, and :data:`ROTATION`. ``mwts`` is without a place in the world, as the products are;
-    ``placed`` is MWTS with a rotation and a translation each.
+    arithmetic of MWTS alone, at the processor's pace of packed fused multiplications and additions: six a mode, and
+    :data:`ROTATION`; additions alone, which some processors make at the same time, are not counted. ``mwts`` is without
+    a place in the world, as the products are; ``placed`` is MWTS with a rotation and a translation each.
     """
     basis = basis or bird_basis()
     random = np.random.default_rng(0)
@@ -62,9 +61,8 @@ def reconstruction(
         small = q.astype(precision)
         transposed = [np.ascontiguousarray(a.T, dtype=precision) for a in (basis.modes, basis.rotations)]
         products = np.empty((2, instances, 3 * crowd.vertices), precision)
-        terms = powers(precision).size - 1
         packs = -(-crowd.vertices // (BYTES // out.itemsize))
-        operations = instances * packs * (6 * basis.count + terms + ROTATION)
+        operations = instances * packs * (6 * basis.count + ROTATION[out.itemsize])
         numbers = np.full(14 * BYTES // out.itemsize, 0.5, precision)
         functions: dict[str, Callable[[], object]] = {
             name.lower(): partial(at_level, name, crowd, None, None, out) for name in LEVELS

@@ -115,13 +115,14 @@ def test_what_is_not_finite_shows(basis):
 def test_the_kernels_are_packed():
     """All multiplications of a pair of instances are, and no array is counted in the loops."""
     kernel = njit(error_model="numpy")(kernels.crowd_positions.py_func)
-    shapes = ((1, 1, 6 * 128), (1, 3 * 128), (1, 1), 30, (1, 12), kernels.work_size(np.float64), (1, 1, 3))
+    lanes = BYTES // 8
+    shapes = ((1, 1, 6, lanes), (1, 3, lanes), (1, 1), 30, (1, 12), (1, 1, 3))
     kernel(0, 1, 2, np.zeros(1, np.int64), *(np.zeros(shape) for shape in shapes))
     text = "".join(kernel.inspect_asm().values())
     register = "zmm" if BYTES == 64 else "ymm"
     packed = re.findall(rf"\bv(?:mul|fmadd\d+|fnmadd\d+|fmsub\d+)pd\b.*{register}", text)
-    # Of each of two: six rows and their modes, two polynomials, two cross products twice, and the place.
-    assert len(packed) > 2 * (12 + 20 + 21 + 9)
+    # Of each of two: six rows and modes, the polynomials up to half a turn and beyond, two cross products, the place.
+    assert len(packed) > 2 * (12 + 13 + 17 + 21 + 9)
     loop = text[: text.rindex(packed[-1])]
     assert "NRT_incref" not in loop[loop.index(packed[0]) :]
 
