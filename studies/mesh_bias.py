@@ -202,8 +202,8 @@ def finding(tables: list[Table]) -> str:
     return (
         f"With {finest:g} cells a side the deflection of a supported plate is at most "
         f"{largest('supported, Isotropic'):.2g} % off with Isotropic shells on {len(fine)} kinds of mesh, random ones "
-        f"among them; waves converge with order {min(slopes.values()):.2f} to {max(slopes.values()):.2f}, on points "
-        f"anywhere, whose slivers count less and less, with {last:.2f}; pure twist is exact to "
+        f"among them; waves converge with order {min(slopes.values()):.2f} to {max(slopes.values()):.2f}, on random "
+        f"points with {last:.2f}, not yet asymptotic; pure twist is exact to "
         f"{largest('twisted, Isotropic'):.1g} %. Calibrated hinges are off by up to "
         f"{largest('supported, hinges'):.2g} and {largest('twisted, hinges'):.2g} %, refined or not."
     )

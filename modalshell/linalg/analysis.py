@@ -244,16 +244,18 @@ def entry_places(
     block: int,
     first: Index,
     row_starts: Index,
+    row_ends: Index,
     rows: Index,
     panels: Index,
     sources: Any,
     places: Any,
 ) -> Index:
-    """Write where the stored entries on and below the diagonal go in the factor's panels, supernode after supernode.
+    """Write where the stored entries on and below the diagonal go in the factor's panels, one after the other.
 
     ``starts`` and ``indices`` are the matrix's columns, ``order`` (n,) its blocks in the order of elimination,
-    ``panels`` (s + 1,) where the column-major panel of each supernode begins. ``sources`` receives the entries,
-    ``places`` where they go; returns where those of each supernode begin (s + 1,).
+    ``panels`` (p + 1,) where each column-major panel begins: its columns are those from ``first`` (p + 1,) on, its rows
+    those from ``row_starts`` (p,) to ``row_ends``. ``sources`` receives the entries, ``places`` where they go; returns
+    where those of each panel begin (p + 1,).
     """
     position = np.empty(len(order), np.int64)
     for j in range(len(order)):
@@ -262,9 +264,9 @@ def entry_places(
     begins = np.zeros(len(first), np.int64)
     count = 0
     for s in range(len(first) - 1):
-        for e in range(row_starts[s], row_starts[s + 1]):
+        for e in range(row_starts[s], row_ends[s]):
             local[rows[e]] = e - row_starts[s]
-        height = (row_starts[s + 1] - row_starts[s]) * block
+        height = (row_ends[s] - row_starts[s]) * block
         for j in range(first[s], first[s + 1]):
             for d in range(block):
                 column = order[j] * block + d

@@ -66,20 +66,27 @@ class CholeskyAnalysis:
         first = analysis.supernodes(tree, counts, self.block)
         row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, tree)
         relative = analysis.relative_rows(first, row_starts, rows, parent)
-        widths, heights = np.diff(first) * self.block, np.diff(row_starts) * self.block
-        panels = np.concatenate([[0], np.cumsum(widths * heights)])
+        # Panels: the first of each supernode, and of each panel its supernode, columns and rows.
+        wide = multifrontal.PANEL // self.block
+        first_panel = np.concatenate([[0], np.cumsum(-(-np.diff(first) // wide))])
+        of = np.repeat(np.arange(parent.size), np.diff(first_panel))
+        above = wide * (np.arange(of.size) - first_panel[of])
+        columns = np.append(first[of] + above, first[-1])
+        row_begins, row_ends = row_starts[of] + above, row_starts[of + 1]
+        heights = (row_ends - row_begins) * self.block
+        panels = np.concatenate([[0], np.cumsum(np.diff(columns) * self.block * heights)])
         self._height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
         self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
-        self._storage, self._work = multifrontal.storage(first, row_starts, parent, panels, self.block)
+        self._storage, self._work = multifrontal.storage(first, row_starts, parent, panels[first_panel[1:]], self.block)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
         sources, places = np.empty((2, (matrix.nnz + self.size) // 2), kind)
-        layout = first, row_starts, rows, panels
-        begins = analysis.entry_places(*pattern, order, self.block, *layout, sources, places)
-        self._to_factorise = sources, places, begins, self.block, first, row_starts, relative, parent, panels
-        self._to_solve = self.block, first, row_starts, rows, panels
+        self._to_solve = self.block, columns, row_begins, row_ends, rows, panels
+        begins = analysis.entry_places(*pattern, order, *self._to_solve, sources, places)[first_panel]
+        supernodes = first, row_starts, relative, parent, first_panel
+        self._to_factorise = sources, places, begins, self.block, *supernodes, panels
 
     def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""

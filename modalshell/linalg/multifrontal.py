@@ -12,6 +12,8 @@ from modalshell.typing import Array, Index
 
 _CACHED = 2**17
 """Numbers of the widest update that is formed in a buffer of its own: 1 MB, what a second cache holds."""
+PANEL = 96
+"""Unknowns of a panel, a multiple of 3: wider supernodes are several panels, each without the rows above it."""
 
 
 @njit
@@ -25,6 +27,7 @@ def factorise(
     row_starts: Index,
     relative: Index,
     parent: Index,
+    first_panel: Index,
     panels: Index,
     values: Array,
     work: Array,
@@ -35,16 +38,16 @@ def factorise(
 ) -> int:
     """Factorise into ``values``; returns -1, or the first unknown, in elimination order, whose pivot is not positive.
 
-    Each supernode's panel holds its columns of L, column-major; its entries of the matrix are ``data[sources]`` from
-    ``entries[s]`` on. Its update matrix is formed in ``work``, which stays in the processor's cache, or where that is
-    too small behind the panel. It waits for its parent, the lower triangle packed, on a stack that grows down from the
-    end of ``values``, where no panel is yet: children are contiguous in postorder, so that a supernode finds theirs on
-    top.
+    A supernode's panels, from ``first_panel[s]`` on, hold its columns of L, column-major; its entries of the matrix are
+    ``data[sources]`` from ``entries[s]`` on. Its update matrix is formed in ``work``, which stays in the processor's
+    cache, or where that is too small behind the panels. It waits for its parent, the lower triangle packed, on a stack
+    that grows down from the end of ``values``, where no panel is yet: children are contiguous in postorder, so that a
+    supernode finds theirs on top.
     """
     lower, no = address(letters), address(letters) + 1
     transposed, right = address(letters) + 2, address(letters) + 3
     p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
-    p_info = address(numbers) + 12
+    p_info, p_rest, p_columns = (address(numbers) + 12, address(numbers) + 16, address(numbers) + 20)
     p_one, p_minus, p_zero = (address(scalars), address(scalars) + 8, address(scalars) + 16)
     base, cached = address(values), address(work)
     count = len(parent)
@@ -55,12 +58,12 @@ def factorise(
     for s in range(count):
         width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
         below = height - width
-        panel = panels[s]
-        values[panel : panels[s + 1]] = 0.0
+        panel, behind = panels[first_panel[s]], panels[first_panel[s + 1]]
+        values[panel:behind] = 0.0
         for e in range(entries[s], entries[s + 1]):
             values[places[e]] = data[sources[e]]
         small = below * below <= len(work)
-        update = 0 if small else panels[s + 1]
+        update = 0 if small else behind
         has_children = depth > 0 and parent[waiting[depth - 1]] == s
         if has_children:
             for j in range(below):
@@ -80,7 +83,9 @@ def factorise(
                 run += j == runs[run + 1]
                 column = targets[run] + j - runs[run]
                 if column < width:
-                    _add_column(values, source - j, j, run, found, runs, targets, values, panel + column * height)
+                    above = column // PANEL * PANEL
+                    begin = panels[first_panel[s] + column // PANEL] + (column - above) * (height - above) - above
+                    _add_column(values, source - j, j, run, found, runs, targets, values, begin)
                 elif small:
                     begin = (column - width) * below - width
                     _add_column(values, source - j, j, run, found, runs, targets, work, begin)
@@ -101,19 +106,30 @@ def factorise(
                 waiting[depth], begins[depth] = s, top
                 depth += 1
             continue
-        numbers[0], numbers[1], numbers[2] = width, height, below
-        at = base + 8 * panel
-        call(addresses[POTRF], (lower, p_width, at, p_height, p_info))
-        if numbers[3] != 0:
-            return int(first[s] * block + numbers[3] - 1)
+        own = cached if small else base + 8 * update
+        beta = p_one if has_children else p_zero
+        for p in range(first_panel[s], first_panel[s + 1]):
+            above = (p - first_panel[s]) * PANEL
+            columns, rows = min(PANEL, width - above), height - above
+            numbers[0], numbers[1], numbers[2], numbers[4] = columns, rows, below, rows - columns
+            at = base + 8 * panels[p]
+            under = at + 8 * columns
+            call(addresses[POTRF], (lower, p_width, at, p_height, p_info))
+            if numbers[3] != 0:
+                return int(first[s] * block + above + numbers[3] - 1)
+            if rows == columns:
+                continue
+            call(addresses[TRSM], (right, lower, transposed, no, p_rest, p_width, p_one, at, p_height, under, p_height))
+            for q in range(p + 1, first_panel[s + 1]):
+                numbers[4], numbers[5] = rows - (q - p) * PANEL, min(PANEL, width - above - (q - p) * PANEL)
+                factors = (under, p_height, under, p_height, p_one, base + 8 * panels[q], p_rest)
+                call(addresses[GEMM], (no, transposed, p_rest, p_columns, p_width, p_minus, *factors))
+                under += 8 * PANEL
+            if below > 0:
+                under = at + 8 * (rows - below)
+                call(addresses[SYRK], (lower, no, p_below, p_width, p_minus, under, p_height, beta, own, p_below))
+                beta = p_one
         if below > 0:
-            under = at + 8 * width
-            own = cached if small else base + 8 * update
-            call(
-                addresses[TRSM], (right, lower, transposed, no, p_below, p_width, p_one, at, p_height, under, p_height)
-            )
-            beta = p_one if has_children else p_zero
-            call(addresses[SYRK], (lower, no, p_below, p_width, p_minus, under, p_height, beta, own, p_below))
             top -= below * (below + 1) // 2
             waiting[depth], begins[depth] = s, top
             depth += 1
@@ -185,6 +201,7 @@ def solve(
     block: int,
     first: Index,
     row_starts: Index,
+    row_ends: Index,
     rows: Index,
     panels: Index,
     right_sides: Array,
@@ -194,7 +211,10 @@ def solve(
     letters: Any,
     scalars: Array,
 ) -> None:
-    """Solve ``L L^T x = b`` in place for permuted right sides (r, N), each a row; ``work`` has room for (r, rows)."""
+    """Solve ``L L^T x = b`` in place for permuted right sides (r, N), each a row; ``work`` has room for (r, rows).
+
+    ``first`` is the first column of each panel, its rows are those from ``row_starts`` to ``row_ends``.
+    """
     lower, no = address(letters), address(letters) + 1
     transposed, left = address(letters) + 2, address(letters)
     p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
@@ -203,9 +223,9 @@ def solve(
     count, size = right_sides.shape
     numbers[3], numbers[4], numbers[5] = count, size, 1
     base, x, w = address(values), address(right_sides), address(work)
-    supernodes = len(first) - 1
-    for s in range(supernodes):
-        width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
+    count_panels = len(first) - 1
+    for s in range(count_panels):
+        width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
         below = height - width
         numbers[0], numbers[1], numbers[2] = width, height, below
         at, own = base + 8 * panels[s], x + 8 * first[s] * block
@@ -230,8 +250,8 @@ def solve(
                 row = rows[entries + ib] * block
                 for di in range(block):
                     right_sides[r, row + di] -= flat[r * below + ib * block + di]
-    for s in range(supernodes - 1, -1, -1):
-        width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
+    for s in range(count_panels - 1, -1, -1):
+        width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
         below = height - width
         numbers[0], numbers[1], numbers[2] = width, height, below
         at, own = base + 8 * panels[s], x + 8 * first[s] * block
@@ -259,17 +279,20 @@ def solve(
 
 
 @njit
-def storage(first: Index, row_starts: Index, parent: Index, panels: Index, block: int) -> tuple[int, int]:
-    """How many numbers :func:`factorise` needs for panels, updates and those that wait, and as ``work``."""
+def storage(first: Index, row_starts: Index, parent: Index, ends: Index, block: int) -> tuple[int, int]:
+    """How many numbers :func:`factorise` needs for panels, updates and those that wait, and as ``work``.
+
+    ``ends`` (s,) is where the panels of each supernode end.
+    """
     most, widest, top, depth = 0, 0, 0, 0
     sizes = np.empty(len(parent), np.int64)
     waiting = np.empty(len(parent), np.int64)
     for s in range(len(parent)):
         below = (row_starts[s + 1] - row_starts[s] - (first[s + 1] - first[s])) * block
         if below * below <= _CACHED:
-            widest, behind = max(widest, below), panels[s + 1]
+            widest, behind = max(widest, below), ends[s]
         else:
-            behind = panels[s + 1] + below * below
+            behind = ends[s] + below * below
         most = max(most, behind + top)
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1

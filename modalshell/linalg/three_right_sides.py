@@ -11,12 +11,23 @@ from modalshell.typing import Array, Index
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
 def solve_three(
-    values: Array, block: int, first: Index, row_starts: Index, rows: Index, panels: Index, x: Array, work: Array
+    values: Array,
+    block: int,
+    first: Index,
+    row_starts: Index,
+    row_ends: Index,
+    rows: Index,
+    panels: Index,
+    x: Array,
+    work: Array,
 ) -> None:
-    """Solve ``L L^T x = b`` in place for permuted right sides (3, N); ``work`` has room for (3, rows)."""
-    supernodes = len(first) - 1
-    for s in range(supernodes):
-        width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
+    """Solve ``L L^T x = b`` in place for permuted right sides (3, N); ``work`` has room for (3, rows).
+
+    Panels are given as for :func:`modalshell.linalg.multifrontal.solve`.
+    """
+    count = len(first) - 1
+    for s in range(count):
+        width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
         below, start, entries = height - width, first[s] * block, row_starts[s] + first[s + 1] - first[s]
         work[:, :below] = 0.0
         for k in range(width):
@@ -42,8 +53,8 @@ def solve_three(
                 x[0, row + di] -= work[0, i]
                 x[1, row + di] -= work[1, i]
                 x[2, row + di] -= work[2, i]
-    for s in range(supernodes - 1, -1, -1):
-        width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
+    for s in range(count - 1, -1, -1):
+        width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
         below, start, entries = height - width, first[s] * block, row_starts[s] + first[s + 1] - first[s]
         for ib in range(below // block):
             row = rows[entries + ib] * block

@@ -28,11 +28,11 @@ def third(s):
     return (root - mpmath.sin(root)) / root**3 if s else mpf(1) / 6
 
 
-def powers_about_the_centre(function, count):
-    """Of the best polynomial over [0, (2 pi)^2], that of degree 0 first."""
-    middle = 2 * mpmath.pi**2
+def powers_about_the_centre(function, count, end, centre):
+    """Of the best polynomial over [0, end pi^2] about centre pi^2, that of degree 0 first."""
+    middle = end * mpmath.pi**2 / 2
     fit = mpmath.chebyfit(lambda t: function(t + middle), [-middle, middle], count)[::-1]
-    shift = 3 * mpmath.pi**2 - middle
+    shift = centre * mpmath.pi**2 - middle
     return [sum(fit[j] * mpmath.binomial(j, k) * shift ** (j - k) for j in range(k, count)) for k in range(count)]
 
 
@@ -64,17 +64,22 @@ def taken_apart(powers, kept):
 
 
 @pytest.mark.parametrize(
-    ("line", "function", "count", "kept", "precision"),
+    ("line", "function", "interval", "count", "kept"),
     [
-        (kernels.HALF_DOUBLE, half, 10, 2, 2e-16),
-        (kernels.THIRD_DOUBLE, third, 12, 2, 2e-16),
-        (kernels.HALF_SINGLE, half, 7, 2, 6e-8),
-        (kernels.THIRD_SINGLE, third, 8, 1, 6e-8),
+        (kernels.HALF_DOUBLE, half, (4, 3), 10, 2),
+        (kernels.THIRD_DOUBLE, third, (4, 3), 12, 2),
+        (kernels.HALF_SINGLE, half, (4, 3), 7, 2),
+        (kernels.THIRD_SINGLE, third, (4, 3), 8, 1),
+        (kernels.NEAR_HALF_DOUBLE, half, (1, 0.5), 8, 2),
+        (kernels.NEAR_THIRD_DOUBLE, third, (1, 0.5), 9, 1),
+        (kernels.NEAR_HALF_SINGLE, half, (1, 0.5), 5, 1),
+        (kernels.NEAR_THIRD_SINGLE, third, (1, 0.5), 5, 1),
     ],
 )
-def test_the_constants_are_the_fit_taken_apart(line, function, count, kept, precision):
+def test_the_constants_are_the_fit_taken_apart(line, function, interval, count, kept):
+    precision = 2e-16 if isinstance(line[0], float) else 6e-8
     with mpmath.workdps(60):
-        exact = taken_apart(powers_about_the_centre(function, count), kept)
+        exact = taken_apart(powers_about_the_centre(function, count, *interval), kept)
         assert all(abs(mpf(float(a)) / b - 1) < precision for a, b in zip(line, exact, strict=True))
 
 

@@ -156,7 +156,7 @@ def test_nothing_at_all_is_solved():
     assert CholeskyAnalysis(empty).factorise(empty).solve(np.empty(0)).shape == (0,)
 
 
-@pytest.mark.parametrize("sizes", [(0, 1), (12, 30), (90, 90)], ids=["single", "narrow", "wide"])
+@pytest.mark.parametrize("sizes", [(0, 1), (12, 30), (90, 90), (60, 450)], ids=["single", "narrow", "wide", "panels"])
 def test_updates_wider_than_their_buffer_are_formed_behind_the_panel(sizes):
     # Two parts touch 400 unknowns each of the 800 that are dense among themselves: updates of 400 x 400 numbers. Each
     # has a child, which does not touch an eighth of them.
@@ -181,3 +181,20 @@ def test_updates_wider_than_their_buffer_are_formed_behind_the_panel(sizes):
     found = CholeskyAnalysis(matrix).factorise(matrix).solve(right_sides)
     exact = np.linalg.solve(values, right_sides)
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("block", [1, 3])
+def test_supernodes_wider_than_a_panel_keep_no_rows_above_it(block):
+    size = 4 * multifrontal.PANEL // block
+    matrix, rng = random_definite(size, 0.2, 0, block)
+    analysis = CholeskyAnalysis(matrix)
+    assert analysis.entries < 0.65 * (size * block) ** 2
+    exact = rng.standard_normal((size * block, 3))
+    for chosen in (slice(None), slice(0, 2), 0):
+        found = analysis.factorise(matrix).solve((matrix @ exact)[:, chosen])
+        np.testing.assert_allclose(found, exact[:, chosen], rtol=0, atol=1e-12)
+    last = int(analysis.order[-5])
+    matrix[last, last] *= -1.0
+    with pytest.raises(NotPositiveDefiniteError) as caught:
+        analysis.factorise(matrix)
+    assert caught.value.unknown == last

@@ -143,7 +143,7 @@ def test_deflections_converge_at_second_order_on_every_mesh(name):
     if name == "random":
         assert order > 1.9
     else:
-        assert order == pytest.approx(2.0, abs=0.2)
+        assert 1.9 < order < 2.3
         assert interval < 0.25
 
 
