@@ -86,7 +86,7 @@ def draw_pareto(panels: Sequence[ParetoPanel], path: str | Path, *, columns: int
 
 
 def _add_legend(figure: Figure, entries: Sequence[Artist], lines: int) -> None:
-    """Name the entries below the panels in the number of lines given, or in more on a higher figure where they would be too wide."""
+    """Name the entries below the panels in the number of lines given; where too wide, in more on a higher figure."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     renderer = FigureCanvasAgg(figure).get_renderer()  # type: ignore[no-untyped-call]
