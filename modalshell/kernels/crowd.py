@@ -1,11 +1,15 @@
 """Positions and modal forces of many instances of one shell, over packs of vertices [choi2007].
 
 A pack is as many vertices as a register holds numbers. Its modal data are one block (modes, 6, lanes) in the order of
-reading. While those of a block are in the first cache, 32 instances take their turns at it, two at a time: what
+reading. While those of 64 vertices are in the first cache, 32 instances take their turns at them, two at a time: what
 is read for one serves both. A pair's sums stay in registers until its rotations are done: while those wait for one
 another the processor goes on to the sums of the next pack. Where the next pair's positions will go is fetched
-meanwhile. An instance's numbers do not depend on the others of its batch, but for the last bit where it takes
-the first place of a pair in one batch and the second in another.
+meanwhile. An instance's numbers do not depend on the others of its batch, but for the last bit where it takes the first
+place of a pair in one batch and the second in another.
+
+On an AMD processor (Zen 5, AVX-512) the multiplications are the bound, writing is hidden: a pack of float64 with 8
+modes takes 48 cycles, of which 82 multiplications need 41, and the shuffles and writes of positions, which take turns
+with them, the others.
 """
 
 from __future__ import annotations
