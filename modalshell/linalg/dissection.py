@@ -20,7 +20,7 @@ _BAND = 0.1
 def dissect(starts: Index, neighbours: Index, leaf: int) -> tuple[Index, Index]:
     """Nested dissection order (n,) of a graph [george1973], and where the small part of each of its places begins.
 
-    Parts of at most ``leaf`` vertices, and those that no cut halves, are left as they are; the places (n,) of
+    Parts of at most ``leaf`` vertices, and connected ones that no cut halves, are left as they are; the places (n,) of
     separators are in no part: -1.
     """
     n = len(starts) - 1
@@ -44,7 +44,8 @@ def dissect(starts: Index, neighbours: Index, leaf: int) -> tuple[Index, Index]:
         for s in side:
             lower_size += s == 0
             upper_size += s == 1
-        if min(lower_size, upper_size) < 0.5 * _LEAST * len(side):
+        separated = lower_size + upper_size < len(side)
+        if min(lower_size, upper_size) < (0.5 * _LEAST * len(side) if separated else 1):
             continue
         lower, upper, place = begin, begin + lower_size, begin + lower_size + upper_size
         stack[depth, 0], stack[depth, 1] = lower, upper
@@ -121,13 +122,15 @@ def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
     [schild2015].
     """
     m = len(starts) - 1
+    side, apart = _apart(starts, neighbours)
+    if apart:
+        return side, side
     axes = _coordinates(starts, neighbours)
     fewest, chosen, low, high = np.inf, -1, 0, 0
     for k in range(4):
         cost, below, above = _level_cut(starts, neighbours, axes[k])
         if cost < fewest:
             fewest, chosen, low, high = cost, k, below, above
-    side = np.zeros(m, np.int64)
     if chosen >= 0:
         for i in range(m):
             side[i] = 0 if axes[chosen, i] <= low else 1 if axes[chosen, i] >= high else 2
@@ -136,14 +139,37 @@ def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
 
 
 @njit
+def _apart(starts: Index, neighbours: Index) -> tuple[Index, bool]:
+    """Sides (m,) of the pieces of a graph, as even as their order allows; and whether there are several."""
+    m = len(starts) - 1
+    found, queue = np.zeros(m, np.bool_), np.empty(m, np.int64)
+    count, k, middle = 0, 0, 0
+    for vertex in range(m):
+        if found[vertex]:
+            continue
+        if abs(2 * count - m) < abs(2 * middle - m):
+            middle = count
+        found[vertex], queue[count] = True, vertex
+        count += 1
+        while k < count:
+            for e in range(starts[queue[k]], starts[queue[k] + 1]):
+                j = neighbours[e]
+                if not found[j]:
+                    found[j], queue[count] = True, j
+                    count += 1
+            k += 1
+    side = np.zeros(m, np.int64)
+    for k in range(middle, m if middle > 0 else 0):
+        side[queue[k]] = 1
+    return side, middle > 0
+
+
+@njit
 def _coordinates(starts: Index, neighbours: Index) -> Index:
-    """Four coordinates (4, m), the first two and the last two across each other; parts that are apart, one by one."""
+    """Four coordinates (4, m), the first two and the last two across each other."""
     m = len(starts) - 1
     nearest = distances(starts, neighbours, 0)
     axes = np.zeros((4, m), np.int64)
-    if _range(nearest)[1] == m:
-        _components(starts, neighbours, axes[0])
-        return axes
     for k in range(4):
         vertex = 0
         for i in range(m):
@@ -157,28 +183,6 @@ def _coordinates(starts: Index, neighbours: Index) -> Index:
         first, second = axes[0, i] - axes[1, i], axes[2, i] - axes[3, i]
         axes[0, i], axes[1, i], axes[2, i], axes[3, i] = first, second, first + second, first - second
     return axes
-
-
-@njit
-def _components(starts: Index, neighbours: Index, found: Index) -> None:
-    """Write the number of the connected part of each vertex (m,)."""
-    m = len(starts) - 1
-    for i in range(m):
-        found[i] = -1
-    queue = np.empty(m, np.int64)
-    parts = 0
-    for vertex in range(m):
-        if found[vertex] >= 0:
-            continue
-        found[vertex], queue[0], count, k = parts, vertex, 1, 0
-        while k < count:
-            for e in range(starts[queue[k]], starts[queue[k] + 1]):
-                j = neighbours[e]
-                if found[j] < 0:
-                    found[j], queue[count] = parts, j
-                    count += 1
-            k += 1
-        parts += 1
 
 
 @njit

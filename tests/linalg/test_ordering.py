@@ -1,5 +1,7 @@
 """Elimination orders: nested dissection against minimum degree."""
 
+import itertools
+
 import numpy as np
 import pytest
 import scipy.sparse as sps
@@ -90,6 +92,14 @@ def test_a_factor_in_the_order_of_dissection_solves():
     exact = np.random.default_rng(0).standard_normal((matrix.shape[0], 2))
     solution = analysis.factorise(matrix).solve(matrix @ exact)
     np.testing.assert_allclose(solution, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+
+
+def test_what_separators_leave_apart_is_dissected_on():
+    """A chain with a leaf at each vertex, which is alone once that is in a separator."""
+    spine = np.arange(2000)
+    graph = graph_of([*itertools.pairwise(spine), *zip(spine, spine + 2000, strict=True)], 4000)
+    part = dissect(*row_lists(graph), 100)[1]
+    assert np.bincount(part[part >= 0]).max() <= 100
 
 
 def test_one_factor_has_one_order():
