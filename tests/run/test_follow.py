@@ -188,7 +188,7 @@ def test_killed_followers_do_not_disturb_the_run(write, tmp_path):
 
 
 def test_a_killed_run_is_stopped_and_followed_when_it_goes_on(write, follower, tmp_path):
-    scene = write(tmp_path, cells=40, frames=300)
+    scene = write(tmp_path, cells=40, frames=900)
     expected = ms.run_scene(scene, out=tmp_path / "whole").trajectory
     one, shown = follower(tmp_path / "out"), []
 
@@ -207,13 +207,13 @@ def test_a_killed_run_is_stopped_and_followed_when_it_goes_on(write, follower, t
     assert (one.state, one.outcome) == ("stopped", Outcome.STOPPED)
     assert_shows(one, expected)
     last = one.index
-    assert 100 <= last <= 200
+    assert 100 <= last <= 800
     result = ms.run_scene(scene, out=tmp_path / "out", on_step=lambda done, _: reached(done))
     assert result.resumed == last + 1
     one.poll()
-    assert (one.state, one.index, one.restarts) == ("finished", 300, 0)
+    assert (one.state, one.index, one.restarts) == ("finished", 900, 0)
     assert shown == sorted(shown)
-    assert shown[-100:] == list(range(201, 301))
+    assert shown[-100:] == list(range(801, 901))
 
 
 @pytest.fixture(scope="module")
