@@ -108,6 +108,7 @@ class DeviceCrowd(ShellCrowd):
         warp.array, shape (B, n)
             Vectors of three [m], of the crowd's precision. Work on the device may not have ended when this returns.
         """
+        self._check_state()
         return self._launched(self.coordinates, self.levels, self._poses(rotations, translations))
 
     def _numbers(self, values: NDArray[Any], dtype: DTypeLike, *, vectors: bool = False) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.checks import (
+    as_array,
     checked_count,
     checked_kind,
     checked_number,
@@ -75,6 +76,7 @@ class ShellCrowd(ABC):
             Further modal forces, such as those of :class:`modalshell.crowd.Flap`.
         """
         dt = checked_number("dt", dt, above=0.0, unit="s")
+        self._check_state()
         felt = self._per_instance("felt", felt, (3,))
         force = self._modal_forces(felt)
         if forcing is not None:
@@ -97,6 +99,7 @@ class ShellCrowd(ABC):
         out : ndarray, shape (B, n, 3), optional
             C-ordered array of the crowd's precision to write into.
         """
+        self._check_state()
         out = checked_output(out, (self.count, self.vertices, 3), self.dtype)
         moved = rotations is not None or translations is not None
         poses = self._poses(rotations, translations) if moved else None
@@ -131,6 +134,8 @@ class ShellCrowd(ABC):
         """
         if model.basis is not self.basis:
             raise OptionError("the model must have the crowd's own basis")
+        self._check_state()
+        checked_output(out, (self.count, self.vertices, 3), self.dtype)
         share = checked_vectors("shares", shares, (self.count,), OptionError)
         turns, moves = self._poses(rotations, translations)
         gaps = np.zeros(self.count)
@@ -156,6 +161,7 @@ class ShellCrowd(ABC):
             Largest angle allowed [rad]; a pixel is one over the focal length in pixels.
         """
         angle = checked_number("angle", angle, above=0.0, unit="rad")
+        self._check_state()
         seen = angle * checked_vectors("distances", distances, (self.count,), OptionError)
         amounts = np.abs(self.coordinates)
         length, turn = amounts @ self._reach, amounts @ self._turn
@@ -167,6 +173,7 @@ class ShellCrowd(ABC):
 
         This is the jump of a switch between that level and MWTS.
         """
+        self._check_state()
         errors = np.zeros(self.count)
         less = np.flatnonzero(self.levels != kernels.WARPED)
         for part in np.array_split(less, -(-less.size // _BATCH)) if less.size else ():
@@ -186,6 +193,19 @@ class ShellCrowd(ABC):
         self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array] | None, out: NDArray[Any]
     ) -> None:
         """Write the positions of some instances into ``out``, where they are or at the poses of :meth:`_poses`."""
+
+    def _check_state(self) -> None:
+        """OptionError where coordinates, rates or levels were replaced by what the kernels would read beyond."""
+        shape = self.count, self.basis.count
+        for name in ("coordinates", "rates"):
+            values = as_array(name, getattr(self, name), f"numbers of shape {shape}", OptionError)
+            if values.shape != shape:
+                raise OptionError(f"{name} must have shape {shape} (got {values.shape})")
+            setattr(self, name, np.ascontiguousarray(values, dtype=np.float64))
+        levels = np.asarray(self.levels)
+        if levels.shape != (self.count,) or not np.isin(levels, range(len(LEVELS))).all():
+            raise OptionError(f"levels must be {self.count} of 0 to {len(LEVELS) - 1} (got {shown(levels)})")
+        self.levels = levels.astype(np.int8, copy=False)
 
     def _poses(self, rotations: ArrayLike | None, translations: ArrayLike | None) -> tuple[Array, Array]:
         """Rotations (B, 9) and translations (B, 3) of all instances."""

@@ -262,7 +262,7 @@ def entry_places(
         position[order[j]] = j
     local = np.empty(len(order), np.int64)
     begins = np.zeros(len(first), np.int64)
-    count = 0
+    count, diagonal = 0, 0
     for s in range(len(first) - 1):
         for e in range(row_starts[s], row_ends[s]):
             local[rows[e]] = e - row_starts[s]
@@ -276,8 +276,11 @@ def entry_places(
                     if i > j or (i == j and indices[e] >= column):
                         if count == len(sources):
                             raise ValueError("the matrix must store both triangles")
+                        diagonal += indices[e] == column
                         sources[count] = e
                         places[count] = begin + local[i] * block + indices[e] % block
                         count += 1
         begins[s + 1] = count
+    if 2 * count - diagonal != len(indices):
+        raise ValueError("the matrix must store both triangles")
     return begins

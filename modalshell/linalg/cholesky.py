@@ -148,6 +148,7 @@ def block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
         graph.sum_duplicates()
         if 9 * graph.nnz == matrix.nnz:
             return 3, graph
-    graph = sps.csr_array((np.ones(matrix.nnz, dtype=np.int32), matrix.indices, matrix.indptr), shape=matrix.shape)
+    rows = matrix.indices.copy()  # sorted without their entries below
+    graph = sps.csr_array((np.ones(matrix.nnz, dtype=np.int32), rows, matrix.indptr), shape=matrix.shape)
     graph.sort_indices()
     return 1, graph

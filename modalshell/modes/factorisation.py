@@ -198,8 +198,8 @@ class _Cholesky(Factor):
 BACKENDS = ("cholesky", "superlu")
 """Names of the factorisations: multifrontal Cholesky of positive definite matrices, and SciPy's SuperLU."""
 
-_SMALL = 3000
-"""Unknowns below which SuperLU is taken: it needs no compilation, and its factors take less than 30 ms."""
+_SMALL = 2000
+"""Unknowns below which SuperLU is taken: it needs no compilation, and its factors take less than 15 ms."""
 
 
 def told_factorisations() -> str:

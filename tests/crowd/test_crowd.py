@@ -111,6 +111,34 @@ def test_what_is_not_finite_shows(basis):
     np.testing.assert_array_equal(np.isfinite(crowd.coordinates).all(axis=1), [True, False, True])
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("coordinates", np.zeros((2, 10))),
+        ("coordinates", np.zeros((3, 9))),
+        ("rates", np.zeros((3, 1))),
+        ("levels", np.zeros(2, np.int8)),
+        ("levels", np.array([0, 1, 3])),
+        ("levels", np.array([0, -1, 2])),
+    ],
+)
+def test_a_state_of_another_shape_is_refused(basis, name, value):
+    crowd = ms.Crowd(basis, 3)
+    setattr(crowd, name, value)
+    for call in (crowd.positions, lambda: crowd.step(0.01), crowd.level_errors):
+        with pytest.raises(ms.OptionError, match=f"{name} must"):
+            call()
+
+
+def test_coordinates_may_be_of_any_layout_and_type(basis):
+    crowd, twin = ms.Crowd(basis, 3), ms.Crowd(basis, 3)
+    crowd.coordinates = np.asfortranarray(np.arange(30).reshape(3, 10))
+    twin.coordinates = np.arange(30.0).reshape(3, 10)
+    for each in (crowd, twin):
+        each.step(0.01, felt=GRAVITY)
+    np.testing.assert_array_equal(crowd.positions(), twin.positions())
+
+
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="looks for x86-64 instructions")
 def test_the_kernels_are_packed():
     """All multiplications of a pair of instances are, and no array is counted in the loops."""

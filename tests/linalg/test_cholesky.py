@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import modalshell as ms
 from modalshell.linalg import CholeskyAnalysis, NotPositiveDefiniteError, multifrontal
+from modalshell.modes.factorisation import Factoriser
 
 
 def random_definite(size, density, seed, block=1):
@@ -110,6 +111,17 @@ def test_one_analysis_serves_every_matrix_of_its_pattern_to_the_same_bits():
     assert residual(second, again, right_side) < 1e-12
     # A factor does not change when the next one is made.
     assert residual(first, held.solve(right_side), right_side) < 1e-12
+
+
+@pytest.mark.parametrize("block", [1, 3])
+def test_rows_of_a_column_may_come_in_any_order(block):
+    matrix, rng = random_definite(40, 0.1, 0, block)
+    mixed = np.lexsort([rng.random(matrix.nnz), np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr))])
+    given = sps.csc_array((matrix.data[mixed], matrix.indices[mixed], matrix.indptr.copy()), matrix.shape)
+    for backend in ("cholesky", "superlu"):
+        found = Factoriser(backend).definite(given).solve(matrix @ np.ones(matrix.shape[0]))
+        np.testing.assert_allclose(found, 1.0, rtol=0, atol=1e-13)
+    np.testing.assert_array_equal(given.toarray(), matrix.toarray())
 
 
 @settings(max_examples=30, deadline=None)

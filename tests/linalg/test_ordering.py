@@ -76,8 +76,9 @@ def test_the_cheaper_order_is_taken():
     assert best_elimination(graph).products == min(both)
 
 
-def test_a_matrix_with_one_triangle_is_refused():
-    matrix = sps.csc_array(sps.tril(sps.csc_array(np.ones((9, 9)) + 9.0 * np.eye(9))))
+@pytest.mark.parametrize("triangle", [sps.tril, sps.triu], ids=["lower", "upper"])
+def test_a_matrix_with_one_triangle_is_refused(triangle):
+    matrix = sps.csc_array(triangle(sps.csc_array(np.ones((9, 9)) + 9.0 * np.eye(9))))
     with pytest.raises(ValueError, match="both triangles"):
         CholeskyAnalysis(matrix)
 
