@@ -30,6 +30,34 @@ def test_strips_bend_in_their_plane(family):
     assert drop == pytest.approx(MEAN_DROP, rel=0.02)
 
 
+@pytest.mark.parametrize("along", [5, 10, 50])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_single_row_of_slender_cells_resists_bending_in_its_plane(family, along):
+    """Long edges average it away; parts of area without a least one leave up to 435 times the deflection."""
+    mesh = flat_beam(length=0.1, width=0.02, cells=(along, 1), family=family)
+    shell = Shell(mesh, Isotropic(1.0, 0.3, 1.0, 1.0), clamped=mesh.vertices[:, 0] < 1e-9)
+    stiffness, weight = in_plane(shell)
+    drop = weight @ spla.spsolve(stiffness.tocsc(), weight) / mesh.area
+    assert 0.5 * MEAN_DROP < drop < 2.5 * MEAN_DROP
+
+
+def test_rings_of_long_cells_do_not_swell_by_turns_for_nothing():
+    """A tube's rings grow and shrink in turn. Hoop strains linear between them have three times this least energy."""
+    around, rows = 48, 4
+    level, place = np.divmod(np.arange((rows + 1) * around), around)
+    angle = 2.0 * np.pi / around * place
+    radial = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(angle.size)])
+    own = np.arange(rows * around)
+    beside = own // around * around + (own + 1) % around
+    faces = np.vstack(
+        [np.column_stack([own, beside, beside + around]), np.column_stack([own, beside + around, own + around])]
+    )
+    mesh = TriangleMesh(radial + 6.0 / rows * level[:, None] * (0.0, 0.0, 1.0), faces)
+    shell = Shell(mesh, Isotropic(1.0, 0.0, 1e-3, 1.0))
+    step = (radial * ((-1.0) ** level)[:, None]).ravel()
+    assert 0.3 < step @ shell.stiffness() @ step / (1e-3 * mesh.area / 3.0) < 1.0
+
+
 @pytest.mark.parametrize("ratio", [0.01, 1.0, 100.0])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_three_zero_modes_in_plane(family, ratio):
