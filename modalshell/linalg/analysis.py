@@ -261,6 +261,7 @@ def entry_places(
     for j in range(len(order)):
         position[order[j]] = j
     local = np.empty(len(order), np.int64)
+    found = np.full(len(order) * block, -1, np.int64)  # the last column with an entry in each row
     begins = np.zeros(len(first), np.int64)
     count, diagonal = 0, 0
     for s in range(len(first) - 1):
@@ -272,6 +273,9 @@ def entry_places(
                 column = order[j] * block + d
                 begin = panels[s] + (local[j] * block + d) * height
                 for e in range(starts[column], starts[column + 1]):
+                    if found[indices[e]] == column:
+                        raise ValueError("the matrix must store every entry once")
+                    found[indices[e]] = column
                     i = position[indices[e] // block]
                     if i > j or (i == j and indices[e] >= column):
                         if count == len(sources):

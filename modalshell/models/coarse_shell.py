@@ -113,8 +113,9 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
     Raises
     ------
     OptionError
-        If ``material`` is left out and that of ``shell`` has values of single elements, or if a number of triangles
-        is given and MeshLab is not installed or they are not fewer than those of ``shell``.
+        If ``material`` is left out and that of ``shell`` has values of single elements; if it gives the lowest mode of
+        either mesh no stiffness; or if a number of triangles is given and MeshLab is not installed or they are not
+        fewer than those of ``shell``.
     MeshError
         If MeshLab fails on this surface.
     SupportError
@@ -157,10 +158,17 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
         )
         return Shell(mesh, changed, clamped, energies=shell.energies)
 
+    start = _lowest(stiffened(1.0, 1.0))
+    if not start > 0.0:
+        raise OptionError(
+            f"the material gives the lowest mode of the coarse mesh no stiffness that can be scaled (got {given!r}): "
+            "give it more"
+        )
+
     def excess(logarithm: float) -> float:
         return float(np.log(_lowest(stiffened(np.exp(logarithm), 1.0)) / goal))
 
-    bent = stiffened(1.0, float(np.exp(-excess(0.0))))
+    bent = stiffened(1.0, float(np.exp(-np.log(start / goal))))
     found = _both_stiffnesses(shell, stiffened, nearest, shares)
     if found is None:
         low, high = excess(-_WIDEST), excess(_WIDEST)

@@ -83,6 +83,14 @@ def test_a_matrix_with_one_triangle_is_refused(triangle):
         CholeskyAnalysis(matrix)
 
 
+def test_a_matrix_with_an_entry_twice_is_refused():
+    """Two parts of one entry, which SciPy adds, above and below the diagonal."""
+    places = np.array([0, 1, 1, 2, 0, 0, 1, 2, 2]), np.array([0, 3, 6, 9])
+    matrix = sps.csc_array((np.array([9.0, 1.0, 1.0, 1.0, 1.0, 1.0, 9.0, 1.0, 9.0]), *places), shape=(3, 3))
+    with pytest.raises(ValueError, match="every entry once"):
+        CholeskyAnalysis(matrix)
+
+
 def test_a_factor_in_the_order_of_dissection_solves():
     """Large enough for separators of several levels, whose updates wait on the stack."""
     graph = sheet_graph(40)

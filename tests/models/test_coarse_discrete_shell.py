@@ -162,6 +162,12 @@ def test_rows_behind_a_moved_one_stay_even_and_on_the_surface():
     assert 0 < moved.sum() <= 5
 
 
+@pytest.mark.parametrize("least", [0.0, 1e-300])
+def test_a_material_without_stiffness_is_refused(least):
+    with pytest.raises(ms.OptionError, match="no stiffness that can be scaled"):
+        coarse_shell(shell((12, 4), 150.0), beam((6, 2), 150.0), ms.Material(least, least, least, 0.2))
+
+
 def test_a_coarse_shell_that_turns_about_its_held_row_is_refused():
     mesh, under = ms.flat_beam(cells=(16, 4)), ms.flat_beam(cells=(8, 2))
     fine = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.1)
