@@ -185,7 +185,7 @@ def split_folds(
     slopes : HeldSlopes
         Clamped and mirrored edges.
     held_vertices : ndarray of bool, shape (n,)
-        All held vertices; triangles of them do not bend, but for those at corners of edges that are not clamped.
+        All held vertices; triangles of them do not bend, but for those at corners of pinned edges.
     scale : float
         Diagonal entry that the shares' stiffness is scaled to [N/m], near those of the positions.
     halved : bool
@@ -193,9 +193,8 @@ def split_folds(
         than that. The energy is the same, but every pair couples all the vertices around it.
     """
     clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
-    # At a corner of pinned edges the triangle is flat, but there is twist: its moments are those of its neighbour.
-    pinned = ((mesh.edge_faces[:, 1] < 0) & ~clamped)[mesh.face_edges].sum(axis=1) == 2
-    held: NDArray[np.bool_] = np.asarray(held_vertices[mesh.faces].all(axis=1)) & ~pinned
+    loose = (mesh.edge_faces[:, 1] < 0) & ~clamped
+    held: NDArray[np.bool_] = held_vertices[mesh.faces].all(axis=1) & ~_at_pinned_corners(mesh, loose, held_vertices)
     plane = np.full(len(mesh.edges), -1)
     plane[slopes.mirrored] = np.arange(slopes.mirrored.size)
     # Of the last side, which stands for none, nothing bends.
@@ -279,6 +278,16 @@ def split_folds(
         moments=moments,
         share_count=int(shared.size),
     )
+
+
+def _at_pinned_corners(mesh: TriangleMesh, edges: NDArray[np.bool_], held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Triangles (T,) with two of the boundary ``edges`` (E,), whose vertices are ``held`` and run on as a held edge.
+
+    These are flat, but there is twist: their moments are those of their neighbours. Held by itself a triangle clamps.
+    """
+    runs = mesh.edges[edges & held[mesh.edges].all(axis=1)]
+    within = np.bincount(runs.ravel(), minlength=len(held)) >= 2
+    return np.asarray((edges[mesh.face_edges].sum(axis=1) == 2) & within[mesh.faces].all(axis=1))
 
 
 def _takes_fold(neighbours: Index, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
