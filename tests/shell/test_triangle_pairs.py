@@ -56,6 +56,20 @@ def test_no_pair_across_sharp_folds_jumps_and_slender_triangles():
     assert (pairs_of(thin)[0][:, 1] < 0).all()
 
 
+@pytest.mark.parametrize("family", FAMILIES)
+def test_pairs_do_not_depend_on_other_components(family):
+    alone = sheet(cells=(10, 8), family=family)
+    count = len(alone.vertices)
+    both = TriangleMesh(
+        np.vstack([alone.vertices, 5e3 * alone.vertices + (0.0, 1e5, 0.0)]),
+        np.vstack([alone.faces, alone.faces + count]),
+    )
+    faces, corners = pairs_of(both)
+    own = np.flatnonzero(faces[:, 0] < len(alone.faces))
+    for found, expected in zip((faces[own], corners[own]), pairs_of(alone), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.parametrize("poisson", [0.0, 0.3, 0.5])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_constant_moments_keep_their_energy(family, poisson):
