@@ -11,7 +11,7 @@ from modalshell.linalg.analysis import distances
 from modalshell.typing import Index
 
 _LEAST = 0.3
-"""Share of a part's vertices that each side of a cut has at least, so that parts halve."""
+"""Share of a part's vertices that each side of a level cut has at least, and half of it once its separator is found."""
 _BAND = 0.1
 """Share of a part's vertices on either side of a level cut among which the minimum separator is sought."""
 

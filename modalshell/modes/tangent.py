@@ -59,7 +59,7 @@ class TangentStiffness:
         return self._condensed(self._scaled)
 
     def solve(self, right_side: Array) -> Array:
-        """Displacements (N,) under forces (N,); SolverError where the stiffness is singular."""
+        """Displacements (N,) under forces (N,); SolverError where a pivot is exactly zero."""
         return np.asarray(self._factor.solve(right_side / self._root) / self._root)
 
     def lowest_mode(self) -> tuple[float, Array]:

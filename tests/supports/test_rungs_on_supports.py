@@ -153,6 +153,17 @@ def test_supports_are_saved_with_the_basis(tmp_path):
     assert (again.stiffness() != basis.shell.stiffness()).nnz == 0
 
 
+@pytest.mark.parametrize("backend", ["cholesky", "superlu"])
+def test_rsw_takes_either_factorisation_on_a_slanted_plane(backend):
+    mesh = sheet(cells=(6, 6))
+    x, y, _ = mesh.vertices.T
+    basis = solve_modes(Shell(mesh, HINGES, x < 0.2, [Symmetry(y < y.min() + 1e-9, (0, 1, 1))]), 3)
+    coordinates = np.array([1e-3, -2e-3, 1e-3])
+    exact = RotationStrain(basis).displacement(coordinates)
+    found = RotationStrain(basis, backend=backend).displacement(coordinates)
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
+
+
 def test_reactions_of_each_support_add_up():
     mesh = sheet(cells=(5, 5), family="delaunay")
     x, y, _ = mesh.vertices.T
