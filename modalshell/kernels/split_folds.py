@@ -195,6 +195,8 @@ def add_bending(
             fold = own[place]
             for corner in range(4):
                 first = places[pair, fold, corner]
+                if slots[pair, first, first] < 0:  # a ghost has no rows
+                    continue
                 a, b, c = rows[fold, first, 0], rows[fold, first, 1], rows[fold, first, 2]
                 stride = strides[stencils[pair, first]]
                 for second in range(8):

@@ -44,7 +44,8 @@ def paired_triangles(
 ) -> tuple[Index, Index]:
     """Triangles that ``bends`` (T,) by pairs over the edges ``inner`` (E,); the rest stay single.
 
-    Edges that are longest among those of their triangles come first, of like ones those nearest to the middle.
+    Edges that are longest among those of their triangles come first, of like ones those nearest to the middle of their
+    component.
 
     Returns
     -------
@@ -68,9 +69,8 @@ def paired_triangles(
     if candidates.size:
         # Rounded, so that rounding errors do not tell edges apart that a symmetry of the mesh maps to each other.
         share = lengths[candidates] ** 2 / np.sum(sides[np.stack([first, second])] ** 2, axis=(0, 2))
-        middle = np.average(mesh.vertices[mesh.faces].mean(axis=1), axis=0, weights=mesh.face_areas)
-        away = np.linalg.norm(mesh.vertices[mesh.edges[candidates]].mean(axis=1) - middle, axis=1)
-        rank = np.column_stack([-np.floor(100.0 * share + 0.3), np.floor(1000.0 * away / lengths.mean() + 0.3)])
+        away = _distances_from_middle(mesh, candidates, lengths)
+        rank = np.column_stack([-np.floor(100.0 * share + 0.3), np.floor(1000.0 * away + 0.3)])
         order = np.lexsort((rank[:, 1], rank[:, 0]))
         begins = np.flatnonzero(np.append(True, (np.diff(rank[order], axis=0) != 0.0).any(axis=1)))
         match_triangles(candidates[order], np.append(begins, order.size), mesh.edge_faces, over)
@@ -82,6 +82,17 @@ def paired_triangles(
     own = np.argmax(mesh.face_edges[mesh.edge_faces[joined]] == joined[:, None, None], axis=2)
     corners = np.vstack([(own + 2) % 3, np.zeros((alone.size, 2))])
     return faces.astype(np.int64), corners.astype(np.int64)
+
+
+def _distances_from_middle(mesh: TriangleMesh, edges: Index, lengths: Array) -> Array:
+    """Distance of the middles of ``edges`` from the centroid of their component, over its mean edge length (E,)."""
+    of_faces, of_edges = mesh.components[mesh.faces[:, 0]], mesh.components[mesh.edges[:, 0]]
+    weighted = mesh.face_areas[:, None] * mesh.vertices[mesh.faces].mean(axis=1)
+    area, *moments = (np.bincount(of_faces, weights) for weights in (mesh.face_areas, *weighted.T))
+    own = of_edges[edges]
+    middles = np.stack(moments, axis=1)[own] / area[own, None]
+    mean = np.bincount(of_edges, lengths)[own] / np.bincount(of_edges)[own]
+    return np.asarray(np.linalg.norm(mesh.vertices[mesh.edges[edges]].mean(axis=1) - middles, axis=1) / mean)
 
 
 def fold_moments(
