@@ -185,7 +185,7 @@ def split_folds(
     slopes : HeldSlopes
         Clamped and mirrored edges.
     held_vertices : ndarray of bool, shape (n,)
-        All held vertices; triangles of them do not bend, but for those at corners of pinned edges.
+        All held vertices; triangles of them do not bend, but for those at corners of edges that are free to turn.
     scale : float
         Diagonal entry that the shares' stiffness is scaled to [N/m], near those of the positions.
     halved : bool

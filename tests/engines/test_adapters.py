@@ -91,7 +91,7 @@ def test_what_fails_its_check_has_no_answer(adapter, change, outcome):
 
 
 def test_shorter_steps_are_tried_until_the_conversion_holds(adapter):
-    soft = "\nif case['steps'][0] * 100 > case['duration'] / 4.0: found['positions'] = [bent(3.0)]"
+    soft = "\nif case['steps'][0] * 100 > case['duration'] / 2.0: found['positions'] = [bent(3.0)]"
     engine = adapter(ANSWER + soft + "\nprint(json.dumps(found))")
     row = check(engine, tuple(getattr(SHEET, name) for name in CONSTANTS))
     assert (row["first"], row["outcome"]) == (1, "counts")
