@@ -91,6 +91,17 @@ def _placed(x, y, z, poses, at):  # type: ignore[no-untyped-def]
 
 
 @_inline
+def _write(flat, instance, vertices, pack, x, y, z):  # type: ignore[no-untyped-def]
+    """Store a pack's positions of an instance, of the last pack those of its vertices alone."""
+    lanes = lane_count(flat)
+    at, left = 3 * (instance * vertices + pack * lanes), vertices - pack * lanes
+    if left >= lanes:
+        store_triples(flat, at, x, y, z)
+    else:
+        store_first_triples(flat, at, x, y, z, left)
+
+
+@_inline
 def _two_sums(modal, at, q, a, b, modes):  # type: ignore[no-untyped-def]
     """``sum_k q_k modal_k`` of three rows from ``at`` on, for the coordinates from ``a`` and from ``b`` on in ``q``."""
     lanes = lane_count(modal)
@@ -209,23 +220,16 @@ def crowd_positions(begin, end, level, order, modal, rest, q, powers, poses, out
                     elif level == LINEAR:
                         ax, ay, az, bx, by, bz = _two_sums(flat_modal, at, flat_q, a * modes, b * modes, modes)
                         ax, ay, az, bx, by, bz = ax + x, ay + y, az + z, bx + x, by + y, bz + z
-                    left = vertices - pack * lanes
                     if moved:
                         ax, ay, az = _placed(ax, ay, az, flat_poses, 12 * a)
-                    if left >= lanes:
-                        store_triples(flat, 3 * (a * vertices + pack * lanes), ax, ay, az)
-                    else:
-                        store_first_triples(flat, 3 * (a * vertices + pack * lanes), ax, ay, az, left)
+                    _write(flat, a, vertices, pack, ax, ay, az)
                     # The first is out of the registers before the second begins.
                     if level == WARPED:
                         bx, by, bz, worst_b = _warped(bx, by, bz, bu, bv, bw, powers, worst_b)
                         bx, by, bz = bx + x, by + y, bz + z
                     if moved:
                         bx, by, bz = _placed(bx, by, bz, flat_poses, 12 * b)
-                    if left >= lanes:
-                        store_triples(flat, 3 * (b * vertices + pack * lanes), bx, by, bz)
-                    else:
-                        store_first_triples(flat, 3 * (b * vertices + pack * lanes), bx, by, bz, left)
+                    _write(flat, b, vertices, pack, bx, by, bz)
                 if any_above(worst_a, limit):
                     upto = min(ended * lanes, vertices)
                     _wound_up(first * lanes, upto, modal, rest, q[a], poses[a : a + 1].ravel(), out[a])

@@ -138,7 +138,7 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
     mirrored : ndarray of int64
         Smooth boundary edges in planes of symmetry.
     """
-    lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=1)[mesh.face_edges]
+    lengths = mesh.edge_lengths[mesh.face_edges]
     powers = np.maximum((lengths / lengths.max(axis=1, keepdims=True)) ** SHARE_EXPONENT, _LEAST_POWER)
     own_areas = mesh.face_areas[:, None] * powers / powers.sum(axis=1, keepdims=True)
 

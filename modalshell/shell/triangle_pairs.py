@@ -54,8 +54,7 @@ def paired_triangles(
     ndarray of int64, shape (P, 2)
         The corners opposite their common edge; of single triangles the first.
     """
-    lengths = np.linalg.norm(np.diff(mesh.vertices[mesh.edges], axis=1)[:, 0], axis=1)
-    sides = lengths[mesh.face_edges]
+    sides = mesh.edge_lengths[mesh.face_edges]
     stout = bends & (2.0 * mesh.face_areas > _SLENDER * sides.max(axis=1) ** 2)
     both = np.where(inner[:, None], mesh.edge_faces, -1)
     candidates = np.flatnonzero((both >= 0).all(axis=1))
@@ -68,8 +67,8 @@ def paired_triangles(
     over = np.full(len(mesh.faces), -1)
     if candidates.size:
         # Rounded, so that rounding errors do not tell edges apart that a symmetry of the mesh maps to each other.
-        share = lengths[candidates] ** 2 / np.sum(sides[np.stack([first, second])] ** 2, axis=(0, 2))
-        away = _distances_from_middle(mesh, candidates, lengths)
+        share = mesh.edge_lengths[candidates] ** 2 / np.sum(sides[np.stack([first, second])] ** 2, axis=(0, 2))
+        away = _distances_from_middle(mesh, candidates)
         rank = np.column_stack([-np.floor(100.0 * share + 0.3), np.floor(1000.0 * away + 0.3)])
         order = np.lexsort((rank[:, 1], rank[:, 0]))
         begins = np.flatnonzero(np.append(True, (np.diff(rank[order], axis=0) != 0.0).any(axis=1)))
@@ -84,14 +83,14 @@ def paired_triangles(
     return faces.astype(np.int64), corners.astype(np.int64)
 
 
-def _distances_from_middle(mesh: TriangleMesh, edges: Index, lengths: Array) -> Array:
+def _distances_from_middle(mesh: TriangleMesh, edges: Index) -> Array:
     """Distance of the middles of ``edges`` from the centroid of their component, over its mean edge length (E,)."""
     of_faces, of_edges = mesh.components[mesh.faces[:, 0]], mesh.components[mesh.edges[:, 0]]
     weighted = mesh.face_areas[:, None] * mesh.vertices[mesh.faces].mean(axis=1)
     area, *moments = (np.bincount(of_faces, weights) for weights in (mesh.face_areas, *weighted.T))
     own = of_edges[edges]
     middles = np.stack(moments, axis=1)[own] / area[own, None]
-    mean = np.bincount(of_edges, lengths)[own] / np.bincount(of_edges)[own]
+    mean = np.bincount(of_edges, mesh.edge_lengths)[own] / np.bincount(of_edges)[own]
     return np.asarray(np.linalg.norm(mesh.vertices[mesh.edges[edges]].mean(axis=1) - middles, axis=1) / mean)
 
 
