@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -236,27 +236,46 @@ def distances(starts: Index, neighbours: Index, vertex: int) -> Index:
     return found
 
 
+class Panels(NamedTuple):
+    """Column-major panels of a factor: where each begins, its columns and its rows, in blocks.
+
+    Attributes
+    ----------
+    block : int
+        Unknowns of a block.
+    first : ndarray of int64, shape (p + 1,)
+        First column of each panel.
+    row_starts, row_ends : ndarray of int64, shape (p,)
+        Where the rows of each begin and end in ``rows``.
+    rows : ndarray of int64
+        Rows of all supernodes.
+    begins : ndarray of int64, shape (p + 1,)
+        Where the numbers of each panel begin.
+    """
+
+    block: int
+    first: Index
+    row_starts: Index
+    row_ends: Index
+    rows: Index
+    begins: Index
+
+
 @njit
 def entry_places(
     starts: Index,
     indices: Index,
     order: Index,
-    block: int,
-    first: Index,
-    row_starts: Index,
-    row_ends: Index,
-    rows: Index,
-    panels: Index,
+    panels: Panels,
     sources: Any,
     places: Any,
 ) -> Index:
     """Write where the stored entries on and below the diagonal go in the factor's panels, one after the other.
 
-    ``starts`` and ``indices`` are the matrix's columns, ``order`` (n,) its blocks in the order of elimination,
-    ``panels`` (p + 1,) where each column-major panel begins: its columns are those from ``first`` (p + 1,) on, its rows
-    those from ``row_starts`` (p,) to ``row_ends``. ``sources`` receives the entries, ``places`` where they go; returns
-    where those of each panel begin (p + 1,).
+    ``starts`` and ``indices`` are the matrix's columns, ``order`` (n,) its blocks in the order of elimination.
+    ``sources`` receives the entries, ``places`` where they go; returns where those of each panel begin (p + 1,).
     """
+    block, first, row_starts, row_ends, rows, panel_begins = panels
     position = np.empty(len(order), np.int64)
     for j in range(len(order)):
         position[order[j]] = j
@@ -271,7 +290,7 @@ def entry_places(
         for j in range(first[s], first[s + 1]):
             for d in range(block):
                 column = order[j] * block + d
-                begin = panels[s] + (local[j] * block + d) * height
+                begin = panel_begins[s] + (local[j] * block + d) * height
                 for e in range(starts[column], starts[column + 1]):
                     if found[indices[e]] == column:
                         raise ValueError("the matrix must store every entry once")

@@ -83,8 +83,8 @@ class CholeskyAnalysis:
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
         sources, places = np.empty((2, (matrix.nnz + self.size) // 2), kind)
-        self._to_solve = self.block, columns, row_begins, row_ends, rows, panels
-        begins = analysis.entry_places(*pattern, order, *self._to_solve, sources, places)[first_panel]
+        self._panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, panels)
+        begins = analysis.entry_places(*pattern, order, self._panels, sources, places)[first_panel]
         supernodes = first, row_starts, relative, parent, first_panel
         self._to_factorise = sources, places, begins, self.block, *supernodes, panels
 
@@ -103,10 +103,10 @@ class CholeskyAnalysis:
         permuted = np.ascontiguousarray(columns[self.order].T, dtype=np.float64)
         work = np.empty((len(permuted), self._height))
         if self.block == 1 and len(permuted) == 3:
-            solve_three(values, *self._to_solve, permuted, work)
+            solve_three(values, self._panels, permuted, work)
         else:
             with _blas().limit(limits=1, user_api="blas"):
-                multifrontal.solve(values, *self._to_solve, permuted, work, np.empty(6, np.int32), *BLAS)
+                multifrontal.solve(values, self._panels, permuted, work, np.empty(6, np.int32), *BLAS)
         solution = np.empty(columns.shape)
         solution[self.order] = permuted.T
         return solution.reshape(right_sides.shape)

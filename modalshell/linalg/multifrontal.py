@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from modalshell.kernels.compiler import njit
+from modalshell.linalg.analysis import Panels
 from modalshell.linalg.blas import GEMM, GEMV, POTRF, SYRK, TRSM, TRSV, address, call
 from modalshell.typing import Array, Index
 
@@ -198,12 +199,7 @@ def _eliminate_one(
 @njit
 def solve(
     values: Array,
-    block: int,
-    first: Index,
-    row_starts: Index,
-    row_ends: Index,
-    rows: Index,
-    panels: Index,
+    panels: Panels,
     right_sides: Array,
     work: Array,
     numbers: Any,
@@ -211,10 +207,8 @@ def solve(
     letters: Any,
     scalars: Array,
 ) -> None:
-    """Solve ``L L^T x = b`` in place for permuted right sides (r, N), each a row; ``work`` has room for (r, rows).
-
-    ``first`` is the first column of each panel, its rows are those from ``row_starts`` to ``row_ends``.
-    """
+    """Solve ``L L^T x = b`` in place for permuted right sides (r, N), each a row; ``work`` has room for (r, rows)."""
+    block, first, row_starts, row_ends, rows, begins = panels
     lower, no = address(letters), address(letters) + 1
     transposed, left = address(letters) + 2, address(letters)
     p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
@@ -228,7 +222,7 @@ def solve(
         width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
         below = height - width
         numbers[0], numbers[1], numbers[2] = width, height, below
-        at, own = base + 8 * panels[s], x + 8 * first[s] * block
+        at, own = base + 8 * begins[s], x + 8 * first[s] * block
         under = at + 8 * width
         if count == 1:
             call(addresses[TRSV], (lower, no, no, p_width, at, p_height, own, p_unit))
@@ -254,7 +248,7 @@ def solve(
         width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
         below = height - width
         numbers[0], numbers[1], numbers[2] = width, height, below
-        at, own = base + 8 * panels[s], x + 8 * first[s] * block
+        at, own = base + 8 * begins[s], x + 8 * first[s] * block
         under = at + 8 * width
         if below > 0:
             entries = row_starts[s] + first[s + 1] - first[s]

@@ -6,32 +6,21 @@ A surface's Laplacian has narrow supernodes, for which calls of the BLAS cost mo
 from __future__ import annotations
 
 from modalshell.kernels.compiler import njit
-from modalshell.typing import Array, Index
+from modalshell.linalg.analysis import Panels
+from modalshell.typing import Array
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
-def solve_three(
-    values: Array,
-    block: int,
-    first: Index,
-    row_starts: Index,
-    row_ends: Index,
-    rows: Index,
-    panels: Index,
-    x: Array,
-    work: Array,
-) -> None:
-    """Solve ``L L^T x = b`` in place for permuted right sides (3, N); ``work`` has room for (3, rows).
-
-    Panels are given as for :func:`modalshell.linalg.multifrontal.solve`.
-    """
+def solve_three(values: Array, panels: Panels, x: Array, work: Array) -> None:
+    """Solve ``L L^T x = b`` in place for permuted right sides (3, N); ``work`` has room for (3, rows)."""
+    block, first, row_starts, row_ends, rows, begins = panels
     count = len(first) - 1
     for s in range(count):
         width, height = (first[s + 1] - first[s]) * block, (row_ends[s] - row_starts[s]) * block
         below, start, entries = height - width, first[s] * block, row_starts[s] + first[s + 1] - first[s]
         work[:, :below] = 0.0
         for k in range(width):
-            column = panels[s] + k * height
+            column = begins[s] + k * height
             inverse = 1.0 / values[column + k]
             a, b, c = x[0, start + k] * inverse, x[1, start + k] * inverse, x[2, start + k] * inverse
             x[0, start + k], x[1, start + k], x[2, start + k] = a, b, c
@@ -62,7 +51,7 @@ def solve_three(
                 i = ib * block + di
                 work[0, i], work[1, i], work[2, i] = x[0, row + di], x[1, row + di], x[2, row + di]
         for k in range(width - 1, -1, -1):
-            column = panels[s] + k * height
+            column = begins[s] + k * height
             a, b, c = x[0, start + k], x[1, start + k], x[2, start + k]
             for i in range(k + 1, width):
                 entry = values[column + i]
