@@ -17,10 +17,15 @@ def draw(results: Path, folder: Path) -> Path:
         curves = []
         for energy, families in COLORS.items():
             for family, color in families.items():
-                own = [r for r in rows if (r["poisson"], r["energy"], r["mesh"]) == (poisson, energy, family)]
+                wanted = (poisson, "clamp", energy, family)
+                own = [r for r in rows if (r["poisson"], r["support"], r["energy"], r["mesh"]) == wanted]
                 if own:
                     label = f"{energy}, {family}"
                     curves.append(Curve([r["width"] for r in own], [r["found"] for r in own], label, color))
+        ended = [r for r in rows if (r["poisson"], r["support"]) == (poisson, "beam end")]
+        ended = [r for r in ended if r["mesh"] == ended[0]["mesh"]]
+        label = f"Isotropic, beam end, {ended[0]['mesh']}"
+        curves.append(Curve([r["width"] for r in ended], [r["found"] for r in ended], label, "#2f9e6b"))
         first = [r for r in rows if r["poisson"] == poisson]
         widths = list(dict.fromkeys(r["width"] for r in first if r["gamma"] is not None))
         exact = [next(r["gamma"] for r in first if r["width"] == width) for width in widths]
