@@ -3,9 +3,9 @@
 The weight acts in the plane. The strip bends sideways and twists at once, so its critical load asks for both
 stiffnesses. Gamma = rho g h L^3 / D; a narrow strip buckles at 12.8538 sqrt(2 (1 - nu) (1 - nu^2)) (Bessel functions).
 That beam is held by the twist and the slope of its first section, which is free to warp. Strips with such an end meet
-the formula: the line of vertices is pinned and the mean slope along it is zero. A clamp holds the slope at every
-vertex, so it restrains the warping and the Poisson effect over about a width, and the critical load grows with the
-width. Clamped strips are compared with solid finite elements (``studies/finite_elements.json``). These twist more
+the formula: the positions of its vertices are held, and the mean slope along it is zero. A clamp holds the slope at
+every vertex, so it restrains the warping and the Poisson effect over about a width, and the critical load grows with
+the width. Clamped strips are compared with solid finite elements (``studies/finite_elements.json``). These twist more
 easily than a shell: a rectangle of width w and thickness t has the torsion constant w t^3 / 3 (1 - 0.63 t / w), a shell
 w t^3 / 3 (Timoshenko and Goodier), so that its critical load is less by 0.315 t / w. The load is the first bifurcation
 on the path of equilibria. This is the lateral buckling test of Romero et al. (2021, ``romero2021``); no number is
@@ -95,15 +95,15 @@ def critical(strip: Strip, energy: str, family: str) -> float | None:
 def critical_of_beam_end(strip: Strip, family: str) -> float:
     """Gamma at which an Isotropic strip, held as a beam is, buckles out of its plane.
 
-    The first section is pinned, and the mean slope along it is zero. The mean slope is what a uniform edge moment works
-    on, so its gradient is that moment's force. The strip stays in its plane up to the bifurcation, where the least
-    eigenvalue of its stiffness out of the plane, under that constraint, is zero.
+    Positions of the first section are held, and the mean slope along it is zero. The mean slope is what a uniform edge
+    moment works on, so its gradient is that moment's force. The strip stays in its plane up to the bifurcation, where
+    the least eigenvalue of its stiffness out of the plane, under that constraint, is zero.
     """
     mesh, sheet, unit = _problem(strip, family)
     end, everywhere = _first_section(mesh), np.ones(len(mesh.vertices), dtype=bool)
-    pinned = flat_shell("Isotropic", mesh, sheet, supports=[ms.Pin(end)])
+    hinged = flat_shell("Isotropic", mesh, sheet, supports=[ms.Pin(end)])
     plane = ms.DiscreteShell(flat_shell("Isotropic", mesh, sheet, supports=[ms.Pin(end), ms.Fix(everywhere, "z")]))
-    slope = ms.EdgeMoment(end, 1.0).applied(mesh, pinned.mass).force(mesh.vertices)[~end, 2]
+    slope = ms.EdgeMoment(end, 1.0).applied(mesh, hinged.mass).force(mesh.vertices)[~end, 2]
     unknowns = 3 * np.flatnonzero(~end) + 2
     last = int(np.argmax(np.abs(slope)))  # this unknown follows from the others
     free = np.delete(np.eye(len(unknowns)), last, axis=1)
@@ -113,7 +113,7 @@ def critical_of_beam_end(strip: Strip, family: str) -> float:
         state = plane.equilibrium(gravity=(0.0, -unit * gamma, 0.0))
         if not state.converged:
             raise ms.SolverError(f"a strip in its plane found no equilibrium: {state.message}")
-        stiffness = pinned.stiffness(state.positions)[unknowns][:, unknowns]
+        stiffness = hinged.stiffness(state.positions)[unknowns][:, unknowns]
         return float(eigvalsh(free.T @ (stiffness @ free), subset_by_index=[0, 0])[0])
 
     low, high = (share * narrow(strip["poisson"]) for share in RANGE)
