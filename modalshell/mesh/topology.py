@@ -57,17 +57,17 @@ def connected_parts(pairs: IntArray, count: int) -> IntArray:
     return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
-def faces_of_edges(links: HalfEdges) -> IntArray:
-    """Two faces of each edge, shape (E, 2), for edges with one or two consistently wound faces.
+def faces_of_edges(links: HalfEdges) -> tuple[IntArray, IntArray]:
+    """Two faces of each edge and its first corner in either, shape (E, 2); edges with one or two consistent faces.
 
     Column 0 is the face that runs along the edge from the smaller to the larger vertex; on a boundary edge it is the
-    only face, and column 1 is -1.
+    only face, and column 1 is -1. The edge runs from that corner to the next in the face's winding.
     """
-    edge_faces = np.full((len(links.edges), 2), -1, dtype=np.int64)
-    face = np.repeat(np.arange(len(links.face_edges)), 3)
-    side = np.where(links.forward.ravel() | (links.counts[links.face_edges.ravel()] == 1), 0, 1)
-    edge_faces[links.face_edges.ravel(), side] = face
-    return edge_faces
+    half = links.face_edges.ravel()
+    side = np.where(links.forward.ravel() | (links.counts[half] == 1), 0, 1)
+    of_edges = np.full((len(links.edges), 2), -1, dtype=np.int64)
+    of_edges[half, side] = np.arange(len(half))
+    return np.where(of_edges < 0, -1, of_edges // 3), np.where(of_edges < 0, -1, of_edges % 3)
 
 
 def hinges_of_edges(faces: IntArray, links: HalfEdges, edge_faces: IntArray) -> tuple[IntArray, IntArray]:

@@ -45,7 +45,7 @@ class TriangleMesh(ReadOnlyArrays):
         validation.check_used(triangles, len(points))
         self._vertices = read_only(points)
         self._faces = read_only(triangles)
-        self._edge_faces = read_only(faces_of_edges(self._links))
+        self._edge_faces, self._edge_corners = map(read_only, faces_of_edges(self._links))
         validation.warn_of_seams(self._vertices, self.boundary_vertices)
 
     @classmethod
@@ -83,6 +83,11 @@ class TriangleMesh(ReadOnlyArrays):
         and -1 in column 1.
         """
         return self._edge_faces
+
+    @property
+    def edge_corners(self) -> IntArray:
+        """Corner of each of `edge_faces` where the edge begins in the face's winding, shape (E, 2); -1 for no face."""
+        return self._edge_corners
 
     @cached_property
     def _hinge_data(self) -> tuple[IntArray, IntArray]:

@@ -161,9 +161,8 @@ def _with_held_triangles(coarse: TriangleMesh, edges: Index, places: Array) -> t
     Its further corner is one of ``places`` (p, 3), that nearest to the mirror image of the corner on this side.
     """
     inner = coarse.faces[coarse.edge_faces[edges, 0]]
-    at = (coarse.face_edges[coarse.edge_faces[edges, 0]] == edges[:, None]).argmax(axis=1)
     rows = np.arange(len(edges))
-    first, second, opposite = (inner[rows, (at + k) % 3] for k in range(3))
+    first, second, opposite = (inner[rows, (coarse.edge_corners[edges, 0] + k) % 3] for k in range(3))
     a, b, c = (coarse.vertices[corner] for corner in (first, second, opposite))
     along = b - a
     length = np.linalg.norm(along, axis=1)

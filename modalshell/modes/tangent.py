@@ -58,6 +58,11 @@ class TangentStiffness:
     def _factor(self) -> Factor:
         return self._condensed(self._scaled)
 
+    @cached_property
+    def _rounding(self) -> float:
+        """Eigenvalues below this [1/s^2] are rounding."""
+        return _ROUNDING * float(np.abs(self._scaled.diagonal()).max())
+
     def solve(self, right_side: Array) -> Array:
         """Displacements (N,) under forces (N,); SolverError where a pivot is exactly zero."""
         return np.asarray(self._factor.solve(right_side / self._root) / self._root)
@@ -76,7 +81,7 @@ class TangentStiffness:
         value, vector = self._nearest(factor)
         if factor.is_definite():
             return value, vector
-        shift = max(abs(value), 1e-300)
+        shift = max(abs(value), self._rounding)
         while not factor.is_definite():
             shift *= 4.0
             factor = self._condensed(self._shifted(shift))
@@ -91,8 +96,7 @@ class TangentStiffness:
         try:
             return self._nearest(self._factor)
         except SolverError:  # exactly at a critical point it is singular
-            shift = _ROUNDING * float(np.abs(self._scaled.diagonal()).max())
-            return self._nearest(self._condensed(self._shifted(shift)), shift)
+            return self._nearest(self._condensed(self._shifted(self._rounding)), self._rounding)
 
     def _shifted(self, shift: float) -> sps.csc_array:
         """The scaled stiffness with ``shift`` [1/s^2] added to all its eigenvalues."""

@@ -142,17 +142,16 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
     powers = np.maximum((lengths / lengths.max(axis=1, keepdims=True)) ** SHARE_EXPONENT, _LEAST_POWER)
     own_areas = mesh.face_areas[:, None] * powers / powers.sum(axis=1, keepdims=True)
 
-    def taken(faces: Index, edges: Index) -> Array:
-        """Part of each face's area at its edge, which is then no longer its own."""
-        slots = np.argmax(mesh.face_edges[faces] == edges[:, None], axis=1)
-        areas = own_areas[faces, slots].copy()
-        own_areas[faces, slots] = 0.0
+    def taken(faces: Index, corners: Index) -> Array:
+        """Parts of the faces' areas at their edges that begin at ``corners``, which are then no longer their own."""
+        areas = own_areas[faces, corners]
+        own_areas[faces, corners] = 0.0
         return areas
 
     smooth = (np.abs(angles) <= SHARP) & ~clamped[mesh.edges[mesh.hinge_edges]].all(axis=1)
     hinges, edges = mesh.hinges[smooth], mesh.hinge_edges[smooth]
     both = mesh.edge_faces[edges]
-    areas = np.column_stack([taken(both[:, 0], edges), taken(both[:, 1], edges)])
+    areas = taken(both, mesh.edge_corners[edges])
     shares = (areas / areas.sum(axis=1, keepdims=True))[:, :, None, None]
     strain = np.zeros((len(hinges), 3, 5))
     # Seen from the edge, the left apex lies at +h, the right one at -h.
@@ -163,7 +162,7 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
 
     edges = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]
     rim = mesh.edge_faces[edges, 0]
-    rim_areas = taken(rim, edges)[:, None]
+    rim_areas = taken(rim, mesh.edge_corners[edges, 0])[:, None]
     own = np.flatnonzero(own_areas.any(axis=1))
     faces = np.ascontiguousarray(mesh.faces[own])
     numbers = _numbers(mesh, faces, PAIR[:3])

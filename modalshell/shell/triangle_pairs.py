@@ -77,9 +77,7 @@ def paired_triangles(
     joined = np.unique(over[over >= 0])
     alone = np.flatnonzero(bends & (over < 0))
     faces = np.vstack([mesh.edge_faces[joined], np.column_stack([alone, np.full(alone.size, -1)])])
-    # Edge j of a triangle runs from corner j to corner j + 1.
-    own = np.argmax(mesh.face_edges[mesh.edge_faces[joined]] == joined[:, None, None], axis=2)
-    corners = np.vstack([(own + 2) % 3, np.zeros((alone.size, 2))])
+    corners = np.vstack([(mesh.edge_corners[joined] + 2) % 3, np.zeros((alone.size, 2))])
     return faces.astype(np.int64), corners.astype(np.int64)
 
 

@@ -68,6 +68,16 @@ def test_hinges_agree_with_faces_and_are_flat(family):
         first, second = mesh.edge_faces[edge]
         assert {x0, x1, x2} == set(mesh.faces[first].tolist())
         assert {x0, x1, x3} == set(mesh.faces[second].tolist())
+        corners = mesh.edge_corners[edge]
+        assert np.roll(mesh.faces[first], -corners[0]).tolist() == [x0, x1, x2]
+        assert np.roll(mesh.faces[second], -corners[1]).tolist() == [x1, x0, x3]
+
+
+def test_corners_of_boundary_edges():
+    mesh = flat_beam(cells=(8, 4), family="union-jack")
+    rim = np.flatnonzero(mesh.edge_faces[:, 1] < 0)
+    assert (mesh.edge_corners[rim, 1] == -1).all()
+    np.testing.assert_array_equal(mesh.face_edges[mesh.edge_faces[rim, 0], mesh.edge_corners[rim, 0]], rim)
 
 
 def test_fold_angle_of_a_v():
@@ -83,7 +93,17 @@ def test_arrays_are_read_only_copies():
     vertices[0], faces[0] = 9.0, 0
     assert mesh.vertices[0, 0] == 0.0
     assert mesh.faces[0].tolist() == [0, 2, 1]
-    for name in ("vertices", "faces", "edges", "hinges", "edge_faces", "face_areas", "face_normals", "components"):
+    for name in (
+        "vertices",
+        "faces",
+        "edges",
+        "hinges",
+        "edge_faces",
+        "edge_corners",
+        "face_areas",
+        "face_normals",
+        "components",
+    ):
         assert not getattr(mesh, name).flags.writeable, name
     assert mesh.vertices.dtype == np.float64
     assert mesh.faces.dtype == np.int64
