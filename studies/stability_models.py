@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -92,7 +93,10 @@ def built(spec: ms.ModelSpec, options: dict[str, Any], shell: ms.Shell) -> Model
     if on_motions:
         common = {"motions": MOTIONS}
     known = model_tables()[spec.key].__struct_fields__
-    return factory.build(spec, {name: value for name, value in common.items() if name in known} | options)
+    with warnings.catch_warnings():
+        if on_motions:  # training warns of the errors that the maps show
+            warnings.simplefilter("ignore", ms.ModalShellWarning)
+        return factory.build(spec, {name: value for name, value in common.items() if name in known} | options)
 
 
 def summed(shell: ms.Shell, integrator: str) -> Model:

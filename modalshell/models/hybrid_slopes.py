@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from modalshell.errors import OptionError
-from modalshell.reduction.assumed_stress import Quadratic, ReducedStress
+from modalshell.reduction.assumed_stress import ReducedStress, elastic_stresses
 from modalshell.reduction.assumed_stress_step import evaluate
 from modalshell.shell import Shell
 from modalshell.shell.energies_of import material_constants
@@ -25,41 +25,36 @@ def differences(function: Callable[[Array], Array], z: Array) -> Array:
     return np.stack([np.asarray(column) for column in columns], axis=1)
 
 
-def forces_by_constants(shell: Shell, reduced: ReducedStress, stresses: Array, z: Array) -> Callable[[str], Array]:
+def forces_by_constants(
+    shell: Shell, reduced: ReducedStress, stresses: Array, basis: Array, z: Array
+) -> Callable[[str], Array]:
     """Derivatives (m,) of minus the energy's gradient at z by the constants of a coarse shell that are one number.
 
-    The membrane's energy is ``d . A^-1 d / 2`` with the complementary energy ``A_kl = sum_e s_ek s_el / (2 w_e)``, the
-    identity as it was trained: by a stiffness it changes by the share of A that is that stiffness's.
+    The span of the ``stresses`` (T + E, K) and the ``basis`` (3k, m) stay as trained.
     """
     known = material_constants(shell.material)
-    measures, slopes = _measures(reduced.membrane, z)
-    found, first = {}, 0
-    for name, elements in zip(("stretch", "shear"), shell.elements[:2], strict=True):
-        own = stresses[first : first + elements.weight.size]
-        first += elements.weight.size
-        inverse = np.divide(0.5, elements.weight, out=np.zeros(elements.weight.size), where=elements.weight > 0.0)
-        if known.get(name):
-            found[name] = -slopes.T @ (own.T @ (inverse * (own @ measures))) / known[name]
-    if known.get("flexure"):
-        stiffer = reduced._replace(flat=2.0 * reduced.flat, roots=np.sqrt(2.0) * reduced.roots)
-        found["flexure"] = (_gradient(reduced, z) - _gradient(stiffer, z)) / known["flexure"]
+    shear, columns = shell.elements[1], basis.reshape(-1, 3, z.size)
+    first, second = shear.stencils.T
+    x = shell.rest_positions + columns @ z
+    arms = x[second] - x[first]
+    strains = (np.sum(arms**2, axis=1) - shear.rest**2) / (2.0 * shear.rest)
+    slopes = np.einsum("ex,exm->em", arms / shear.rest[:, None], columns[second] - columns[first])
+
+    def membrane_force(factors: Array) -> Array:
+        stretch, edges, hinges = factors.tolist()
+        along = elastic_stresses(shell, stresses, (stretch, edges, hinges))
+        return np.asarray(-(slopes.T @ along) @ (along.T @ strains))
+
+    found = dict(zip(("stretch", "shear", "flexure"), differences(membrane_force, np.ones(3)).T, strict=True))
+    stiffer = reduced._replace(flat=2.0 * reduced.flat, roots=np.sqrt(2.0) * reduced.roots)
+    found["flexure"] = found["flexure"] + _gradient(reduced, z) - _gradient(stiffer, z)
 
     def by_constant(name: str) -> Array:
-        if name not in found:
+        if not known.get(name) or name not in found:
             raise OptionError(f"the coarse shell has no one {name} above 0 for its whole mesh: take DS")
-        return found[name]
+        return found[name] / known[name]
 
     return by_constant
-
-
-def _measures(quadratic: Quadratic, z: Array) -> tuple[Array, Array]:
-    """Values (K,) and slopes (K, m) of quadratic forms."""
-    size = z.size
-    rows, columns = np.tril_indices(size)
-    full = np.zeros((size, size, quadratic.linear.shape[1]))
-    full[rows, columns] = full[columns, rows] = quadratic.pairs
-    bent = np.tensordot(z, full, 1)
-    return z @ (quadratic.linear + 0.5 * bent), (quadratic.linear + bent).T
 
 
 def _gradient(reduced: ReducedStress, z: Array) -> Array:

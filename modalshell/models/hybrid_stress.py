@@ -62,10 +62,10 @@ class HybridStress(Model):
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
     m trained stress states, so a basis that misses positions by a little does not lock; see
-    :mod:`modalshell.reduction.assumed_stress`. Loads that the basis misses, states whose membrane the stresses do not
-    see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they may be. Damping by the
-    stiffness has trained stresses of its own: those that resist the strains' rates, by which frames that turn the shell
-    far are damped most. ``residual`` of statics is the reduced gradient over the load's.
+    :mod:`modalshell.reduction.assumed_stress`. Loads whose linear answer the model does not have, states whose membrane
+    the stresses do not see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they
+    may be. Damping by the stiffness has trained stresses of its own: those that resist the strains' rates, by which
+    frames that turn the shell far are damped most. ``residual`` of statics is the reduced gradient over the load's.
 
     Use :meth:`trained` or :meth:`load`.
 
@@ -104,6 +104,7 @@ class HybridStress(Model):
         read = *self._reduced.membrane, self._reduced.flat, self._reduced.modes
         self._bytes = sum(part.nbytes for part in read)
         self._checked = sum(elements.rest.size for elements in coarse.elements[:2])
+        self._own_compliance = scipy.linalg.pinvh(self._energy(np.zeros(self._basis.shape[1]))[2])
         self._last_load = PerThread(_LastLoad)
         self._free = coarse.free_unknowns
         part = sps.csc_array(stiffness[self._free][:, self._free])
@@ -200,11 +201,12 @@ class HybridStress(Model):
         return model, origin
 
     def missed(self, load: Array) -> float:
-        """Share of the linear compliance under a coarse load (k, 3) [N] that the basis misses."""
+        """Share of the linear compliance under a coarse load (k, 3) [N] by which the basis or the stresses are off."""
         push = load.ravel()[self._free]
         whole = float(push @ self._factor.solve(push))
         reduced = load.ravel() @ self._basis
-        return 0.0 if whole == 0.0 else 1.0 - float(reduced @ self._compliance @ reduced) / whole
+        own = (float(reduced @ matrix @ reduced) for matrix in (self._compliance, self._own_compliance))
+        return 0.0 if whole == 0.0 else max(abs(1.0 - part / whole) for part in own)
 
     def _sees(self, z: Array, energy: float, seen: float) -> bool:
         """Whether the assumed stresses see the membrane at z, of their energy ``seen`` and the whole ``energy`` [J]."""
@@ -236,7 +238,9 @@ class HybridStress(Model):
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         down = self.coarse.restrict(load)
         if (missed := self.missed(down)) > _MISSED:
-            return self._handed_over(load, start, f"the basis misses {100 * missed:.1f} % of the load's compliance")
+            return self._handed_over(
+                load, start, f"the trained model is {100 * missed:.1f} % off the load's compliance"
+            )
         push = down.ravel() @ self._basis
         scale = float(np.linalg.norm(push)) or 1.0
         z = np.zeros_like(push)
@@ -275,7 +279,7 @@ class HybridStress(Model):
         if state.coordinates.ndim == 1:
             return self._range()
         seen = self._last_load().seen
-        reason = "the trained states do not hold the motion" if seen else "the basis misses the load"
+        reason = "the trained states do not hold the motion" if seen else "the trained model does not hold the load"
         return f"answered by {self.coarse.name}: {reason}"
 
     def _range(self) -> str:
@@ -300,7 +304,7 @@ class HybridStress(Model):
         columns = differences(lambda z: self._fine(self._coarse_positions(z)).ravel(), z)
         spread = np.asarray(self.coarse.weights @ self._basis.reshape(len(small.rest_positions), -1))
         hessian = differences(lambda z: self._energy(z)[1], z)
-        constants = forces_by_constants(small, self._reduced, self._trained.stresses, z)
+        constants = forces_by_constants(small, self._reduced, self._trained.stresses, self._basis, z)
         tangent = LinearTangent(self.shell, state, hessian, columns, spread.reshape(columns.shape), constants)
         return tangent.derivative(wrt, of)
 

@@ -29,6 +29,8 @@ _DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
 """Mass damping [1/s], and stiffness damping [s] of half of the motions."""
 _HELD_OUT = 10
 """Motions on loads that are not in training."""
+_WRONG = 0.1
+"""Error from which a motion is wrong, and a warning is given where no error is wanted."""
 GROWING = (16, 24, 32, 44)
 """Sizes of the basis that are tried where an error is wanted, up to the largest that is allowed."""
 _MODES = 32
@@ -93,7 +95,7 @@ def train(
     """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N].
 
     With an ``error``, the basis is the first of :data:`GROWING`, and of ``modes`` as the last, that meets it on the
-    held-out motions, or else the best of them, with a ModalShellWarning.
+    held-out motions, or else the best of them, with a ModalShellWarning; without one from an error of 0.1 on.
     """
     most = None if modes is None else checked_count("modes", modes, at_least=2)
     wanted = None if error is None else checked_number("error", error, above=0.0)
@@ -119,14 +121,15 @@ def train(
     for count in sizes:
         found, reduced = _reduce(coarse, [frames for _, _, frames in runs[:motions]], count)
         errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in runs[motions:]), strict=True)
-        missed, limit = float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(unseen))
+        right = [share for off, share in zip(errors, unseen, strict=True) if off <= _WRONG]
+        missed, limit = float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(right, default=0.0))
         tried.append(replace(found, held_out_error=missed, strain_limit=limit, description=description))
         if wanted is not None and missed <= wanted:
             return tried[-1]
     best = min(tried, key=lambda one: one.held_out_error)
-    if wanted is not None:
+    if best.held_out_error > (wanted or _WRONG):
         warnings.warn(
-            f"no basis of up to {sizes[-1]} vectors meets an error of {wanted:g}: the best is "
+            f"no basis of up to {sizes[-1]} vectors meets an error of {wanted or _WRONG:g}: the best is "
             f"{best.held_out_error:.3g} off; allow more modes, train on more motions, or about a smaller load",
             ModalShellWarning,
             stacklevel=4,

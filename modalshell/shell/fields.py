@@ -154,7 +154,7 @@ def membrane_strain(mesh: TriangleMesh, x: Array) -> Array:
     corners, rest = x[mesh.faces], mesh.vertices[mesh.faces]
     moved, before = (points[:, [1, 2, 2]] - points[:, [0, 0, 1]] for points in (corners, rest))
     stretches = 0.5 * (np.sum(moved**2, axis=2) - np.sum(before**2, axis=2))
-    strain = np.einsum("tij,tj->ti", strain_of_lengths(mesh), stretches)
+    strain = np.einsum("tij,tj->ti", strain_of_lengths(mesh, mesh.faces), stretches)
     strain[:, 2] *= 0.5
     return np.asarray(strain)
 

@@ -155,9 +155,9 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
     shares = (areas / areas.sum(axis=1, keepdims=True))[:, :, None, None]
     strain = np.zeros((len(hinges), 3, 5))
     # Seen from the edge, the left apex lies at +h, the right one at -h.
-    strain[:, :, [0, 1, 2]] = shares[:, 0] * _strain_of_lengths(mesh, hinges[:, [0, 1, 2]], 1.0)
-    strain[:, :, [0, 3, 4]] += shares[:, 1] * _strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
-    numbers = _numbers(mesh, hinges, PAIR)
+    strain[:, :, [0, 1, 2]] = shares[:, 0] * strain_of_lengths(mesh, hinges[:, [0, 1, 2]])
+    strain[:, :, [0, 3, 4]] += shares[:, 1] * strain_of_lengths(mesh, hinges[:, [0, 1, 3]], -1.0)
+    numbers = edge_numbers(mesh, hinges, PAIR)
     found = [Strained(np.ascontiguousarray(hinges), PAIR, numbers, strain, areas, both)]
 
     edges = mirrored[~clamped[mesh.edges[mirrored]].all(axis=1)]
@@ -165,15 +165,15 @@ def strained_elements(mesh: TriangleMesh, clamped: NDArray[np.bool_], angles: Ar
     rim_areas = taken(rim, mesh.edge_corners[edges, 0])[:, None]
     own = np.flatnonzero(own_areas.any(axis=1))
     faces = np.ascontiguousarray(mesh.faces[own])
-    numbers = _numbers(mesh, faces, PAIR[:3])
-    strain = _strain_of_lengths(mesh, faces, 1.0)
+    numbers = edge_numbers(mesh, faces, PAIR[:3])
+    strain = strain_of_lengths(mesh, faces)
     found.append(Strained(faces, PAIR[:3], numbers, strain, own_areas[own].sum(axis=1)[:, None], own[:, None]))
     if rim.size:
         ends = mesh.edges[edges]
         triangles = np.column_stack([ends, mesh.faces[rim].sum(axis=1) - ends.sum(axis=1)])
-        strain = _strain_of_lengths(mesh, triangles, 1.0)
+        strain = strain_of_lengths(mesh, triangles)
         strain[:, 2] = 0.0
-        numbers = _numbers(mesh, triangles, PAIR[:3])
+        numbers = edge_numbers(mesh, triangles, PAIR[:3])
         found.append(Strained(triangles, PAIR[:3], numbers, strain, rim_areas, rim[:, None]))
     return found
 
@@ -204,15 +204,11 @@ def membrane_matrix(elements: list[MembraneElements], edge_count: int) -> sps.cs
     return sps.csr_array(total)
 
 
-def strain_of_lengths(mesh: TriangleMesh) -> Array:
-    """Matrices (T, 3, 3) from half squared lengths of a face's edges to (E11, E22, 2 E12), axis 1 along v0 -> v1.
+def strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float = 1.0) -> Array:
+    """Matrices (T, 3, 3) from half squared lengths of a triangle's edges to (E11, E22, 2 E12), axis 1 along v0 -> v1.
 
-    The edges are (v0, v1), (v0, v2), (v1, v2).
+    The edges are (v0, v1), (v0, v2), (v1, v2). With ``side`` -1, v2 lies to the right of the first.
     """
-    return _strain_of_lengths(mesh, mesh.faces, 1.0)
-
-
-def _strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float) -> Array:
     x0, x1, x2 = (mesh.vertices[triangles[:, k]] for k in range(3))
     edge, arm = x1 - x0, x2 - x0
     length = np.linalg.norm(edge, axis=1)
@@ -230,8 +226,8 @@ def _products(strain: Array, elastic: Array) -> Array:
     return np.ascontiguousarray(0.5 * (matrices + matrices.transpose(0, 2, 1)))
 
 
-def _numbers(mesh: TriangleMesh, stencils: Index, pairs: Index) -> Index:
-    """Mesh edges (elements, edges) between the stencils' vertices at ``pairs``."""
+def edge_numbers(mesh: TriangleMesh, stencils: Index, pairs: Index) -> Index:
+    """Numbers of the mesh's edges (elements, edges) between the stencils' vertices at ``pairs``."""
     count = len(mesh.vertices)
     ends = np.sort(stencils[:, pairs], axis=2)
     keys = mesh.edges[:, 0] * count + mesh.edges[:, 1]

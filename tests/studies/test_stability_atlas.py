@@ -114,7 +114,7 @@ def variants(table):
         values["integrator"] = (*ModalIntegrator.known, *FullIntegrator.known)
     if "cubature" in hints:
         values["cubature"] = (False, True)
-    shell = models.shell_of(1e2, 1.0, 0.0)
+    shell = models.shell_of(1e4, 1.0, 0.0)
     factory = ModelFactory(
         shell, lambda: shell.gravity_force(models.BASE.gravity), lambda *_: models.coarse_mesh(shell)
     )
