@@ -241,7 +241,8 @@ def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-u
     """Rotation vectors (n, 3) that fit small ``displacements`` (n, 3) about ``positions`` best, into ``out``.
 
     The modal rotation [choi2007, eq. 9-15] at any configuration: ``A w = sum_k P_k x d_k`` in each triangle, with
-    ``A = sum |P|^2 I - P P^T``, then the mean over the triangles at each vertex.
+    ``A = sum |P|^2 I - P P^T``, then the mean over the triangles at each vertex. Triangles that have collapsed to a
+    line have no rotation and do not count.
     """
     count = np.zeros(positions.shape[0])
     arm = np.empty(3)
@@ -268,6 +269,8 @@ def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-u
         cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
         cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
         determinant = xx * cxx + xy * cxy + xz * cxz
+        if not determinant > 1e-15 * (xx + yy + zz) ** 3:
+            continue
         wx = (cxx * bx + cxy * by + cxz * bz) / determinant
         wy = (cxy * bx + cyy * by + cyz * bz) / determinant
         wz = (cxz * bx + cyz * by + czz * bz) / determinant
@@ -279,4 +282,4 @@ def vertex_rotations(positions, displacements, faces, out):  # type: ignore[no-u
             out[v, 2] += wz
     for v in range(out.shape[0]):
         for axis in range(3):
-            out[v, axis] /= count[v]
+            out[v, axis] /= max(count[v], 1.0)

@@ -129,7 +129,9 @@ def draw_maps(
             Line2D([], [], color=line.color, linewidth=width, linestyle=line.style, label=label)
             for label, line in sorted(lines.items())
         ]
-        figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4 * columns), frameon=False)
+        legend_rows = -(-len(handles) // min(4 * columns, 8))
+        ncols = -(-len(handles) // legend_rows)
+        figure.legend(handles=handles, loc="outside lower center", ncols=ncols, frameon=False)
         drawn = BytesIO()
         figure.savefig(drawn, format="png")
     # Few colours: a palette makes the file three times smaller; with 64, a class of few cells lost its own.

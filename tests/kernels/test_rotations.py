@@ -275,3 +275,14 @@ def test_fused_vertex_rotations_at_a_deformed_state():
     rotations.vertex_rotations(x, u, mesh.faces, out)
     matrix = (rotation_matrix(TriangleMesh(x, mesh.faces)) @ u.ravel()).reshape(-1, 3)
     np.testing.assert_allclose(out, matrix, rtol=0, atol=1e-11 * np.abs(matrix).max())
+
+
+def test_triangles_that_have_collapsed_do_not_count():
+    """A corner on the opposite edge: the other triangle rotates, and a vertex of none does not."""
+    faces = np.array([[0, 1, 2], [2, 1, 3]])
+    x = np.array([[0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.3, 1.0, 0.0]])
+    u = np.cross([0.1, -0.2, 0.3], x)
+    out = np.full_like(x, np.nan)
+    rotations.vertex_rotations(x, u, faces, out)
+    np.testing.assert_allclose(out[1:], [[0.1, -0.2, 0.3]] * 3, atol=1e-14)
+    np.testing.assert_array_equal(out[0], 0.0)
