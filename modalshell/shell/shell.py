@@ -26,6 +26,7 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
+from modalshell.shell.vertex_masses import vertex_masses
 from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
 from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
@@ -62,7 +63,8 @@ class Shell(ReadOnlyArrays):
     rest_positions : ndarray, shape (n, 3)
         Vertex positions at rest [m].
     mass : ndarray, shape (n,)
-        Lumped vertex masses [kg]: a third of each triangle's mass to each corner.
+        Lumped vertex masses [kg]: a third of each triangle's mass to each corner; of an `Isotropic` shell corrected
+        along free edges and sharp folds, see :mod:`modalshell.shell.vertex_masses`.
     supports : tuple of Support
         The supports, a :class:`Clamp` of ``clamped`` first.
     unknowns : Unknowns
@@ -111,7 +113,12 @@ class Shell(ReadOnlyArrays):
             warn_of_two_way_bending(mesh, unknowns.supported)
         self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
         self._support(unknowns)
-        self.mass = read_only(mesh.shared_among_corners(material.area_density(mesh) * mesh.face_areas))
+        density = material.area_density(mesh)
+        self.mass = read_only(
+            mesh.shared_among_corners(density * mesh.face_areas)
+            if isinstance(material, Material)
+            else vertex_masses(mesh, density, unknowns.held, self.supports)
+        )
 
     def _support(self, unknowns: Unknowns) -> None:
         self.unknowns = unknowns

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import inspect
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -79,7 +80,9 @@ def world() -> dict[str, Any]:
     factory = ModelFactory(shell, lambda: shell.gravity_force((0.0, 0.0, -2.0)), lambda *_: coarse)
     for key, table in model_tables().items():
         few = {"modes": 2 if key == "md-rom" else 3, "rank": 4}
-        models[key] = table(**{name: few[name] for name in table.__struct_fields__ if name in few}).build(factory)
+        with warnings.catch_warnings():  # training warns that three modes are few
+            warnings.simplefilter("ignore", ms.ModalShellWarning)
+            models[key] = table(**{name: few[name] for name in table.__struct_fields__ if name in few}).build(factory)
     return {"mesh": mesh, "material": material, "shell": shell, "basis": basis, "path": path, "models": models}
 
 

@@ -85,8 +85,10 @@ def test_a_tip_curve_along_the_load_gives_young_from_loads_of_all_kinds(strip):
 
 
 @pytest.mark.parametrize("free", [False, True])
-def test_frequencies_give_young_and_thickness_goes_with_it(strip, free):
-    shell = ms.Shell(strip.mesh, SHEET) if free else strip
+def test_frequencies_give_young_and_thickness_goes_with_it(free):
+    """On a strip so wide that twist does not change places with bending as Poisson's ratio moves."""
+    mesh = ms.flat_beam(length=1.0, width=0.15, cells=(24, 4))
+    shell = ms.Shell(mesh, SHEET, None if free else mesh.vertices[:, 0] < 0.01)
     basis = ms.solve_modes(shell, 10)
     seen = basis.frequencies[basis.rigid_modes :][:4].copy()
     seen[1] = np.nan

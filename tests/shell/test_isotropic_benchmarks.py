@@ -207,7 +207,7 @@ def v_shape(family):
 @pytest.mark.parametrize("family", THREE)
 @pytest.mark.parametrize(
     ("case", "tolerance"),
-    [("panel", 0.003), ("panel, nu 0", 0.003), ("swept plate", 0.006), ("V up", 0.011), ("V down", 0.011)],
+    [("panel", 0.003), ("panel, nu 0", 0.0035), ("swept plate", 0.006), ("V up", 0.011), ("V down", 0.011)],
 )
 def test_deflections_of_finite_elements(case, family, tolerance):
     """Displacements of the tip's corners and middle, as shares of the largest of them."""

@@ -1,0 +1,81 @@
+"""Vertex masses that integrate smooth motions to second order, up to free edges and sharp folds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy.sparse as sps
+from numpy.typing import NDArray
+
+from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import connected_parts
+from modalshell.shell.smoothed_membrane import SHARP
+from modalshell.supports import Support
+from modalshell.typing import Array, Index
+
+_LEAST = 0.25
+"""Least mass of a vertex, over a third of that of its triangles."""
+
+
+def vertex_masses(
+    mesh: TriangleMesh, density: Array, held: NDArray[np.bool_], supports: Sequence[Support] = ()
+) -> Array:
+    """Masses (n,) [kg] of the vertices, for a mass per area (T,) [kg/m^2].
+
+    A third of each triangle's mass at each corner integrates linear functions. Its errors for curved ones cancel
+    between neighbours, but not along edges: the rotary inertia of a strip of n cells is too large by 2 / n^2, and
+    torsional frequencies too low by 1 / n^2. Here the integral is that of the middles of the sides, ``A / 3 sum f``,
+    where ``f = (f_a + f_b) / 2 + (grad f_a - grad f_b) . (x_b - x_a) / 8`` by cubic Hermite interpolation, as the
+    trapezoidal rule's end correction. Gradients at a corner are the mean over the triangles that meet there without a
+    sharp fold. Those of a kinetic energy are zero where the vertices (n,) are held, and have no part across the planes
+    of symmetry among the supports. The sum of the masses is exact, and no vertex has less than a quarter of its thirds.
+    """
+    thirds = mesh.shared_among_corners(density * mesh.face_areas)
+    corners = _joined_corners(mesh)
+    count, areas = int(corners.max()) + 1, mesh.face_areas
+
+    def gathered(values: Array) -> Array:
+        """Sums (count, ...) over the groups of values (T, 3, ...) at corners."""
+        return np.stack(
+            [np.bincount(corners.ravel(), one.ravel(), count) for one in np.moveaxis(values, -1, 0)], axis=1
+        )
+
+    points = mesh.vertices[mesh.faces]
+    sides = np.roll(points, -1, axis=1) - points
+    reach = gathered((density * areas / 24.0)[:, None, None] * (sides - np.roll(sides, 1, axis=1)))
+    area_vectors = np.repeat((areas[:, None] * mesh.face_normals)[:, None], 3, axis=1)
+    normals = gathered(area_vectors)
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    vertex = np.empty(count, dtype=np.int64)
+    vertex[corners] = mesh.faces
+    reach[held[vertex]] = 0.0
+    for support in supports:
+        if (plane := support.mirror()) is not None:
+            even = support.vertices(mesh)[vertex] & (2.0 * np.arcsin(np.minimum(np.abs(normals @ plane), 1.0)) <= SHARP)
+            reach[even] -= (reach[even] @ plane)[:, None] * plane
+    # grad of a corner's hat function is that of its height over the opposite side.
+    gradients = np.cross(mesh.face_normals[:, None], np.roll(sides, -1, axis=1)) / 2.0
+    meeting = np.bincount(corners.ravel(), np.repeat(areas, 3), count)
+    moved = np.einsum("tcx,tvx->tcv", (reach / meeting[:, None])[corners], gradients)
+    rows = np.broadcast_to(corners[:, :, None], moved.shape).ravel()
+    columns = np.broadcast_to(mesh.faces[:, None, :], moved.shape).ravel()
+    moves = sps.csr_array(sps.coo_array((moved.ravel(), (rows, columns)), shape=(count, thirds.size)))
+    taken = sps.csr_array(moves.minimum(0.0))
+    share = (1.0 - _LEAST) * thirds / np.maximum(-taken.sum(axis=0), 1e-300)
+    least = np.ones(count)
+    entries = sps.coo_array(taken)
+    np.minimum.at(least, entries.coords[0], share[entries.coords[1]])
+    return np.asarray(thirds + moves.T @ least)
+
+
+def _joined_corners(mesh: TriangleMesh) -> Index:
+    """Number (T, 3) of each corner's group: corners at a vertex whose triangles meet without a sharp fold."""
+    left, right = mesh.edge_faces[mesh.hinge_edges].T
+    first, second = mesh.edge_corners[mesh.hinge_edges].T
+    smooth = np.sum(mesh.face_normals[left] * mesh.face_normals[right], axis=1) >= np.cos(SHARP)
+    # Both triangles run along their edge in opposite senses.
+    starts = np.concatenate([3 * left + first, 3 * left + (first + 1) % 3])
+    ends = np.concatenate([3 * right + (second + 1) % 3, 3 * right + second])
+    joined = np.concatenate([smooth, smooth])
+    return connected_parts(np.column_stack([starts[joined], ends[joined]]), 3 * len(mesh.faces)).reshape(-1, 3)
