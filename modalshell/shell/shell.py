@@ -26,7 +26,7 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.slopes import held_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
-from modalshell.shell.vertex_masses import vertex_masses
+from modalshell.shell.vertex_masses import masses_of
 from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, supported_unknowns
 from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
@@ -113,12 +113,7 @@ class Shell(ReadOnlyArrays):
             warn_of_two_way_bending(mesh, unknowns.supported)
         self._energy = energy_of(mesh, material, self._slopes, self.energies, unknowns.held)
         self._support(unknowns)
-        density = material.area_density(mesh)
-        self.mass = read_only(
-            mesh.shared_among_corners(density * mesh.face_areas)
-            if isinstance(material, Material)
-            else vertex_masses(mesh, density, unknowns.held, self.supports)
-        )
+        self.mass = read_only(masses_of(mesh, material, unknowns.held, self.supports))
 
     def _support(self, unknowns: Unknowns) -> None:
         self.unknowns = unknowns

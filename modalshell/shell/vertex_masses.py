@@ -10,12 +10,24 @@ from numpy.typing import NDArray
 
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import connected_parts
+from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.material import Material
 from modalshell.shell.smoothed_membrane import SHARP
 from modalshell.supports import Support
 from modalshell.typing import Array, Index
 
 _LEAST = 0.25
 """Least mass of a vertex, over a third of that of its triangles."""
+
+
+def masses_of(
+    mesh: TriangleMesh, material: Material | Isotropic, held: NDArray[np.bool_], supports: Sequence[Support]
+) -> Array:
+    """Masses (n,) [kg] of a shell's vertices: thirds of the triangles' on hinges, else :func:`vertex_masses`."""
+    density = material.area_density(mesh)
+    if isinstance(material, Material):
+        return mesh.shared_among_corners(density * mesh.face_areas)
+    return vertex_masses(mesh, density, held, supports)
 
 
 def vertex_masses(
