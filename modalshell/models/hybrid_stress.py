@@ -36,8 +36,8 @@ from modalshell.statics.verdict import ACCEPTED, verdict
 from modalshell.typing import Array, Progress
 from modalshell.work import count_elements, count_products, count_read, count_solves
 
-_MISSED = 0.02
-"""Largest fraction of a load's linear compliance outside the basis."""
+_MISSED, _OFF = 0.02, 0.05
+"""Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""
 _LOAD_STEPS = 12
 _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
@@ -96,7 +96,6 @@ class HybridStress(Model):
         self._reduced: ReducedStress = reduce_energy(coarse.centred()[0], *parts)
         self._weighted = np.ascontiguousarray((trained.basis * np.repeat(coarse.mass, 3)[:, None]).T)
         stiffness = sps.csc_array(coarse.stiffness())
-        self._compliance = np.linalg.inv(trained.basis.T @ (stiffness @ trained.basis))
         # Strains and their slopes, both parts of the Hessian, the hinges, and the factor.
         size, modes = self._reduced.membrane.linear.shape
         hinges = len(self._reduced.hinges)
@@ -104,7 +103,8 @@ class HybridStress(Model):
         read = *self._reduced.membrane, self._reduced.flat, self._reduced.modes
         self._bytes = sum(part.nbytes for part in read)
         self._checked = sum(elements.rest.size for elements in coarse.elements[:2])
-        self._own_compliance = scipy.linalg.pinvh(self._energy(np.zeros(self._basis.shape[1]))[2])
+        own = self._energy(np.zeros(size))[2]
+        self._compliances = [np.linalg.inv(self._basis.T @ (stiffness @ self._basis)), scipy.linalg.pinvh(own)]
         self._last_load = PerThread(_LastLoad)
         self._free = coarse.free_unknowns
         part = sps.csc_array(stiffness[self._free][:, self._free])
@@ -200,13 +200,17 @@ class HybridStress(Model):
         model.shell, model.coarse = coarse.shell, coarse
         return model, origin
 
-    def missed(self, load: Array) -> float:
-        """Share of the linear compliance under a coarse load (k, 3) [N] by which the basis or the stresses are off."""
+    def refusal(self, load: Array) -> str:
+        """Why a coarse load (k, 3) [N] is handed over, by its linear compliance; empty where it is not."""
         push = load.ravel()[self._free]
         whole = float(push @ self._factor.solve(push))
         reduced = load.ravel() @ self._basis
-        own = (float(reduced @ matrix @ reduced) for matrix in (self._compliance, self._own_compliance))
-        return 0.0 if whole == 0.0 else max(abs(1.0 - part / whole) for part in own)
+        if whole == 0.0:
+            return ""
+        missed, off = (1.0 - float(reduced @ matrix @ reduced) / whole for matrix in self._compliances)
+        if missed > _MISSED:
+            return f"the basis misses {100 * missed:.1f} % of the load's compliance"
+        return f"the assumed stresses are {100 * abs(off):.1f} % off the load's compliance" if abs(off) > _OFF else ""
 
     def _sees(self, z: Array, energy: float, seen: float) -> bool:
         """Whether the assumed stresses see the membrane at z, of their energy ``seen`` and the whole ``energy`` [J]."""
@@ -237,10 +241,8 @@ class HybridStress(Model):
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         down = self.coarse.restrict(load)
-        if (missed := self.missed(down)) > _MISSED:
-            return self._handed_over(
-                load, start, f"the trained model is {100 * missed:.1f} % off the load's compliance"
-            )
+        if reason := self.refusal(down):
+            return self._handed_over(load, start, reason)
         push = down.ravel() @ self._basis
         scale = float(np.linalg.norm(push)) or 1.0
         z = np.zeros_like(push)
@@ -328,7 +330,7 @@ class HybridStress(Model):
         last = self._last_load()
         if not np.array_equal(last.load, load):
             down = self.coarse.restrict(load)
-            last.load, last.push, last.seen = load.copy(), down.ravel() @ self._basis, self.missed(down) <= _MISSED
+            last.load, last.push, last.seen = load.copy(), down.ravel() @ self._basis, not self.refusal(down)
         if last.seen and (reduced := self._taken_back(state)) is not None:
             z, rates = reduced.coordinates, reduced.rates
             factors = damping.mass_factor, damping.stiffness_factor

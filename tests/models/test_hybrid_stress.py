@@ -129,7 +129,7 @@ def test_flat_hinges_bend_as_their_angle_where_the_sheet_keeps_its_lengths():
 def test_loads_and_states_that_it_cannot_hold_go_to_the_coarse_shell(shell, hybrid):
     load = 0.05 * np.random.default_rng(0).standard_normal(shell.rest_positions.shape)
     answer = hybrid.equilibrium(force=load)
-    assert "answered by coarse DS: the trained model is" in answer.message
+    assert "answered by coarse DS: the basis misses" in answer.message
     state, solved = hybrid.step(hybrid.start_motion(), 1 / 30, load, ms.Damping(*DAMPING))
     assert solved
     assert state.coordinates.shape == shell.rest_positions.shape
@@ -155,7 +155,7 @@ def test_a_corner_force_is_handed_over_before_the_start_or_met(shell, hybrid, gr
     answer = hybrid.equilibrium(force=load)
     assert distance(answer.positions, hybrid.coarse.equilibrium(force=load).positions, shell) < 0.05
     words = (
-        "answered by coarse DS: the trained model",
+        "answered by coarse DS: the",
         f"error {100 * hybrid.held_out_error:.1f} % on held-out loads",
     )
     handed = gravity == 0 or words[0] in answer.message
@@ -301,5 +301,5 @@ def test_membranes_as_soft_as_the_bending_are_handed_to_the_coarse_shell():
         hybrid = ms.HybridStress.trained(shell, gravity=(0, 0, -20), modes=28, motions=24)
     answer = hybrid.equilibrium(gravity=(0, 0, -2))
     assert answer.coordinates is None
-    assert "% off the load's compliance" in answer.message
+    assert "the assumed stresses are" in answer.message
     np.testing.assert_array_equal(answer.positions, hybrid.coarse.equilibrium(gravity=(0, 0, -2)).positions)
