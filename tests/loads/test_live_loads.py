@@ -394,3 +394,24 @@ def test_bad_loads_are_refused(make, error, message):
         return
     with pytest.raises(error, match=message):
         make()
+
+
+@pytest.mark.parametrize("family", ["union-jack", "equilateral", "delaunay"])
+def test_moments_on_all_edges_of_a_plate_are_met_to_first_order(family):
+    """A free plate bends alike both ways, by m / (D (1 + nu)); the moment works half a cell within."""
+    errors = []
+    for cells in (12, 24):
+        along = round(cells * 2.0 / np.sqrt(3.0)) if family == "equilateral" else cells
+        mesh = ms.sheet(length=1.0, width=1.0, cells=(along, cells), family=family)
+        x, y = mesh.vertices[:, 0] - 0.5, mesh.vertices[:, 1]
+        nearest = [int(np.hypot(x - a, y - b).argmin()) for a, b in ((-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5))]
+        supports = [ms.Pin([nearest[0]]), ms.Fix([nearest[1]], axes="yz"), ms.Fix([nearest[2]], axes="z")]
+        shell = ms.Shell(mesh, ms.Isotropic(1e9, 0.3, 1e-2, 1.0), supports=supports)
+        moment = 1e-6 * 1e9 * 1e-6 / (12.0 * (1.0 - 0.3**2))
+        state = ms.DiscreteShell(shell).equilibrium(loads=[ms.EdgeMoment(mesh.boundary_vertices, moment)])
+        assert state.converged
+        terms = np.column_stack([np.ones(len(x)), x, y, 0.5 * x**2, 0.5 * y**2, x * y])
+        fitted = np.linalg.lstsq(terms, state.positions[:, 2] / 1e-6, rcond=None)[0]
+        errors.append(np.abs(np.abs(fitted[3:5]) * 1.3 - 1.0).max())
+    assert errors[1] < 0.033
+    assert errors[1] < 0.75 * errors[0]
