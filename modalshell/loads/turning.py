@@ -24,7 +24,7 @@ class EdgeMoment(LiveLoad, key="moment"):
     The moment acts on the triangle as a force along its normal at the corner off the edge, and the opposite force on
     the edge. It rotates with the triangle. A moment about an edge that itself rotates in space has no potential.
 
-    It works on the triangle's rotation, that of the sheet a third of a cell inwards. `Isotropic` shells that bend in two
+    It works on the triangle's rotation, a third of a cell inwards from the edge. `Isotropic` shells that bend in two
     directions at the edge meet it to first order in the size of the cells: a free square plate with moments on all of
     its edges bends up to 3.1 % too much on 24 cells a side.
 
