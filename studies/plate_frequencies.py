@@ -172,9 +172,8 @@ def matched_frequencies(
     columns = round(cells * 2.0 / np.sqrt(3.0)) if family == "equilateral" else cells
     mesh = ms.sheet(length=1.0, width=1.0, cells=(columns, cells), family=family)
     clamp = mesh.vertices[:, 0] < 1e-9 if supports == "CFFF" else None
-    shell = flat_shell(energy, mesh, SHEET, clamp)
-    if supports == "SSSS":
-        shell = shell.holding(mesh.boundary_vertices)  # held, and free to turn
+    pins = [ms.Pin(mesh.boundary_vertices)] if supports == "SSSS" else []
+    shell = flat_shell(energy, mesh, SHEET, clamp, pins)
     rigid = 6 if supports == "FFFF" else 0
     with warnings.catch_warnings():
         # The last candidate may be one of two with the same frequency: that is far beyond the modes compared.

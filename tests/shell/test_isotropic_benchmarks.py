@@ -10,6 +10,7 @@ from modalshell import (
     DiscreteShell,
     Isotropic,
     OrientationConstraint,
+    Pin,
     PositionConstraint,
     Shell,
     TriangleMesh,
@@ -148,7 +149,7 @@ def plate(family, cells, poisson):
 @pytest.mark.parametrize("family", FAMILIES)
 def test_simply_supported_plate(family):
     mesh, material, unit = plate(family, 24, 0.3)
-    shell = Shell(mesh, material).holding(mesh.boundary_vertices)  # held, and free to turn
+    shell = Shell(mesh, material, supports=[Pin(mesh.boundary_vertices)])
     lowest = np.sqrt(solve_modes(shell, 1).eigenvalues[0]) / unit
     assert lowest == pytest.approx(2.0 * np.pi**2, rel=0.0025)
 
