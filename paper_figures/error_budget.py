@@ -39,5 +39,7 @@ def draw(results: Path, folder: Path) -> Path:
             ]
             ticks = {float(place): row["case"].replace(" ", "\n", 1) for place, row in zip(places, own, strict=True)}
             title = f"{name}, {load:g} of the load"
-            panels.append(Panel(curves, title, "", "error against shell theory [%]", log=True, x_ticks=ticks))
+            panels.append(
+                Panel(curves, title, "", "error against shell theory [%]", log=True, x_ticks=ticks, legend_inside=False)
+            )
     return draw_curves(panels, folder / "error_budget.png", columns=len(loads), share_y=True)
