@@ -140,6 +140,7 @@ def test_refused_choices_leave_the_session_as_it_was(session):
     np.testing.assert_array_equal(session.positions, shape)
 
 
+@pytest.mark.filterwarnings("ignore:no basis of up to")
 def test_every_model_of_scenes_can_be_chosen(session):
     play(session, 2)
     for name in MODELS:
