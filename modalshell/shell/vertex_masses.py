@@ -56,8 +56,7 @@ def vertex_masses(
     points = mesh.vertices[mesh.faces]
     sides = np.roll(points, -1, axis=1) - points
     reach = gathered((density * areas / 24.0)[:, None, None] * (sides - np.roll(sides, 1, axis=1)))
-    area_vectors = np.repeat((areas[:, None] * mesh.face_normals)[:, None], 3, axis=1)
-    normals = gathered(area_vectors)
+    normals = gathered(np.repeat((areas[:, None] * mesh.face_normals)[:, None], 3, axis=1))
     normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     vertex = np.empty(count, dtype=np.int64)
     vertex[corners] = mesh.faces
