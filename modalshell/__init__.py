@@ -1,11 +1,12 @@
 """Thin shells: a ladder of models from modal warping to discrete shells, and measures of their error and cost."""
 
-from modalshell import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 from modalshell import measure
+from modalshell.analysis.fit import Fit, fit
+from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
 from modalshell.compare import Advice, Tradeoff, advise, tradeoff
 from modalshell.constraints import OrientationConstraint, PositionConstraint
-from modalshell.crowd import Crowd, Flock
-from modalshell.errors import (
+from modalshell.core import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
+from modalshell.core.errors import (
     FileFormatError,
     LoadError,
     MaterialError,
@@ -18,7 +19,11 @@ from modalshell.errors import (
     SupportError,
     WorkerError,
 )
+from modalshell.core.outcome import Outcome
+from modalshell.core.units import UnitSystem
+from modalshell.crowd import Crowd, Flock
 from modalshell.export import load_clip, load_trajectory, save_trajectory
+from modalshell.integrators.state import Damping
 from modalshell.loads import (
     EdgeMoment,
     FollowerForce,
@@ -46,7 +51,6 @@ from modalshell.mesh import (
 )
 from modalshell.models import (
     CoarseDiscreteShell,
-    Damping,
     DiscreteShell,
     Equilibrium,
     HybridStress,
@@ -60,13 +64,10 @@ from modalshell.models import (
     SpringSheet,
     coarse_shell,
 )
-from modalshell.models.fit import Fit, fit
-from modalshell.models.paths import EquilibriumPath, equilibrium_path
+from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, BasisSensitivity, LoadedModes, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
-from modalshell.outcome import Outcome
-from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
@@ -75,7 +76,6 @@ from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction
 from modalshell.supports import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
 from modalshell.sweep import SweepResult, run_sweep
-from modalshell.units import UnitSystem
 
 __version__ = "0.1.0"
 

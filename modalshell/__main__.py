@@ -1,6 +1,6 @@
 """``python -m modalshell``."""
 
-from modalshell.cli import main
+from modalshell.commands.cli import main
 
 if __name__ == "__main__":
     main()

@@ -8,13 +8,13 @@ import numpy as np
 import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_kind, checked_vectors
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_kind, checked_vectors
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
+from modalshell.mesh.area_vectors import area_vectors
 from modalshell.shell import Shell
-from modalshell.triangles import area_vectors
-from modalshell.typing import Array
 
 
 def displacement_error(

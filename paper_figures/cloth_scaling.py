@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 
 COLORS = {
     "force": "#8fb3e8",

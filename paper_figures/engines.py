@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalshell.engines.engine import ENGINES
+from modalshell.compare.engines.engine import ENGINES
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 
 OURS = {f"modalshell {spec.name}": (spec.color, spec.marker) for spec in models().values()}
 LOOKS = OURS | {engine.name: (engine.color, engine.marker) for engine in ENGINES}

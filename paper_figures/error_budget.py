@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 
 MESH = "equilateral"
 FLOOR = 0.01

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views, write_film
-from modalshell.study import StudyResult
 
 COLOR = "#7fae72"
 CAMERA = (0.5, -1.0, 0.3)

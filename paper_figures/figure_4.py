@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.study import StudyResult
 
 COLORS = ("#c9dcf0", "#7fa8d6", "#3c6aa5")
 """Of rising flexure."""

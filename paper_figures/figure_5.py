@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.study import StudyResult
 
 SHARES = (0.2, 0.5, 1.0)
 """Which loads are shown, as shares of the largest."""

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import TRUTH, models
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.study import StudyResult
 from paper_figures.glyphs import axes, sphere
 
 CAMERA = (-0.55, -1.0, 0.5)

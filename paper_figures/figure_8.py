@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from modalshell.core.typing import Array
+from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views, write_film
-from modalshell.study import StudyResult
-from modalshell.typing import Array
 from paper_figures.glyphs import GlyphMesh, joined, rod, sphere
 
 SKIN, SHIRT, TROUSERS, SHOES, EYES = "#e8b98f", "#3f78c4", "#8a7762", "#3b3b44", "#2a2a2a"

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 
 MWTS = models()["mwts"]
 LABELS = {

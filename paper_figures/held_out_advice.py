@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 
 
 def draw(results: Path, folder: Path) -> Path:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, write_film
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 
 APART = 0.35
 """Distance between the shells of the film [m]."""

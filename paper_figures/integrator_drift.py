@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 
 SCENES = {"v_beam": "V-beam, gravity (and side load)", "strip": "Strip, twist (and gravity)"}
 LOADS = {"line": "one load", "loop": "two loads"}

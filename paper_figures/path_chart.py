@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
-from modalshell.study import StudyResult
 
 CHARTS = {"1 chart": ("#9a9a9a", "D"), "4 charts": ("#1f1f1f", "D"), "4 charts, then DS": ("#1f1f1f", "d")}
 _FLOOR = 1e-4

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.study import StudyResult
 
 MESH = "equilateral"
 CASES = ("V-beam", "twisted strip")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.render.load_paths import path_curves
-from modalshell.study import StudyResult
 
 PANELS = {
     "V 150°": ("displacement along the load [m]", "gravity [m/s²]"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 
 COLORS = {"numba, one thread": "#2b5fc8", "numba, free threads": "#c8322b", "Warp, one core": "#2f9e44"}
 OTHER, PUBLISHED_COLORS = "#c8802b", {"OpenMP": "0.45", "GPU": "0.7"}

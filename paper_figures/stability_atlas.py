@@ -6,9 +6,9 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.render.shares import draw_shares
-from modalshell.study import StudyResult
 
 COLORS = {
     "converged": "#7fc29b",

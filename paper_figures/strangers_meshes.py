@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views
-from modalshell.study import StudyResult
 
 COLUMNS, CELL, LETTERS = 8, (240, 200), 16
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from modalshell.compare.draw import draw_fronts, draw_shapes
-from modalshell.study import StudyResult
+from modalshell.files.study_result import StudyResult
 
 SHOWN = ("v_beam", "v_beam_stiff", "leaf_wind", "twisted_strip")
 """Scenes whose shapes are drawn, of those that were run."""

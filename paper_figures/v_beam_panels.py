@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Line, Panel, Style
-from modalshell.study import StudyResult
 
 MARKS: tuple[tuple[str, str, Style], ...] = (
     ("bifurcation", "bifurcation: twisting", ":"),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import models
 from modalshell.render.curves import Style
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
-from modalshell.study import StudyResult
 
 NO_ANSWER = "#dddddd"
 MARKS: tuple[tuple[str, str, Style, str], ...] = (

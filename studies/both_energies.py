@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
 import modalshell as ms
-from modalshell.errors import ModalShellWarning
+from modalshell.core.errors import ModalShellWarning
 from modalshell.supports import Support
 
 FAMILIES = ("union-jack", "equilateral", "delaunay")

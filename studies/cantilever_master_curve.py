@@ -19,9 +19,9 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import modalshell as ms
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
-from modalshell.typing import Progress
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
 from studies.pages import numbers
 from studies.progress import counted

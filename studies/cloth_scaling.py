@@ -24,11 +24,10 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.integrators.state import MotionState
-from modalshell.models import Damping
-from modalshell.provenance import run_record
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
-from modalshell.study import StudyResult, Table
 from studies.pages import number
 
 FIGURES = ("cloth_scaling",)

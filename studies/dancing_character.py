@@ -17,8 +17,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 import modalshell as ms
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.character import clothes, skeleton
 from studies.pages import numbers
 

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.provenance import run_record
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.shell import EXACT
-from modalshell.study import StudyResult, Table
 from studies import mesh_bias
 from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
 from studies.pages import number

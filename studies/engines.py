@@ -4,7 +4,7 @@ A strip hangs under its weight at three loads (truth: the heavy elastica); V-bea
 before and after their fold flattens, and a swept plate (finite elements of ``finite_elements.json`` and
 ``identification.json``); a square cloth hangs from two corners (this package's shell theory on a mesh three times as
 fine); a square plate vibrates (Ritz's method; finite elements alone answer). Every engine gets the same mesh,
-constants, supports and gravity, in a process of its own on one thread, as its adapter in ``modalshell/engines``
+constants, supports and gravity, in a process of its own on one thread, as its adapter in ``modalshell/compare/engines``
 converts them. A row counts once the conversion has held on a strip of the same sheet: the mass that moves within 1 %
 where the engine tells it, and the small drop within 10 %, by the longest of the steps tried. MuJoCo's flex runs a
 second time with its modulus calibrated on that drop, checked then on half the length.
@@ -25,11 +25,11 @@ from typing import Any, final
 import numpy as np
 
 import modalshell as ms
-from modalshell.engines import ENGINES, Engine, answered
-from modalshell.engines.case import engine_case
-from modalshell.engines.engine import ask
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.compare.engines import ENGINES, Engine, answered
+from modalshell.compare.engines.case import engine_case
+from modalshell.compare.engines.engine import ask
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.both_energies import displacements_at
 from studies.identification import swept_mesh
 from studies.pages import number

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.models.registry import MODELS as MODEL_SPECS
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
-from modalshell.typing import Progress
 from studies.both_energies import Sheet, displacements_at, flat_shell
 from studies.pages import number
 from studies.progress import counted

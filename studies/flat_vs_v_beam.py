@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.pages import numbers
 
 FIGURES = ("figure_4",)

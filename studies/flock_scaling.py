@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from modalshell.crowd import LEVELS
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.benchmarks import crowd
 from studies.benchmarks.devices import missing_devices
 from studies.pages import number

@@ -21,11 +21,12 @@ from modalshell.compare.candidates import case_factory
 from modalshell.compare.case import Case
 from modalshell.compare.path import Marks
 from modalshell.compare.runs import Measurement
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
+from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh
-from modalshell.models import CoarseMesh, Damping
-from modalshell.models.coarse_shell import drawn_to_supports
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.models import CoarseMesh
+from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from studies.pages import number
 
 FIGURES = ("held_out_advice",)

@@ -20,10 +20,10 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.models.coarse_shell import coarse_shell, drawn_to_supports
-from modalshell.models.hybrid_training import DT, LOADED, RELEASED, random_damping, random_load
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
+from modalshell.models.coarse.coarse_shell import coarse_shell, drawn_to_supports
+from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
 from studies.pages import number
 from studies.snap import v_beam
 

@@ -20,16 +20,16 @@ from typing import Any, final
 import numpy as np
 
 import modalshell as ms
-from modalshell.errors import OptionError, SolverError
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.outcome import Outcome
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels import rotations
-from modalshell.models.modal import ModalModel
+from modalshell.models.base.modal import ModalModel
 from modalshell.motion import Motion
-from modalshell.outcome import Outcome
-from modalshell.provenance import run_record
 from modalshell.statics.least_potential import Statics
-from modalshell.study import StudyResult, Table
 from studies.pages import number, numbers
 
 FIGURES = ("integrator_drift",)

@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import modalshell as ms
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
-from modalshell.typing import Progress
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.both_energies import FAMILIES
 from studies.pages import number
 from studies.progress import counted

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.files.provenance import repository_file, run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.modes.modal_rotation import rotation_matrix
-from modalshell.provenance import repository_file, run_record
-from modalshell.study import StudyResult, Table
 from studies.pages import number
 
 FIGURES = ("figure_3",)

@@ -26,9 +26,9 @@ from scipy.linalg import eigvalsh
 from scipy.optimize import brentq
 
 import modalshell as ms
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
-from modalshell.typing import Progress
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
 from studies.pages import number
 from studies.progress import counted

@@ -22,11 +22,11 @@ from scipy.spatial import Delaunay
 from scipy.stats import linregress, t
 
 import modalshell as ms
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
 from modalshell.supports import Support
-from modalshell.typing import Progress
 from studies.both_energies import ENERGIES, Sheet, flat_shell
 from studies.pages import number
 from studies.progress import counted

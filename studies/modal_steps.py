@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from modalshell.core.typing import Array
 from modalshell.integrators.state import Damping
-from modalshell.models.modal import ModalModel
-from modalshell.typing import Array
+from modalshell.models.base.modal import ModalModel
 
 
 def step_matrix(model: ModalModel, q: Array, load: Array, dt: float, damping: Damping) -> Array:

@@ -26,10 +26,10 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 import modalshell as ms
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.supports import Support
-from modalshell.typing import Progress
 from studies.both_energies import FAMILIES
 from studies.mapped_sheets import near, quarter_cylinder, spread, square
 from studies.pages import number

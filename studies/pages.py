@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from modalshell.study import Table
+from modalshell.files.study_result import Table
 
 
 def read_tables(text: str) -> list[Table]:

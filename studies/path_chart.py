@@ -27,9 +27,9 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.models.coarse_shell import coarse_shell, drawn_to_supports
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
+from modalshell.models.coarse.coarse_shell import coarse_shell, drawn_to_supports
 from studies.pages import number
 from studies.path_coordinates import Atlas, PathChart, make_chart
 from studies.progress import counted

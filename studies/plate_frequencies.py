@@ -24,10 +24,10 @@ from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 
 import modalshell as ms
-from modalshell.errors import ModalShellWarning
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
-from modalshell.typing import Progress
+from modalshell.core.errors import ModalShellWarning
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.both_energies import ENERGIES, FAMILIES, Sheet, displacements_at, flat_shell
 from studies.pages import numbers
 from studies.progress import counted

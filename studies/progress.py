@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
-from modalshell.typing import Progress
+from modalshell.core.typing import Progress
 
 Case = TypeVar("Case")
 

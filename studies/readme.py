@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from modalshell.atomic_io import write_text
+from modalshell.files.atomic_io import write_text
 from studies.pages import read_tables
 from studies.reproduce import studies
 

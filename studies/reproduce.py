@@ -8,11 +8,11 @@ from functools import cache
 from pathlib import Path
 from typing import Protocol, cast
 
-from modalshell.atomic_io import write_text
-from modalshell.errors import OptionError
-from modalshell.provenance import repository_module
-from modalshell.study import StudyResult, Table
-from modalshell.typing import Progress
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Progress
+from modalshell.files.atomic_io import write_text
+from modalshell.files.provenance import repository_module
+from modalshell.files.study_result import StudyResult, Table
 
 
 class Study(Protocol):

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
+from modalshell.integrators.state import Damping
 from modalshell.measure import displacement_error
-from modalshell.models import Damping
-from modalshell.models.full import FullModel
+from modalshell.models.base.full import FullModel
 from modalshell.models.registry import TRUTH
-from modalshell.provenance import run_record
 from modalshell.springs import shell_springs
-from modalshell.study import StudyResult, Table
 from studies.pages import number
 
 FIGURES = ("sheet_vs_shell",)

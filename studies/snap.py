@@ -22,8 +22,8 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from studies.elastica_frame import LOADED_AT, frame_path, limit_loads
 from studies.pages import number
 from studies.tape_spring import moments, plateau_start, tape_spring

@@ -20,11 +20,11 @@ from typing import Any
 import numba
 import numpy as np
 
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.kernels.device import devices
-from modalshell.provenance import run_record
 from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.device import DeviceVerlet
-from modalshell.study import StudyResult, Table
 from studies.benchmarks.devices import missing_devices
 from studies.benchmarks.numpy_verlet import NumpyVerlet
 from studies.benchmarks.timing import interleaved

@@ -32,17 +32,18 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.errors import ModalShellError
+from modalshell.core.errors import ModalShellError
+from modalshell.core.outcome import Outcome
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
-from modalshell.models import Damping, Model
-from modalshell.models.full import FullModel
-from modalshell.models.modal import ModalModel, as_modal
+from modalshell.integrators.state import Damping
+from modalshell.models import Model
+from modalshell.models.base.full import FullModel
+from modalshell.models.base.modal import ModalModel, as_modal
 from modalshell.modes import largest_eigenvalue
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.recorder import Recorder
-from modalshell.outcome import Outcome
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
 from studies import modal_steps
 from studies import stability_limits as limits
 from studies import stability_models as models

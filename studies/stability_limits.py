@@ -22,9 +22,9 @@ from scipy.linalg import eigh
 
 import modalshell as ms
 from modalshell.integrators.modal import ImplicitEuler
-from modalshell.models import Damping, MotionState
-from modalshell.models.full import FullModel
-from modalshell.models.modal import ModalModel
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.models.base.full import FullModel
+from modalshell.models.base.modal import ModalModel
 from modalshell.springs import GridVerlet, SheetGrid
 from studies import modal_steps
 

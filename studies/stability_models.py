@@ -11,10 +11,11 @@ from typing import Any, Literal
 import numpy as np
 
 import modalshell as ms
-from modalshell.errors import ModalShellError
+from modalshell.core.errors import ModalShellError
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.models import CoarseMesh, Damping, Model
+from modalshell.integrators.state import Damping
+from modalshell.models import CoarseMesh, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.scene.models import model_tables
 from studies.integrator_drift import SummedWarp

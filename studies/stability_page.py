@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.study import StudyResult
+from modalshell.files.study_result import StudyResult
 from studies.stability_models import ROWS
 
 LIMIT = ("theory", "measured")

@@ -23,11 +23,11 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.checks import shortened
 from modalshell.commands.choices import LARGE, UNSEEN
+from modalshell.core.checks import shortened
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.mesh.files import read_polygons, repair_mesh
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
 from studies.pages import number, numbers
 from studies.strangers import Stranger, generated, installed_files
 

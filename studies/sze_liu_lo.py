@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 import modalshell as ms
-from modalshell.errors import ModalShellWarning
+from modalshell.core.errors import ModalShellWarning
 from modalshell.supports import Support
 from studies.mapped_sheets import near, quarter_cylinder, spread, square
 

@@ -21,12 +21,12 @@ from modalshell.compare.candidates import Candidate, candidates, case_factory
 from modalshell.compare.case import Case, scene_case
 from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
+from modalshell.core.timings import Stopwatch
+from modalshell.files.provenance import repository_file, run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.models.registry import MODELS, TRUTH
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
-from modalshell.provenance import repository_file, run_record
-from modalshell.study import StudyResult, Table
-from modalshell.timings import Stopwatch
 from studies.pages import number
 
 FIGURES = ("tradeoff",)

@@ -20,10 +20,10 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.models.registry import TRUTH
 from modalshell.modes import lowest_tangent_eigenvalue
-from modalshell.provenance import run_record
-from modalshell.study import StudyResult, Table
 from studies.pages import number
 
 FIGURES = ("figure_5", "figure_6a", "figure_6b")

@@ -21,13 +21,13 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
+from modalshell.core.outcome import Outcome
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult, Table
 from modalshell.models import CoarseMesh, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
-from modalshell.outcome import Outcome
-from modalshell.provenance import run_record
 from modalshell.scene.models import model_tables
-from modalshell.study import StudyResult, Table
 from studies.pages import number
 
 FIGURES = ("validity_map",)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 import modalshell as ms
-from modalshell.kernels.generated import flexure
+from modalshell.shell.kernels.generated import flexure
 from modalshell.springs import SheetGrid
 
 PLAIN = ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)

@@ -10,8 +10,8 @@ import msgspec
 
 import modalshell
 from modalshell.constraints.constraints import Constraint
-from modalshell.models.base import Model
-from modalshell.sharing import ReadOnlyArrays
+from modalshell.core.thread_safety import ReadOnlyArrays
+from modalshell.models.base.model import Model
 
 BARE = (Exception, msgspec.Struct)
 """Roots whose branches may themselves be made: errors, which are caught by their root, and tables of scenes."""

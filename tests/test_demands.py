@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell import memory
-from modalshell.cli import main
+from modalshell.commands.cli import main
 from modalshell.commands.terminal import progress
+from modalshell.core import memory
 from modalshell.render.open_painter import open_painter
 from modalshell.sweep.grid import load_sweep
 from modalshell.sweep.plan import Plan

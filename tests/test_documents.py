@@ -20,7 +20,7 @@ from guide import CONTRIBUTING, PAGES, ROOT, blocks, commands, source
 
 import modalshell as ms
 from modalshell import springs
-from modalshell.cli import app, main
+from modalshell.commands.cli import app, main
 
 README = ROOT / "README.md"
 VIEW = "modalshell view studies/scenes/leaf.toml"

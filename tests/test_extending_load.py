@@ -5,7 +5,7 @@ import pytest
 from guide import source
 
 import modalshell as ms
-from modalshell.cli import main
+from modalshell.commands.cli import main
 from modalshell.loads import LOADS
 
 MODULE = source("toy_ramp.py")

@@ -5,7 +5,7 @@ import pytest
 from guide import source
 
 import modalshell as ms
-from modalshell.cli import main
+from modalshell.commands.cli import main
 from modalshell.models.registry import MODELS, register
 
 MODEL = source("toy_model.py")

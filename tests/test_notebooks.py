@@ -10,7 +10,7 @@ from fuzzing.calls import world
 
 import modalshell as ms
 from modalshell import springs
-from modalshell.brief import brief
+from modalshell.core.short_repr import brief
 
 LONGEST = 300
 NO_INSTANCES = {"EnergyFunction", "Model"}

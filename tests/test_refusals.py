@@ -13,7 +13,7 @@ import pytest
 from fuzzing.calls import Target, targets, world
 
 import modalshell as ms
-from modalshell.errors import ModalShellError
+from modalshell.core.errors import ModalShellError
 
 EXCEPTIONS = {
     (

@@ -12,12 +12,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.errors import REPAIR, SupportError
+from modalshell.core.errors import REPAIR, SupportError
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.modes import Basis
 from modalshell.motion import Trajectory
-from modalshell.outcome import Outcome
-from modalshell.typing import Array
 
 SAG = 0.15
 """Deflection under the weight as a fraction of the mesh's size, in linear theory."""

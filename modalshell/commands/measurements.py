@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.atomic_io import read_npz
-from modalshell.checks import shortened
-from modalshell.errors import FileFormatError
-from modalshell.reading import read_text
-from modalshell.typing import Array
+from modalshell.core.checks import shortened
+from modalshell.core.errors import FileFormatError
+from modalshell.core.typing import Array
+from modalshell.files.atomic_io import read_npz
+from modalshell.files.regular import read_text
 
 _AXES = ("x", "y", "z")
 _KEYS = ("positions", "factors", "frequencies")

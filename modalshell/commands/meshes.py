@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 import modalshell as ms
-from modalshell.atomic_io import make_folder
-from modalshell.checks import checked_number
 from modalshell.commands.choices import Timing, hold_one_end, motion_in_words, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_number
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import make_folder
 from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
+from modalshell.mesh.selection import selected
 from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.motion.fields import checked_fields, with_fields
@@ -28,7 +29,6 @@ from modalshell.run.results import DISPLACEMENT
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_material
 from modalshell.scene.tables import PhysicalSheet
-from modalshell.selection import selected
 from modalshell.statics.buckling import ADVICE, buckles
 
 _OR_FILE = ", or a file with one number per triangle"

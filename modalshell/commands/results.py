@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 
 import modalshell as ms
 from modalshell.commands.terminal import progress
-from modalshell.errors import FileFormatError, OptionError
+from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.export import check_formats, compress, load_clip, save_modal_body, save_modes_gltf
 from modalshell.page import clip_page
 

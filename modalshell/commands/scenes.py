@@ -8,10 +8,10 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 
 import modalshell as ms
-from modalshell.atomic_io import make_folder, write_record
 from modalshell.commands.measurements import read_measurements
 from modalshell.commands.terminal import end_with, progress
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import make_folder, write_record
 from modalshell.run.path_files import write_path
 from modalshell.scene.page import scene_page
 from modalshell.scene.paths import scene_path

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from modalshell.outcome import Outcome
-from modalshell.timings import Stopwatch
+from modalshell.core.outcome import Outcome
+from modalshell.core.timings import Stopwatch
 
 CONSOLE = Console()
 ERRORS = Console(stderr=True)

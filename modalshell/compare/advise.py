@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.atomic_io import write_text
-from modalshell.brief import brief
-from modalshell.checks import checked_number
 from modalshell.compare.candidates import MODES
 from modalshell.compare.case import Case
 from modalshell.compare.path import Snap
 from modalshell.compare.report import html_table
 from modalshell.compare.runs import Measurement
 from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_number
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Progress
+from modalshell.files.atomic_io import write_text
 from modalshell.mesh import TriangleMesh
-from modalshell.outcome import Outcome
 from modalshell.render import Picture, html_of
 from modalshell.scene import Scene
 from modalshell.scene.write import toml_table, write_scene_with
 from modalshell.shell import Shell
-from modalshell.typing import Progress
 
 NEAR_TIE = 1.25
 """Counted costs of frames within this factor of the cheapest are ties, which go to the simplest rung."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, final
 
 from modalshell.compare.case import Case
-from modalshell.errors import ModalShellWarning
+from modalshell.core.errors import ModalShellWarning
 from modalshell.models import CoarseMesh, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import ModelSpec, models

@@ -8,19 +8,20 @@ from dataclasses import dataclass, field
 
 from numpy.typing import ArrayLike
 
-from modalshell.brief import brief
-from modalshell.checks import checked_kind
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_kind
+from modalshell.core.errors import OptionError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler
+from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh
-from modalshell.models import CoarseMesh, Damping
-from modalshell.models.coarse_shell import drawn_to_supports
+from modalshell.models import CoarseMesh
+from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.modes.rigid import rigid_motions
 from modalshell.scene import Scene, ShellScene, load_scene
 from modalshell.scene.coarse import scene_coarse_meshes
 from modalshell.scene.parts import build_damping
 from modalshell.shell import Isotropic, Shell
-from modalshell.typing import Array
 
 _FRAME = 1.0 / 60.0
 """Time between frames [s] where the scene declares no motion."""

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.compare.engines import engine_marks
+from modalshell.compare.engine_runs import engine_marks
+from modalshell.core.typing import Array
 from modalshell.models.registry import TRUTH, models
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto
-from modalshell.typing import Array
 
 Shapes = tuple[dict[str, Any], Mapping[str, Array], NDArray[np.int64]]
 """Results of a comparison, positions under the whole load by label, and faces."""

@@ -8,15 +8,15 @@ from typing import final
 
 import numpy as np
 
-from modalshell.brief import brief
-from modalshell.errors import SolverError
+from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
+from modalshell.core.cost import counted
+from modalshell.core.errors import SolverError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
 from modalshell.models import DiscreteShell, Equilibrium
-from modalshell.models.paths import EquilibriumPath, equilibrium_path
 from modalshell.modes import Factoriser, TangentStiffness, lowest_modes
 from modalshell.shell import Shell
 from modalshell.statics.bifurcation import LIMIT
-from modalshell.typing import Array
-from modalshell.work import counted
 
 _SINGULAR = 0.03
 """Lowest eigenvalue about a deformed state, over that at rest, below which the tangent counts as singular."""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from modalshell.compare.runs import ANSWER_FRAMES
-from modalshell.outcome import Outcome
+from modalshell.core.outcome import Outcome
 
 _HEADS = (
     *("rung", "elements", "solves", "kB read", "ms a frame", "statics [s]", "preprocessing [s]", "time to answer [s]"),

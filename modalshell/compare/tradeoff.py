@@ -12,25 +12,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.atomic_io import read_npz, write_text
-from modalshell.brief import brief
-from modalshell.checks import checked_count, checked_kind, checked_vectors, shortened, shown, vector_count
 from modalshell.compare.candidates import MODES, candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.draw import draw_fronts, draw_shapes
-from modalshell.compare.engines import engine_lines, engine_rows
+from modalshell.compare.engine_runs import engine_lines, engine_rows
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import html_table, markdown_table
 from modalshell.compare.runs import Measurement, measure_row
-from modalshell.errors import FileFormatError, ModalShellError, OptionError, SolverError
+from modalshell.core.checks import checked_count, checked_kind, checked_vectors, shortened, shown, vector_count
+from modalshell.core.errors import FileFormatError, ModalShellError, OptionError, SolverError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array, Progress
+from modalshell.files.atomic_io import read_npz, write_text
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult
 from modalshell.mesh import TriangleMesh, flat_beam, load_mesh
 from modalshell.models import CoarseMesh
-from modalshell.provenance import run_record
 from modalshell.render import Picture, html_of
 from modalshell.scene import Scene
 from modalshell.shell import Material, Shell
-from modalshell.study import StudyResult
-from modalshell.typing import Array, Progress
 
 LOADS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the load at which rungs are compared."""

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_number, checked_vectors, shown
-from modalshell.errors import OptionError, SupportError
+from modalshell.core.checks import checked_number, checked_vectors, shown
+from modalshell.core.errors import OptionError, SupportError
+from modalshell.core.thread_safety import read_only
+from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
-from modalshell.sharing import read_only
 from modalshell.shell import Shell
-from modalshell.typing import Array, Index
 
 Target = ArrayLike | Callable[[float], ArrayLike]
 """Three numbers, or a function of the time [s] that gives them."""

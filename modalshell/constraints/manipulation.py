@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from modalshell.typing import Array
+from modalshell.core.typing import Array
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
 """Residual (k,), target less value, and Jacobian (k, m) of the constrained values at q."""

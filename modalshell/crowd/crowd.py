@@ -7,15 +7,15 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from modalshell.checks import checked_count
+from modalshell.core.checks import checked_count
+from modalshell.core.typing import Array
 from modalshell.crowd.flock import MOST_THREADS
+from modalshell.crowd.kernels import instances as kernels
+from modalshell.crowd.kernels.polynomials import powers
 from modalshell.crowd.shell_crowd import LEVELS, ShellCrowd
-from modalshell.kernels import crowd as kernels
-from modalshell.kernels.crowd_polynomials import powers
 from modalshell.kernels.packed import BYTES
+from modalshell.models.reduction.warp_frame import aligned_zeros
 from modalshell.modes import Basis
-from modalshell.reduction.warp_frame import aligned_zeros
-from modalshell.typing import Array
 
 
 @final

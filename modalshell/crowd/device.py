@@ -7,13 +7,13 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_precision
+from modalshell.core.checks import checked_precision
+from modalshell.core.typing import Array
+from modalshell.crowd.kernels.flock import SUMS
 from modalshell.crowd.neighbours import Neighbourhood, NeighbourSearch, sorted_cells, split_sums, view_cosine
 from modalshell.crowd.shell_crowd import ShellCrowd
 from modalshell.kernels.device import checked_device, device_types, warp
-from modalshell.kernels.flock import SUMS
 from modalshell.modes import Basis
-from modalshell.typing import Array
 
 
 @final
@@ -42,7 +42,7 @@ class DeviceSearch(NeighbourSearch):
 
     def gather(self, positions: Array, directions: Array, distance: float, field_of_view: float) -> Neighbourhood:
         """What the kernels of the processor sum, to rounding."""
-        from modalshell.kernels.device_flock import gather_places
+        from modalshell.crowd.kernels.device_flock import gather_places
 
         library, (real, vector) = warp(), device_types(self.dtype)
         cells = sorted_cells(positions, distance)
@@ -117,7 +117,7 @@ class DeviceCrowd(ShellCrowd):
         return warp().array(np.ascontiguousarray(values, dtype=dtype), dtype=kind, device=self.device)
 
     def _launched(self, coordinates: Array, levels: NDArray[np.int8], poses: tuple[Array, Array]) -> Any:
-        from modalshell.kernels.device_flock import crowd_positions
+        from modalshell.crowd.kernels.device_flock import crowd_positions
 
         library, (turns, moves) = warp(), poses
         shape = len(coordinates), self.vertices
@@ -134,7 +134,7 @@ class DeviceCrowd(ShellCrowd):
         return out
 
     def _modal_forces(self, felt: Array) -> Array:
-        from modalshell.kernels.device_flock import modal_forces, turned_back
+        from modalshell.crowd.kernels.device_flock import modal_forces, turned_back
 
         library, (real, vector) = warp(), device_types(np.float64)
         modes, rotations, _ = self._doubles

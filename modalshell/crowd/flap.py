@@ -7,10 +7,10 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_kind, checked_number, checked_vectors
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_kind, checked_number, checked_vectors
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.modes import Basis
-from modalshell.typing import Array
 
 
 @final

@@ -9,13 +9,13 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors
+from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_vectors
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
 from modalshell.crowd.shell_crowd import ShellCrowd
-from modalshell.errors import OptionError
 from modalshell.page import Page, flock_page
-from modalshell.typing import Array
 
 _FLOCK = ("positions", "directions", "velocities", "accelerations")
 _SAMPLE = 1.0 / 30.0

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple, Self, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_choice, checked_count, checked_number, checked_vectors, shown, vector_count
+from modalshell.core.checks import checked_choice, checked_count, checked_number, checked_vectors, shown, vector_count
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.crowd.neighbours import Neighbourhood, NeighbourSearch, Search, gather
-from modalshell.errors import OptionError
-from modalshell.typing import Array
 
 MOST, MOST_THREADS = 10_000_000, 4096
 """Of boids and instances, more of which do not fit the memory of a common machine, and of threads."""

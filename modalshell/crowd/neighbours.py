@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.kernels import flock as kernels
-from modalshell.typing import Array
+from modalshell.core.typing import Array
+from modalshell.crowd.kernels import flock as kernels
 
 Search = Literal["grid", "all_pairs"]
 
@@ -89,7 +89,7 @@ class NeighbourSearch(ABC):
 
 
 class Cells(NamedTuple):
-    """Boids sorted by the cells of a grid, as :func:`modalshell.kernels.flock.sort_by_cell` tells."""
+    """Boids sorted by the cells of a grid, as :func:`modalshell.crowd.kernels.flock.sort_by_cell` tells."""
 
     bits: int
     keys: NDArray[np.int64]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import (
+from modalshell.core.checks import (
     as_array,
     checked_count,
     checked_kind,
@@ -18,14 +18,14 @@ from modalshell.checks import (
     checked_vectors,
     shown,
 )
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.crowd.flock import MOST
-from modalshell.errors import OptionError
+from modalshell.crowd.kernels import instances as kernels
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.integrators.state import Damping
-from modalshell.kernels import crowd as kernels
 from modalshell.models import LinearModal, ModalWarping, RigidShell, RotationStrain
 from modalshell.modes import Basis
-from modalshell.typing import Array
 
 LEVELS = tuple(model.name for model in (RigidShell, LinearModal, ModalWarping))
 """Levels of detail, by their numbers in ``levels`` of a crowd."""

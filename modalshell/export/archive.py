@@ -12,14 +12,14 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.atomic_io import read_header, read_member, write_atomically
-from modalshell.checks import shortened
-from modalshell.errors import FileFormatError
+from modalshell.core.checks import shortened
+from modalshell.core.errors import FileFormatError
+from modalshell.core.outcome import read_outcome
+from modalshell.core.units import SI, UnitSystem
+from modalshell.files.atomic_io import read_header, read_member, write_atomically
+from modalshell.files.regular import open_regular
 from modalshell.motion import Trajectory
-from modalshell.outcome import read_outcome
-from modalshell.reading import open_regular
 from modalshell.shell.fields import FIELDS, TENSORS
-from modalshell.units import SI, UnitSystem
 
 _FORMAT = 2
 """Version of the archive."""

@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from modalshell.atomic_io import read_npz, write_npz
-from modalshell.checks import shortened
-from modalshell.errors import FileFormatError
+from modalshell.core.checks import shortened
+from modalshell.core.errors import FileFormatError
+from modalshell.core.outcome import Outcome
+from modalshell.core.units import SI, UnitSystem
 from modalshell.export.compression import TOLERANCE, CompressedMotion, compress
+from modalshell.files.atomic_io import read_npz, write_npz
 from modalshell.motion import Trajectory
-from modalshell.outcome import Outcome
-from modalshell.units import SI, UnitSystem
 
 _UNITS = {"times": "s", "rest": "m", "scales": "m", "amplitudes": "", "shapes": "", "error": "m"}
 """Units of the arrays."""

@@ -9,12 +9,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_number
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_number
+from modalshell.core.errors import OptionError
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only_copy
+from modalshell.core.typing import Array
+from modalshell.core.units import SI, UnitSystem
 from modalshell.motion import Trajectory
-from modalshell.sharing import ReadOnlyArrays, read_only_copy
-from modalshell.typing import Array
-from modalshell.units import SI, UnitSystem
 
 TOLERANCE = 2e-4
 """Largest error of a vertex in a frame, as a share of the shell's size, unless another is asked for."""

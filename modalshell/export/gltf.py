@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.atomic_io import write_bytes
+from modalshell.core.typing import Array
 from modalshell.export.compression import TOLERANCE, compress
+from modalshell.files.atomic_io import write_bytes
 from modalshell.modes import Basis
 from modalshell.motion import Trajectory
-from modalshell.typing import Array
 
 _SHOWN_SHARE = 0.2
 """Largest displacement of a mode at weight 1, as a share of the shell's size."""

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from modalshell.atomic_io import write_npz, write_text
-from modalshell.checks import checked_kind
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_kind
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import write_npz, write_text
 from modalshell.modes import Basis
 
 LAYOUT = "modalshell modal body, version 1"

@@ -8,7 +8,7 @@ from typing import IO
 
 import numpy as np
 
-from modalshell.atomic_io import write_atomically
+from modalshell.files.atomic_io import write_atomically
 from modalshell.motion import Trajectory
 
 

@@ -7,7 +7,8 @@ import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Progress
 from modalshell.export.archive import save_archive
 from modalshell.export.clip import save_clip
 from modalshell.export.gltf import save_gltf
@@ -16,7 +17,6 @@ from modalshell.export.usd import save_usd
 from modalshell.export.vtk import save_pvd, save_vtkhdf
 from modalshell.motion import Trajectory
 from modalshell.motion.trajectory import WRITERS
-from modalshell.typing import Progress
 
 _FORMATS: dict[str, Callable[[Trajectory, Path, Progress | None], Path]] = {
     ".npz": lambda run, path, _: save_archive(run, path),

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from modalshell.atomic_io import replacing
+from modalshell.core.typing import Progress
+from modalshell.files.atomic_io import replacing
 from modalshell.motion import Trajectory
-from modalshell.typing import Progress
 
 _RATE = 30.0
 """Time codes a second of a single frame."""

@@ -12,11 +12,11 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.atomic_io import replacing, write_text
-from modalshell.errors import FileFormatError
+from modalshell.core.errors import FileFormatError
+from modalshell.core.typing import Progress
+from modalshell.files.atomic_io import replacing, write_text
 from modalshell.motion import Trajectory
 from modalshell.shell.fields import FIELDS, TENSORS
-from modalshell.typing import Progress
 
 _COMPONENTS = dict.fromkeys(TENSORS, ("11", "22", "12")) | {
     "von_mises_faces": ("top", "bottom"),

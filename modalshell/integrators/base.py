@@ -5,8 +5,8 @@ from __future__ import annotations
 from abc import ABC
 from typing import Any, ClassVar, Self
 
-from modalshell.checks import checked_choice
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_choice
+from modalshell.core.errors import OptionError
 
 
 class Integrator(ABC):

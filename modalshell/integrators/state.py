@@ -7,9 +7,9 @@ from typing import final
 
 import numpy as np
 
-from modalshell.checks import checked_number, checked_vectors, shown
-from modalshell.errors import OptionError
-from modalshell.typing import Array
+from modalshell.core.checks import checked_number, checked_vectors, shown
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 
 
 @final

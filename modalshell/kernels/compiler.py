@@ -14,7 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, final
 
-from modalshell.errors import ModalShellWarning
+from modalshell.core.errors import ModalShellWarning
 
 _THREADS = "NUMBA_NUM_THREADS"
 
@@ -38,6 +38,8 @@ from numba.core import event  # noqa: E402
 _REFERENCE = 14.0, 4.0e-4
 """Seconds that the kernels of a long command take to compile, and this file, by Python, on one machine."""
 
+_OWN = f"{__name__.partition('.')[0]}."
+"""How the names of this package's modules begin."""
 _BAR, _LINE = 30, 72
 """Characters of the bar of compilation, and of its line."""
 
@@ -87,7 +89,7 @@ class _Notice(event.Listener):
 
 def _is_own(event: Any) -> bool:
     """Whether a kernel of this package is compiled."""
-    return bool(event.data["dispatcher"].py_func.__module__.startswith(f"{__package__}."))
+    return bool(event.data["dispatcher"].py_func.__module__.startswith(_OWN))
 
 
 def _most_seconds() -> float:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
 
 
 def warp() -> ModuleType:

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from modalshell.core.typing import Index
 from modalshell.kernels.compiler import njit
-from modalshell.typing import Index
 
 _ALWAYS, _OFTEN, _SOMETIMES = 12, 24, 72
 """Widths [unknowns] of a merged supernode up to which zeros are accepted freely, by a third, or by a tenth."""

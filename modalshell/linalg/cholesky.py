@@ -12,12 +12,12 @@ import numpy as np
 import scipy.sparse as sps
 from threadpoolctl import ThreadpoolController
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array
 from modalshell.linalg import analysis, multifrontal
 from modalshell.linalg.blas import BLAS
 from modalshell.linalg.ordering import best_elimination, row_lists
 from modalshell.linalg.three_right_sides import solve_three
-from modalshell.typing import Array
 
 _PRODUCTS_A_READ = 0.045
 """Time of an operation of a factorisation over that of reading an entry of the factor twice, as a solve does."""

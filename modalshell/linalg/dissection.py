@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.core.typing import Index
 from modalshell.kernels.compiler import njit
 from modalshell.linalg.analysis import distances
-from modalshell.typing import Index
 
 _LEAST = 0.3
 """Share of a part's vertices that each side of a level cut has at least, and half of it once its separator is found."""

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.linalg.analysis import Panels
 from modalshell.linalg.blas import GEMM, GEMV, POTRF, SYRK, TRSM, TRSV, address, call
-from modalshell.typing import Array, Index
 
 _CACHED = 2**17
 """Numbers of the widest update that is formed in a buffer of its own: 1 MB, what a second cache holds."""

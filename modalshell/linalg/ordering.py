@@ -8,9 +8,9 @@ import numpy as np
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
+from modalshell.core.typing import Index
 from modalshell.linalg import analysis
 from modalshell.linalg.dissection import dissect
-from modalshell.typing import Index
 
 _LEAF = 100
 """Vertices of a part that is not dissected any further: minimum degree orders it."""

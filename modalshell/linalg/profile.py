@@ -15,11 +15,11 @@ import numpy as np
 import scipy.sparse as sps
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.packed import BYTES, load, spread, store, total
 from modalshell.linalg.cholesky import block_graph
-from modalshell.typing import Array, Index
 
 LANES = BYTES // 8
 """Numbers in a packed register: rows start, and are padded with zeros, at multiples of it."""

@@ -5,9 +5,9 @@ A surface's Laplacian has narrow supernodes, for which calls of the BLAS cost mo
 
 from __future__ import annotations
 
+from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
 from modalshell.linalg.analysis import Panels
-from modalshell.typing import Array
 
 
 @njit(error_model="numpy", fastmath={"contract", "reassoc", "nsz"})

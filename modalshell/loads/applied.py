@@ -9,8 +9,8 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.kernels.surface_loads import surface_forces
-from modalshell.typing import Array, Index
+from modalshell.core.typing import Array, Index
+from modalshell.loads.surface_kernels import surface_forces
 
 _STEP = 1e-30
 """Imaginary step of complex-step derivatives, which are free of cancellation."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
+from modalshell.core.typing import Array
 from modalshell.loads.applied import AppliedLoad
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array
 
 
 class Load(ABC):
@@ -15,7 +15,7 @@ class Load(ABC):
 
     A subclass with a key is known to scenes: with ``class Gust(Load, key="gust")`` each table ``[[loads.gust]]`` is a
     load, its keys the parameters of the constructor, whose annotations are numbers, texts, tuples, or
-    :data:`~modalshell.selection.Selection`. A dead load defines :meth:`force` alone; one that follows the shell's
+    :data:`~modalshell.mesh.selection.Selection`. A dead load defines :meth:`force` alone; one that follows the shell's
     positions, velocities or the time defines :meth:`applied` too.
     """
 

@@ -6,13 +6,13 @@ from typing import final
 
 import numpy as np
 
-from modalshell.checks import checked_vectors
-from modalshell.errors import LoadError
+from modalshell.core.checks import checked_vectors
+from modalshell.core.errors import LoadError
+from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.typing import Array, Index, Vector
 from modalshell.loads.applied import AppliedLoad, BodyForm, Corners
 from modalshell.loads.base import LiveLoad
 from modalshell.mesh import TriangleMesh
-from modalshell.sharing import read_only_copy
-from modalshell.typing import Array, Index, Vector
 
 
 class _MassLoad(LiveLoad):

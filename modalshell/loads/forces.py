@@ -6,13 +6,13 @@ from typing import final
 
 import numpy as np
 
-from modalshell.checks import checked_vectors
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_vectors
+from modalshell.core.errors import OptionError
+from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.typing import Array, Vector
 from modalshell.loads.base import Load
 from modalshell.mesh import TriangleMesh
-from modalshell.selection import Selection, selected
-from modalshell.sharing import read_only_copy
-from modalshell.typing import Array, Vector
+from modalshell.mesh.selection import Selection, selected
 
 
 class _SelectedForce(Load):

@@ -8,11 +8,11 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_kind, checked_vectors
+from modalshell.core.checks import checked_kind, checked_vectors
+from modalshell.core.typing import Array, Index
 from modalshell.loads.applied import AppliedLoad
 from modalshell.loads.base import Load
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array, Index
 
 _SAMPLED = 200
 """Elements from which the drag of a load is found, at least."""

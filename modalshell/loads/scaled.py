@@ -8,13 +8,13 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_kind, checked_number, checked_times, checked_vectors
-from modalshell.errors import LoadError
+from modalshell.core.checks import checked_kind, checked_number, checked_times, checked_vectors
+from modalshell.core.errors import LoadError
+from modalshell.core.typing import Array
 from modalshell.loads.applied import AppliedLoad
 from modalshell.loads.base import Load
 from modalshell.loads.body import constant_load
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array
 
 
 @final

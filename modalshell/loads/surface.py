@@ -8,14 +8,14 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import as_array, checked_number, checked_vectors
-from modalshell.errors import LoadError, OptionError
+from modalshell.core.checks import as_array, checked_number, checked_vectors
+from modalshell.core.errors import LoadError, OptionError
+from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.typing import Array, Index, Vector
 from modalshell.loads.applied import AppliedLoad, Corners, SurfaceForm, length
 from modalshell.loads.base import LiveLoad
 from modalshell.mesh import TriangleMesh
-from modalshell.selection import Selection, selected
-from modalshell.sharing import read_only_copy
-from modalshell.typing import Array, Index, Vector
+from modalshell.mesh.selection import Selection, selected
 
 
 def area_vectors(corners: Corners) -> Corners:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from modalshell.checks import shown
-from modalshell.errors import OptionError
+from modalshell.core.checks import shown
+from modalshell.core.errors import OptionError
 from modalshell.mesh.topology import FloatArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.triangulate import check_angle, check_cells, check_size, mirrored, rectangle

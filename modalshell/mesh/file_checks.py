@@ -6,7 +6,7 @@ import json
 import warnings
 from typing import Any
 
-from modalshell.errors import MeshError, ModalShellWarning
+from modalshell.core.errors import MeshError, ModalShellWarning
 
 _LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
 """glTF extensions that change how a surface looks, not its shape."""

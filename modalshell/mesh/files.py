@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.checks import checked_kind, shown
-from modalshell.errors import MeshError, ModalShellWarning
+from modalshell.core.checks import checked_kind, shown
+from modalshell.core.errors import MeshError, ModalShellWarning
+from modalshell.files.regular import read_regular
 from modalshell.mesh import validation
 from modalshell.mesh.file_checks import check_gltf, check_stl
 from modalshell.mesh.parts import Component
@@ -24,7 +25,6 @@ from modalshell.mesh.repair import RepairReport, repair
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays
-from modalshell.reading import read_regular
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of files that it then reads
 

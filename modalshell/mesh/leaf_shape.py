@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from modalshell.checks import checked_choice, checked_number, shown
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_choice, checked_number, shown
+from modalshell.core.errors import OptionError
 from modalshell.mesh.lloyd import delaunay_faces, signed_areas
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from modalshell.checks import checked_count, checked_number
-from modalshell.errors import MeshError, SupportError
+from modalshell.core.checks import checked_count, checked_number
+from modalshell.core.errors import MeshError, SupportError
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused

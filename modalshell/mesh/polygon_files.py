@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.checks import shortened, shown
-from modalshell.errors import MeshError
+from modalshell.core.checks import shortened, shown
+from modalshell.core.errors import MeshError
 from modalshell.mesh.polygons import Polygons
 
 _PLY_TYPES = {

@@ -9,7 +9,7 @@ from typing import final
 
 import numpy as np
 
-from modalshell.brief import brief
+from modalshell.core.short_repr import brief
 from modalshell.mesh.topology import FloatArray, IntArray
 
 

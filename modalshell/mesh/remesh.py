@@ -7,9 +7,9 @@ import warnings
 
 import numpy as np
 
-from modalshell.checks import checked_count, checked_kind, checked_number
-from modalshell.errors import MeshError, ModalShellWarning, OptionError
-from modalshell.memory import demand_memory
+from modalshell.core.checks import checked_count, checked_kind, checked_number
+from modalshell.core.errors import MeshError, ModalShellWarning, OptionError
+from modalshell.core.memory import demand_memory
 from modalshell.mesh.repair import repair
 from modalshell.mesh.triangle_mesh import TriangleMesh
 

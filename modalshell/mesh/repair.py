@@ -10,8 +10,8 @@ from typing import Any, cast, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import as_array, shown
-from modalshell.errors import MeshError, ModalShellWarning
+from modalshell.core.checks import as_array, shown
+from modalshell.core.errors import MeshError, ModalShellWarning
 from modalshell.mesh import validation
 from modalshell.mesh.parts import Component, chosen_part
 from modalshell.mesh.polygons import Polygons

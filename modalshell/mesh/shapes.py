@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from modalshell.checks import checked_choice
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_choice
+from modalshell.core.errors import OptionError
 from modalshell.mesh.leaf_shape import leaf
 from modalshell.mesh.topology import FloatArray, IntArray
 from modalshell.mesh.triangle_mesh import TriangleMesh

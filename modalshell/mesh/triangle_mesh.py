@@ -7,15 +7,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.checks import checked_vectors
-from modalshell.errors import MeshError
+from modalshell.core.checks import checked_vectors
+from modalshell.core.errors import MeshError
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.mesh import validation
+from modalshell.mesh.area_vectors import area_vectors
 from modalshell.mesh.topology import FloatArray, IntArray, connected_parts, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.render.picture import SMALL
-from modalshell.sharing import ReadOnlyArrays, read_only
-from modalshell.triangles import area_vectors
 
 _EDGES_SHOWN = 3000
 """Triangles up to which a small picture shows their sides."""

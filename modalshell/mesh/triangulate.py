@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import QhullError
 
-from modalshell.checks import checked_choice, checked_count, checked_number, shown
-from modalshell.errors import ModalShellWarning, OptionError
-from modalshell.memory import demand_memory, gigabytes
+from modalshell.core.checks import checked_choice, checked_count, checked_number, shown
+from modalshell.core.errors import ModalShellWarning, OptionError
+from modalshell.core.memory import demand_memory, gigabytes
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle, signed_areas
 from modalshell.mesh.topology import FloatArray, IntArray
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from modalshell.checks import as_array
-from modalshell.errors import REPAIR, MeshError, ModalShellWarning
+from modalshell.core.checks import as_array
+from modalshell.core.errors import REPAIR, MeshError, ModalShellWarning
 from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
 from modalshell.mesh.winding import faces_to_flip
 

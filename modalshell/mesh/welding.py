@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from modalshell.checks import checked_number
-from modalshell.errors import MeshError
+from modalshell.core.checks import checked_number
+from modalshell.core.errors import MeshError
 from modalshell.mesh.topology import FloatArray, IntArray, connected_parts
 from modalshell.mesh.validation import COINCIDENT, DEGENERATE, degenerate
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from modalshell.errors import REPAIR, MeshError
+from modalshell.core.errors import REPAIR, MeshError
 from modalshell.mesh.topology import BoolArray, HalfEdges, IntArray
 
 

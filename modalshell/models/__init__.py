@@ -1,11 +1,11 @@
 """Models of a shell, from cheap to accurate; all answer the same scene."""
 
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Model
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model
+from modalshell.models.coarse.coarse_shell import CoarseMesh, coarse_shell
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.models.coarse_shell import CoarseMesh, coarse_shell
 from modalshell.models.discrete_shell import DiscreteShell
-from modalshell.models.equilibrium import Equilibrium
 from modalshell.models.hybrid_stress import HybridStress
 from modalshell.models.linear import LinearModal
 from modalshell.models.modal_derivatives import ModalDerivatives

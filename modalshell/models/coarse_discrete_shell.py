@@ -11,17 +11,17 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.constraints.constraints import Constraint
-from modalshell.errors import MeshError
-from modalshell.integrators.full.profile_step import profile_step
+from modalshell.core.checks import checked_kind, checked_number, checked_vectors
+from modalshell.core.errors import MeshError
+from modalshell.core.typing import Array
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Model
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model
+from modalshell.models.coarse.profile_step import profile_step
+from modalshell.models.coarse.prolongation import Prolongation, closest_points
 from modalshell.models.discrete_shell import DiscreteShell
-from modalshell.models.equilibrium import Equilibrium
-from modalshell.reduction.prolongation import Prolongation, closest_points
 from modalshell.shell import Shell
-from modalshell.typing import Array
 
 _APART = 0.2
 """Distance between the meshes, as a share of the surface's size, from which they are not the same surface."""

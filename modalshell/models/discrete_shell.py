@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import final
 
-from modalshell.models.full import FullModel
-from modalshell.typing import Index
+from modalshell.core.typing import Index
+from modalshell.models.base.full import FullModel
 
 
 @final

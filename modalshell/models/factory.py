@@ -7,14 +7,14 @@ from typing import Any, final
 
 import numpy as np
 
-from modalshell.errors import OptionError
-from modalshell.models.base import Model
-from modalshell.models.coarse_shell import CoarseMesh, coarse_shell, remeshed
+from modalshell.core.errors import OptionError
+from modalshell.core.timings import Stopwatch
+from modalshell.core.typing import Array
+from modalshell.models.base.model import Model
+from modalshell.models.coarse.coarse_shell import CoarseMesh, coarse_shell, remeshed
 from modalshell.models.registry import ModelSpec
 from modalshell.modes import Basis, solve_modes
 from modalshell.shell import Shell
-from modalshell.timings import Stopwatch
-from modalshell.typing import Array
 
 MODE_COUNT = 8
 """Number of modes where none is named."""

@@ -13,28 +13,28 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.atomic_io import read_npz, write_npz
-from modalshell.checks import checked_kind, checked_vectors, shortened
 from modalshell.constraints.constraints import Constraint
-from modalshell.errors import FileFormatError, OptionError, SupportError
+from modalshell.core.checks import checked_kind, checked_vectors, shortened
+from modalshell.core.cost import count_elements, count_products, count_read, count_solves
+from modalshell.core.errors import FileFormatError, OptionError, SupportError
+from modalshell.core.thread_safety import PerThread
+from modalshell.core.typing import Array, Progress
+from modalshell.files.atomic_io import read_npz, write_npz
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load
-from modalshell.models.base import Model
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model
+from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
-from modalshell.models.equilibrium import Equilibrium
-from modalshell.models.hybrid_slopes import differences, forces_by_constants
-from modalshell.models.hybrid_training import Trained, train
-from modalshell.models.reduced_sensitivity import LinearTangent, dead_state
-from modalshell.reduction.assumed_stress import ReducedStress, reduce_energy
-from modalshell.reduction.assumed_stress_step import evaluate, implicit_step
-from modalshell.sharing import PerThread
+from modalshell.models.hybrid.assumed_stress import ReducedStress, reduce_energy
+from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
+from modalshell.models.hybrid.slopes import differences, forces_by_constants
+from modalshell.models.hybrid.training import Trained, train
 from modalshell.shell import Shell
 from modalshell.statics.newton import NewtonResult
 from modalshell.statics.trust_region import minimise
 from modalshell.statics.verdict import ACCEPTED, verdict
-from modalshell.typing import Array, Progress
-from modalshell.work import count_elements, count_products, count_read, count_solves
 
 _MISSED, _OFF = 0.02, 0.05
 """Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""
@@ -62,10 +62,11 @@ class HybridStress(Model):
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
     m trained stress states, so a basis that misses positions by a little does not lock; see
-    :mod:`modalshell.reduction.assumed_stress`. Loads whose linear answer the model does not have, states whose membrane
-    the stresses do not see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back when they
-    may be. Damping by the stiffness has trained stresses of its own: those that resist the strains' rates, by which
-    frames that turn the shell far are damped most. ``residual`` of statics is the reduced gradient over the load's.
+    :mod:`modalshell.models.hybrid.assumed_stress`. Loads whose linear answer the model does not have, states whose
+    membrane the stresses do not see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back
+    when they may be. Damping by the stiffness has trained stresses of its own: those that resist the strains' rates, by
+    which frames that turn the shell far are damped most. ``residual`` of statics is the reduced gradient over the
+    load's.
 
     Use :meth:`trained` or :meth:`load`.
 

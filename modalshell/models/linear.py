@@ -6,12 +6,12 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.cost import count_read
+from modalshell.core.typing import Array, Index
 from modalshell.loads import Loading
-from modalshell.models.modal import ModalModel
-from modalshell.reduction.load_quadrature import LoadQuadrature, ModalPush
+from modalshell.models.base.modal import ModalModel
+from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
-from modalshell.typing import Array, Index
-from modalshell.work import count_read
 
 
 @final

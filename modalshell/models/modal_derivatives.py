@@ -9,27 +9,27 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_count, checked_kind
 from modalshell.constraints.constraints import Constraint
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_count, checked_kind
+from modalshell.core.cost import count_read
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Model
-from modalshell.models.distortion import Distortion
-from modalshell.models.equilibrium import Equilibrium
-from modalshell.models.reduced_sensitivity import LinearTangent, dead_state, pulled_by_rest_angles
+from modalshell.models.base.distortion import Distortion
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model
+from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, pulled_by_rest_angles
+from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
+from modalshell.models.reduction.derivatives import modal_derivatives
+from modalshell.models.reduction.reduced_energy import ReducedEnergy
+from modalshell.models.reduction.reduced_potential import ReducedPotential
 from modalshell.modes import solve_modes
-from modalshell.outcome import Outcome
-from modalshell.reduction.cubature import Cubature, checked_loads, default_loads, train
-from modalshell.reduction.derivatives import modal_derivatives
-from modalshell.reduction.reduced_energy import ReducedEnergy
-from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.path import Followable
 from modalshell.statics.verdict import verdict
-from modalshell.typing import Array, Index
-from modalshell.work import count_read
 
 _STEP_GOAL = 1e-6
 """Out-of-balance force, as a share of load and inertia, at which an implicit step's Newton stops."""
@@ -59,7 +59,7 @@ class ModalDerivatives(Model):
         on the training loads, or at most this number.
     training_loads : sequence of array_like, shape (n, 3), optional
         Loads [N] to train on; every fourth is held out and only tells the error. Without it
-        :func:`modalshell.reduction.cubature.default_loads`.
+        :func:`modalshell.models.reduction.cubature.default_loads`.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
 

@@ -8,20 +8,20 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.checks import LARGEST, checked_count, checked_kind, checked_number, checked_vectors, vector_count
-from modalshell.errors import OptionError
-from modalshell.kernels import rotation_strain as kernel
+from modalshell.core.checks import LARGEST, checked_count, checked_kind, checked_number, checked_vectors, vector_count
+from modalshell.core.cost import count_read
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array, Index
 from modalshell.kernels.frame import TILE
-from modalshell.kernels.surface_loads import APART
-from modalshell.models.modal import ModalModel
+from modalshell.loads.surface_kernels import APART
+from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.rotation_strain_base import LoadAdjoint, TurnedTriangles
+from modalshell.models.reduction import rotation_strain_kernels as kernel
+from modalshell.models.reduction.load_points import LoadPoints
+from modalshell.models.reduction.load_quadrature import ModalPush
 from modalshell.models.rotation_strain import RotationStrain, tiled
-from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
 from modalshell.modes import Basis
 from modalshell.page import ReducedWarp
-from modalshell.reduction.load_points import LoadPoints
-from modalshell.reduction.load_quadrature import ModalPush
-from modalshell.typing import Array, Index
-from modalshell.work import count_read
 
 _CANDIDATES = 2000
 """Largest number of candidate triangles; a sample by area of more."""

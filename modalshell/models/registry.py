@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, final, get_args
 
-from modalshell.errors import OptionError
-from modalshell.models.base import Model
+from modalshell.core.errors import OptionError
+from modalshell.core.plugins import load_plugins
+from modalshell.models.base.model import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.models.hybrid_stress import trained_on_load
@@ -20,7 +21,6 @@ from modalshell.models.rigid import RigidShell
 from modalshell.models.rotation_strain import RotationStrain
 from modalshell.models.spring_sheet import SpringSheet
 from modalshell.models.warping import ModalWarping, consistent_warping
-from modalshell.plugins import load_plugins
 
 Needs = Literal["shell", "basis", "training", "coarse mesh", "coarse training"]
 Response = Literal["rigid", "linear", "nonlinear"]

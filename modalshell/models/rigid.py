@@ -8,17 +8,17 @@ from typing import final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_kind
 from modalshell.constraints.constraints import Constraint
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_kind
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.models.base import Model, rigid_share
-from modalshell.models.equilibrium import Equilibrium
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model, rigid_share
 from modalshell.modes.modal_rotation import cross_matrices
 from modalshell.modes.rigid import left_free, rigid_motions
-from modalshell.outcome import Outcome
 from modalshell.shell import Shell
-from modalshell.typing import Array, Index
 
 _TOLERANCE = 1e-13
 """Relative tolerance of the angular momentum after a step."""

@@ -7,19 +7,19 @@ from typing import TypeVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_kind
+from modalshell.core.checks import checked_kind
+from modalshell.core.cost import count_read
+from modalshell.core.typing import Array
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.kernels import rotation_strain as kernel
 from modalshell.kernels.frame import TILE
-from modalshell.kernels.surface_loads import APART
-from modalshell.models.rotation_strain_base import LoadAdjoint, TurnedTriangles
+from modalshell.loads.surface_kernels import APART
+from modalshell.models.base.rotation_strain_base import LoadAdjoint, TurnedTriangles
+from modalshell.models.reduction import rotation_strain_kernels as kernel
+from modalshell.models.reduction.load_points import LoadPoints
+from modalshell.models.reduction.load_quadrature import ModalPush
+from modalshell.models.reduction.patched_work import PatchedWork
+from modalshell.models.reduction.poisson import PoissonFit
 from modalshell.modes import Basis
-from modalshell.reduction.load_points import LoadPoints
-from modalshell.reduction.load_quadrature import ModalPush
-from modalshell.reduction.patched_work import PatchedWork
-from modalshell.reduction.poisson import PoissonFit
-from modalshell.typing import Array
-from modalshell.work import count_read
 
 _Scalar = TypeVar("_Scalar", np.float64, np.int64)
 

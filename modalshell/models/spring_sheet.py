@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Literal, final
 
-from modalshell.checks import checked_choice, checked_count, checked_kind, checked_number
-from modalshell.errors import MeshError, OptionError
+from modalshell.core.checks import checked_choice, checked_count, checked_kind, checked_number
+from modalshell.core.errors import MeshError, OptionError
+from modalshell.core.typing import Index
 from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, LinearImplicitEuler
-from modalshell.models.full import FullModel
+from modalshell.models.base.full import FullModel
 from modalshell.shell import Shell
 from modalshell.springs.mesh_springs import REFERENCE_FOLD, shell_springs
 from modalshell.springs.springs import Springs
-from modalshell.typing import Index
 
 
 @final

@@ -7,19 +7,19 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.cost import count_products, count_read
+from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
-from modalshell.models.modal import ModalModel
+from modalshell.models.base.modal import ModalModel
+from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
+from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
-from modalshell.reduction.load_quadrature import LoadQuadrature, ModalPush
-from modalshell.reduction.warp_frame import WarpFrame
 from modalshell.statics.least_potential import Statics, least_potential
 from modalshell.statics.modal_balance import balance
-from modalshell.typing import Array, Index
-from modalshell.work import count_products, count_read
 
 _DERIVATIVES = 600
 """Operations of a vertex's warp with the derivatives of its work."""

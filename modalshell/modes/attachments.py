@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import shown
-from modalshell.errors import OptionError, SolverError
+from modalshell.core.checks import shown
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.orthonormal import orthonormal_extension
 from modalshell.modes.rigid import left_free
 from modalshell.shell import GAUSS_NEWTON, Shell
-from modalshell.typing import Array
 
 
 def attached_forces(shell: Shell, attachments: Sequence[Load | ArrayLike] | None) -> Array:

@@ -13,12 +13,16 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.atomic_io import read_npz, write_npz
-from modalshell.brief import brief
-from modalshell.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
-from modalshell.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
+from modalshell.core.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
+from modalshell.core.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
+from modalshell.core.memory import demand_memory
+from modalshell.core.plugins import load_plugins
+from modalshell.core.short_repr import brief
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
+from modalshell.core.typing import Array
+from modalshell.core.units import SI
+from modalshell.files.atomic_io import read_npz, write_npz
 from modalshell.loads import Load
-from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.attachments import attached_forces, with_attachments
@@ -28,14 +32,10 @@ from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.page import Page, ReducedWarp, modal_page
-from modalshell.plugins import load_plugins
 from modalshell.render import Picture, ShadedSurface, View, html_of
-from modalshell.sharing import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
 from modalshell.supports import SUPPORTS, Clamp, Support
-from modalshell.typing import Array
-from modalshell.units import SI
 
 _SHOWN_SHARE = 0.15
 """Largest displacement in a picture of a mode, over the shell's size."""

@@ -8,13 +8,13 @@ from typing import Protocol, final
 
 import numpy as np
 
-from modalshell.brief import brief
-from modalshell.errors import OptionError, SolverError
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import mass_scaled
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
 from modalshell.shell import GAUSS_NEWTON, Shell
 from modalshell.shell.energies_of import material_constants
-from modalshell.typing import Array
 
 _APART = 1e-5
 """Relative gap of eigenvalues below which their modes have no derivatives of their own."""

@@ -7,11 +7,11 @@ import scipy.linalg
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
-from modalshell.checks import finite_answer
-from modalshell.errors import REPAIR, OptionError, SolverError
+from modalshell.core.checks import finite_answer
+from modalshell.core.errors import REPAIR, OptionError, SolverError
+from modalshell.core.typing import Array
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions, six_motions
 from modalshell.shell import GAUSS_NEWTON, Shell
-from modalshell.typing import Array
 
 _DENSE_BELOW = 150
 """Unknowns up to which a dense solver finds all eigenpairs."""

@@ -16,13 +16,13 @@ import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_choice
-from modalshell.errors import SolverError
+from modalshell.core.checks import checked_choice
+from modalshell.core.cost import count_factorisation, count_solves
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array
 from modalshell.linalg import BlockCholesky, CholeskyAnalysis, NotPositiveDefiniteError
 from modalshell.linalg.cholesky import block_graph
 from modalshell.linalg.ordering import minimum_degree
-from modalshell.typing import Array
-from modalshell.work import count_factorisation, count_solves
 
 Use = Literal["solve", "refactor"]
 """Whether one factor serves many solves, or one pattern many factors."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sps
 
+from modalshell.core.typing import Array
 from modalshell.modes.factorisation import CondensedFactor, Factor
-from modalshell.typing import Array
 
 _SHARE = 0.75
 """Iterations at most, in those that take the time of another factorisation."""

@@ -10,16 +10,16 @@ import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
-from modalshell.brief import brief
-from modalshell.checks import finite_answer
-from modalshell.errors import OptionError, SolverError
+from modalshell.core.checks import finite_answer
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.short_repr import brief
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import canonical_pairs, dense_pairs, lanczos_pairs, mass_scaled
 from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver
-from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell import EXACT, Shell
 from modalshell.shell.pattern import SparsePattern
-from modalshell.typing import Array
 
 _REAL = 1e-6
 """Share of an eigenvalue up to which its imaginary part is rounding."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sps
 
-from modalshell.errors import REPAIR, SolverError
+from modalshell.core.errors import REPAIR, SolverError
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array
 
 
 def cross_matrices(vectors: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from modalshell.typing import Array
+from modalshell.core.typing import Array
 
 _DEPENDENT = 1e-6
 """Least relative part of a vector orthogonal to the basis for it to be added."""

@@ -8,9 +8,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sps
 
+from modalshell.core.typing import Array, Index
 from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
 from modalshell.shell import Shell
-from modalshell.typing import Array, Index
 
 
 def six_motions(points: Array) -> Array:

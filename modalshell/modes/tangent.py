@@ -9,11 +9,11 @@ import numpy as np
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import scaled_by_mass
 from modalshell.modes.factorisation import Factor, Factoriser, condensed_factor
 from modalshell.shell import EXACT, Shell
-from modalshell.typing import Array
 
 _ROUNDING = 1e-12
 """Shift of a singular matrix, as a share of its largest diagonal entry."""

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalshell.checks import checked_choice
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_choice
+from modalshell.core.errors import OptionError
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Isotropic, Shell
 from modalshell.shell.fields import FIELDS

@@ -8,14 +8,14 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.errors import OptionError
-from modalshell.models.base import NO_POTENTIAL
-from modalshell.models.modal import CONSTRAINT_MET
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome, gravest
+from modalshell.core.timings import Stopwatch
+from modalshell.core.typing import Array, Progress
+from modalshell.models.base.modal import CONSTRAINT_MET
+from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.motion.stepping import Motion
 from modalshell.motion.trajectory import Trajectory
-from modalshell.outcome import Outcome, gravest
-from modalshell.timings import Stopwatch
-from modalshell.typing import Array, Progress
 
 _MOST_STEPS = 1_000_000_000
 """Longest run: one of more steps would never end."""

@@ -7,17 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision
 from modalshell.constraints import Constraint
+from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_precision
+from modalshell.core.memory import demand_memory
+from modalshell.core.typing import Progress
+from modalshell.integrators.state import Damping
 from modalshell.loads import Load
-from modalshell.memory import demand_memory
-from modalshell.models import Damping, Model
+from modalshell.models import Model
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.stepping import Motion, checked_step
 from modalshell.motion.supports import SupportPath
 from modalshell.motion.trajectory import Trajectory
-from modalshell.typing import Progress
 
 
 def simulate(

@@ -10,19 +10,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from modalshell.checks import checked_kind, checked_number, checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import HeldPatch, checked_constraints, held_patches
-from modalshell.errors import OptionError, SupportError
+from modalshell.core.checks import checked_kind, checked_number, checked_vectors
+from modalshell.core.errors import OptionError, SupportError
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Load
-from modalshell.models import Damping, Model, MotionState
-from modalshell.models.base import ResolvedTarget
-from modalshell.models.modal import as_modal
+from modalshell.models import Model
+from modalshell.models.base.modal import as_modal
+from modalshell.models.base.model import ResolvedTarget
+from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.motion.supports import Pose, SupportPath
-from modalshell.outcome import Outcome
-from modalshell.reduction.load_quadrature import LoadQuadrature
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.typing import Array, Index
 
 STEPS = (1e-15, 1e15)
 """Shortest and longest step [s] that is taken: squares of steps enter sums with one."""

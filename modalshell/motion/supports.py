@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from modalshell.brief import brief
-from modalshell.checks import checked_count, checked_number, checked_times, checked_vectors
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_count, checked_number, checked_times, checked_vectors
+from modalshell.core.errors import OptionError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
 from modalshell.kernels import rotations
-from modalshell.typing import Array
 
 
 @final

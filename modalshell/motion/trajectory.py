@@ -11,16 +11,16 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from modalshell.brief import brief
-from modalshell.checks import checked_count
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_count
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array, Progress
+from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Loading
 from modalshell.models import Equilibrium
-from modalshell.outcome import Outcome
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.shell import Shell
-from modalshell.typing import Array, Progress
-from modalshell.units import SI, UnitSystem
 
 WRITERS: dict[str, Callable[[Any, Path, Progress | None], Path]] = {}
 """What writes a trajectory, by the suffix of the file; the package ``export`` fills it."""

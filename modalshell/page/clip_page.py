@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.typing import Array
 from modalshell.page.html import Page, encoded, filled_page, modal_data
-from modalshell.typing import Array
 
 
 def clip_page(

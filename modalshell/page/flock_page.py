@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.page.html import Page, encoded, filled_page, modal_data
-from modalshell.typing import Array
 
 MOST_BIRDS = 20_000
 """Birds of a page: each looks at all the others."""

@@ -16,10 +16,10 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.atomic_io import write_text
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.files.atomic_io import write_text
 from modalshell.render import Picture, ShadedSurface, View
-from modalshell.typing import Array
 
 MOST_SHAPES = 100
 """WebGL2 promises 256 uniform vectors; a mode and its rotations take one each."""

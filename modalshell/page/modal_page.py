@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_number, checked_vectors
-from modalshell.errors import LoadError, OptionError
+from modalshell.core.checks import checked_number, checked_vectors
+from modalshell.core.errors import LoadError, OptionError
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.page.html import Page, encoded, encoded_columns, filled_page, modal_data
-from modalshell.typing import Array, Index
 
 _SHOWN_SHARE = 0.2
 """Largest displacement of a mode shown by itself, as a share of the shell's size."""

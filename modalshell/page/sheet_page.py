@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_number
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_number
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.mesh import sheet
 from modalshell.page.html import Page, filled_page
-from modalshell.typing import Array
 
 _MOST_STEPS = 40
 """Steps a frame at most."""

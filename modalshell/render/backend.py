@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Literal
 
-from modalshell.errors import ModalShellWarning, OptionError
+from modalshell.core.errors import ModalShellWarning, OptionError
 
 Backend = Literal["pyvista", "built-in"]
 _NAMES: dict[str, Backend] = {"pyvista": "pyvista", "built-in": "built-in", "matplotlib": "built-in"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
 
 VIEW_ANGLE = math.radians(22.0)
 

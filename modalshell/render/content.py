@@ -10,9 +10,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.atomic_io import make_folder
-from modalshell.checks import shown
-from modalshell.errors import OptionError
+from modalshell.core.checks import shown
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import make_folder
 
 Style = Literal["surface", "outline"]
 Color = str | tuple[float, float, float]

@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.atomic_io import write_atomically
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import write_atomically
 
 _INSIDE = 5
 """Curves whose legend finds room between them; more are named below the axes."""

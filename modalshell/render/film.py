@@ -11,8 +11,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.atomic_io import replacing
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Progress
+from modalshell.files.atomic_io import replacing
 from modalshell.render.camera import Camera, frame_points
 from modalshell.render.compose import Page, paste
 from modalshell.render.content import (
@@ -25,7 +26,6 @@ from modalshell.render.content import (
 )
 from modalshell.render.open_painter import open_painter
 from modalshell.render.surfaces import scalar_colors
-from modalshell.typing import Progress
 
 RATE_FACTOR = 18
 """H.264's constant rate factor where nothing is said about a film's size: higher is smaller and coarser."""

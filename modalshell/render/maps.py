@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.atomic_io import write_atomically
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import write_atomically
 from modalshell.render.curves import Style
 
 if TYPE_CHECKING:

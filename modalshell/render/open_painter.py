@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from modalshell.memory import demand_memory
+from modalshell.core.memory import demand_memory
 from modalshell.render.backend import choose_backend, draws_faster
 from modalshell.render.painter import Painter
 

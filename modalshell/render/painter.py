@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.kernels import raster as kernel
+from modalshell.render import raster as kernel
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface
 from modalshell.render.surfaces import ScalarColors

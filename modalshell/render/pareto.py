@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from modalshell.atomic_io import write_atomically
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, final
 
-from modalshell.atomic_io import replacing
+from modalshell.files.atomic_io import replacing
 from modalshell.render.content import View, checked_path
 from modalshell.render.views import draw_views
 

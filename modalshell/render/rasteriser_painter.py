@@ -9,10 +9,10 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.kernels.raster import draw_triangles, flatten, shade
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface
 from modalshell.render.painter import LIGHTS, LINE_WIDTH, MESH_LINE_WIDTH, SUPERSAMPLING, line_opacity, reflectance
+from modalshell.render.raster import draw_triangles, flatten, shade
 from modalshell.render.surfaces import EdgeTable, ScalarColors, Sides, line_color, vertex_colors
 
 _LIGHTS = np.array([[*np.array(direction) / np.linalg.norm(direction), power] for direction, power in LIGHTS])

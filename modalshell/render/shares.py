@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from modalshell.atomic_io import write_atomically
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import write_atomically
 
 
 def draw_shares(

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import shown
-from modalshell.errors import OptionError
-from modalshell.kernels import raster as kernel
+from modalshell.core.checks import shown
+from modalshell.core.errors import OptionError
+from modalshell.render import raster as kernel
 from modalshell.render.camera import Camera
 from modalshell.render.content import ShadedSurface, rgb
 

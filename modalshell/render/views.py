@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.atomic_io import replacing
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import replacing
 from modalshell.render.camera import Camera, camera_axes, frame_points
 from modalshell.render.compose import Entry, Page
 from modalshell.render.content import ShadedSurface, View, checked_path, checked_size, rgb

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.typing import Array
 from modalshell.crowd import LEVELS, Flight
 from modalshell.models import RotationStrain
 from modalshell.scene.flock import FlockTable
-from modalshell.typing import Array
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from modalshell.core.typing import Array, Index
 from modalshell.render import ShadedSurface
 from modalshell.render.camera import Camera
-from modalshell.typing import Array, Index
 
 _ZENITH, _HORIZON = np.array([0.60, 0.76, 0.93]), np.array([0.94, 0.95, 0.95])
 _TILES_COLORS, _SHADOW = ("#cfd8bd", "#d6dfc6"), "#a9b397"

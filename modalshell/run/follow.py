@@ -11,14 +11,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.atomic_io import read_record
-from modalshell.checks import checked_number
-from modalshell.errors import FileFormatError, OptionError
+from modalshell.core.checks import checked_number
+from modalshell.core.errors import FileFormatError, OptionError
+from modalshell.core.outcome import Outcome, read_outcome
+from modalshell.core.typing import Array
 from modalshell.export import load_trajectory
-from modalshell.outcome import Outcome, read_outcome
+from modalshell.files.atomic_io import read_record
 from modalshell.run.frame_reader import FrameReader
 from modalshell.scene import load_scene
-from modalshell.typing import Array
 
 _FRAMES = ".frames"
 _PAUSE = 0.05

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.atomic_io import make_folder
-from modalshell.errors import OptionError
-from modalshell.lock import acquire_lock
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import make_folder
+from modalshell.files.lock import acquire_lock
 
 MAGIC = b"modalshell frames 2\n"
 ALIGNMENT = 64

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.lock import is_locked
-from modalshell.reading import open_regular
+from modalshell.files.lock import is_locked
+from modalshell.files.regular import open_regular
 from modalshell.run.frame_file import (
     ALIGNMENT,
     CHECKSUM_BYTES,

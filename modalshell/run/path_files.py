@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from modalshell.atomic_io import write_npz
-from modalshell.models.paths import EquilibriumPath
+from modalshell.analysis.paths import EquilibriumPath
+from modalshell.core.units import SI, UnitSystem
+from modalshell.files.atomic_io import write_npz
 from modalshell.render import ShadedSurface, View, draw_views
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.render.load_paths import MARKERS, path_curves
-from modalshell.units import SI, UnitSystem
 
 _COLORS = ("#2b5fc8", "#d98200", "#7b2d8e", "#2f9e44", "#c8322b")
 _MOST = 11

@@ -12,14 +12,14 @@ from typing import Any, Generic, TypeVar, final
 
 from llvmlite.binding import get_host_cpu_name
 
-from modalshell.atomic_io import read_record, write_record
-from modalshell.outcome import Outcome
-from modalshell.provenance import run_record
-from modalshell.reading import open_regular
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Progress
+from modalshell.files.atomic_io import read_record, write_record
+from modalshell.files.provenance import run_record
+from modalshell.files.regular import open_regular
 from modalshell.run.frame_file import FrameFile
 from modalshell.scene import Scene
 from modalshell.shell import Shell
-from modalshell.typing import Progress
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def result_digest(folder: Path, name: str, kind: str) -> str:
 
 
 def remove_leftovers(folder: Path, name: str) -> None:
-    """Delete the temporary files of killed processes, named by :func:`modalshell.atomic_io.replacing`."""
+    """Delete the temporary files of killed processes, named by :func:`modalshell.files.atomic_io.replacing`."""
     ours = re.compile(rf"\.{re.escape(name)}\.\d+\.part(_frames|ial)?(\.\w+)?")
     for path in folder.iterdir():
         if not ours.fullmatch(path.name):

@@ -9,13 +9,13 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.typing import Array, Progress
 from modalshell.export import save_trajectory
+from modalshell.mesh.area_vectors import area_vectors
 from modalshell.motion import Trajectory
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from modalshell.render.content import DEFAULT_CAMERA
 from modalshell.shell.fields import FIELDS, TENSORS, scalar_of
-from modalshell.triangles import area_vectors
-from modalshell.typing import Array, Progress
 
 
 @final

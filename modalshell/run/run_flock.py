@@ -13,12 +13,15 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.atomic_io import write_npz
-from modalshell.brief import brief
+from modalshell.core.memory import demand_disk, demand_memory
+from modalshell.core.outcome import Outcome
+from modalshell.core.short_repr import brief
+from modalshell.core.timings import Stopwatch
+from modalshell.core.typing import Progress
+from modalshell.core.units import SI
 from modalshell.crowd import Flight
-from modalshell.memory import demand_disk, demand_memory
+from modalshell.files.atomic_io import write_npz
 from modalshell.motion.recorder import step_count
-from modalshell.outcome import Outcome
 from modalshell.render import ShadedSurface, draw_surfaces, look_at, write_film
 from modalshell.render.camera import Camera
 from modalshell.render.content import checked_size, rgb
@@ -29,9 +32,6 @@ from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.scene import FlockScene
 from modalshell.scene.read import located
 from modalshell.shell import Shell
-from modalshell.timings import Stopwatch
-from modalshell.typing import Progress
-from modalshell.units import SI
 
 _BIRD_BYTES, _DRAWN_BYTES = 60, 240
 """Bytes per vertex of each bird, in stepping and in drawing."""

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import msgspec
 
-from modalshell.checks import checked_choice
+from modalshell.core.checks import checked_choice
+from modalshell.core.typing import Progress
 from modalshell.export import check_formats
 from modalshell.run.run_flock import FlightResult, FlockRun
 from modalshell.run.run_shell import SceneResult, ShellRun
 from modalshell.scene import FlockScene, Scene, load_scene
 from modalshell.scene.tables import Format
 from modalshell.shell.fields import FIELDS
-from modalshell.typing import Progress
 
 
 def run_scene(

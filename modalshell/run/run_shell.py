@@ -10,14 +10,15 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.brief import brief
-from modalshell.errors import FileFormatError, OptionError
+from modalshell.core.errors import FileFormatError, OptionError
+from modalshell.core.memory import demand_disk
+from modalshell.core.outcome import Outcome
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
-from modalshell.memory import demand_disk
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count, take_steps
-from modalshell.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import Look, write_results
@@ -26,7 +27,6 @@ from modalshell.scene.read import located
 from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
 from modalshell.statics.buckling import ADVICE, buckles
-from modalshell.typing import Array, Progress
 
 _FAULT_BYTES = 64
 """Bytes of a fault's name in a stored record."""

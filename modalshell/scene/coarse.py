@@ -11,9 +11,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from modalshell.errors import MeshError, ModalShellWarning, OptionError, SupportError
+from modalshell.core.errors import MeshError, ModalShellWarning, OptionError, SupportError
 from modalshell.mesh import TriangleMesh
-from modalshell.models.coarse_shell import CoarseMesh, drawn_to_supports, remeshed
+from modalshell.models.coarse.coarse_shell import CoarseMesh, drawn_to_supports, remeshed
 from modalshell.scene.parts import Shape, build_material
 from modalshell.scene.tables import MeshFile, PhysicalSheet, Stiffnesses
 from modalshell.shell import Isotropic, Material, Shell

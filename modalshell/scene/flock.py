@@ -10,10 +10,11 @@ import numpy as np
 from msgspec import Meta
 from scipy.interpolate import CubicSpline
 
-from modalshell.brief import brief
+from modalshell.core.errors import SceneError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
 from modalshell.crowd import Crowd, Flap, Flight, Flock
 from modalshell.crowd.flock import MOST, MOST_THREADS
-from modalshell.errors import SceneError
 from modalshell.modes import Basis, solve_modes
 from modalshell.scene import tables
 from modalshell.scene.parts import checked_keyframes
@@ -22,7 +23,6 @@ from modalshell.scene.scene import Scene, ShellScene
 from modalshell.scene.signatures import load_entries
 from modalshell.scene.tables import Keyframes, NotNegative, Positive, Table, Times, Vector
 from modalshell.shell import Shell
-from modalshell.typing import Array
 
 Pixels = Annotated[int, Meta(ge=64, le=8192)]
 _GRAVITY = (0.0, 0.0, -9.81)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.checks import shortened
-from modalshell.errors import SceneError
-from modalshell.reading import read_regular
+from modalshell.core.checks import shortened
+from modalshell.core.errors import SceneError
+from modalshell.files.regular import read_regular
 
 _KEYS = ("clamped", "sel", "where", "vertices")
 """Keys that select vertices."""

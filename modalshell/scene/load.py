@@ -6,8 +6,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from modalshell.errors import SceneError
-from modalshell.plugins import load_plugins
+from modalshell.core.errors import SceneError
+from modalshell.core.plugins import load_plugins
 from modalshell.scene import tables
 from modalshell.scene.flock import FlockScene, FlockTable
 from modalshell.scene.index_files import with_index_files

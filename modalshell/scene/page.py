@@ -7,19 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from modalshell.errors import ModalShellWarning
+from modalshell.core.errors import ModalShellWarning
+from modalshell.core.typing import Array, Progress
+from modalshell.files.provenance import repository_file
 from modalshell.models import LinearModal, ModalWarping, ReducedRotationStrain, RotationStrain
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.reduced_rotation_strain import trained_on_loads
 from modalshell.modes import Basis, solve_modes
 from modalshell.page import Page, ReducedWarp
-from modalshell.provenance import repository_file
 from modalshell.scene.flock import FlockScene
 from modalshell.scene.load import load_scene
 from modalshell.scene.parts import build_damping
 from modalshell.scene.read import located
 from modalshell.scene.scene import Scene
-from modalshell.typing import Array, Progress
 
 _RANK, _SAMPLES, _MIXTURES = 8, 32, 8
 """Shapes and triangles of reduced RSW on a page, and copies of each answer in its training."""

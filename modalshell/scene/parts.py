@@ -12,16 +12,18 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from modalshell.checks import checked_times, checked_vectors, shortened, shown
 from modalshell.constraints import Constraint, OrientationConstraint, PositionConstraint
-from modalshell.errors import ModalShellWarning, OptionError
+from modalshell.core.checks import checked_times, checked_vectors, shortened, shown
+from modalshell.core.errors import ModalShellWarning, OptionError
+from modalshell.core.typing import Array
+from modalshell.files.provenance import repository_file
+from modalshell.files.regular import read_regular
+from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
-from modalshell.models import Damping
+from modalshell.mesh.selection import selected
 from modalshell.motion import SupportPath
-from modalshell.provenance import repository_file
-from modalshell.reading import read_regular
 from modalshell.scene.signatures import Built, signature_table
 from modalshell.scene.tables import (
     Constrained,
@@ -34,9 +36,7 @@ from modalshell.scene.tables import (
     Supports,
     Vector,
 )
-from modalshell.selection import selected
 from modalshell.shell import Isotropic, Material
-from modalshell.typing import Array
 
 
 class Shape(Built, frozen=True, tag_field="shape"):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from modalshell.errors import OptionError
-from modalshell.models.paths import EquilibriumPath, equilibrium_path
+from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Progress
 from modalshell.scene.read import located
 from modalshell.scene.scene import Scene
 from modalshell.scene.tables import PathTable
-from modalshell.typing import Progress
 
 
 def scene_path(scene: Scene, on_step: Progress | None = None, **changed: Any) -> EquilibriumPath:

@@ -13,9 +13,9 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 
-from modalshell.checks import shortened
-from modalshell.errors import ModalShellError, SceneError
-from modalshell.reading import read_text
+from modalshell.core.checks import shortened
+from modalshell.core.errors import ModalShellError, SceneError
+from modalshell.files.regular import read_text
 
 T = TypeVar("T", bound=msgspec.Struct)
 

@@ -14,14 +14,17 @@ from typing import Any, cast, final
 
 import numpy as np
 
-from modalshell.brief import brief
-from modalshell.checks import checked_vectors
 from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
-from modalshell.errors import ModalShellWarning, OptionError, SceneError
+from modalshell.core.checks import checked_vectors
+from modalshell.core.errors import ModalShellWarning, OptionError, SceneError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
+from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import refuse_loose_parts
+from modalshell.mesh.selection import selected
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import Basis, solve_modes
@@ -42,12 +45,9 @@ from modalshell.scene.parts import (
 from modalshell.scene.read import located
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.scene.units import odd_values
-from modalshell.selection import selected
 from modalshell.shell import Shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
-from modalshell.typing import Array
-from modalshell.units import SI, UnitSystem
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,11 +10,11 @@ from typing import Annotated, Any, Union, cast, get_args, get_origin, get_type_h
 
 import msgspec
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
 from modalshell.loads import LOADS, Load, Scaled
+from modalshell.mesh.selection import Selection
 from modalshell.scene import tables
 from modalshell.scene.tables import Table
-from modalshell.selection import Selection
 from modalshell.shell.elements import ENERGIES
 from modalshell.supports import SUPPORTS
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from modalshell.atomic_io import write_text
+from modalshell.files.atomic_io import write_text
 from modalshell.scene.read import read_toml
 
 

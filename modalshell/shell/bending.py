@@ -19,10 +19,10 @@ import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse.csgraph import dijkstra
 
-from modalshell.errors import MaterialError
+from modalshell.core.errors import MaterialError
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.orientation import in_plane_angles, orient
-from modalshell.typing import Array
 
 _RINGS = 9
 """Radius of a patch, in edges."""

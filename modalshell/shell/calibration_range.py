@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from modalshell.errors import REPAIR, ModalShellWarning
+from modalshell.core.errors import REPAIR, ModalShellWarning
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import BendingConstants
 from modalshell.shell.orientation import Orientation, orient
-from modalshell.typing import Array
 
 _REGULAR = 0.95
 """Share of interior vertices of six edges from which a mesh counts as a regular lattice."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.errors import LoadError
+from modalshell.core.errors import LoadError
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array
 
 
 def refuse_collapse(mesh: TriangleMesh, name: str, values: ArrayLike, x: Array) -> None:

@@ -6,13 +6,13 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.smoothed_membrane import Strained, plane_stress
 from modalshell.shell.split_folds import SplitFolds
 from modalshell.shell.triangle_pairs import fold_moments
-from modalshell.typing import Array
 
 _COMPLEX = 1e-30
 """Imaginary step of Poisson's ratio, whose derivatives have no rounding of differences."""

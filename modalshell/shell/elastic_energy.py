@@ -9,11 +9,11 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.extended import Extended
 from modalshell.shell.pattern import SparsePattern
 from modalshell.supports import Unknowns
-from modalshell.typing import Array, Index
 
 GAUSS_NEWTON, EXACT, MIXED, PROJECTED = 0, 1, 2, 3
 """How the second term of an element's Hessian is taken; see ``add_stiffness`` of the generated kernels."""

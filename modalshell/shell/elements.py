@@ -13,19 +13,19 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.errors import OptionError, SupportError
-from modalshell.kernels.generated import flexure, shear, stretch
+from modalshell.core.cost import count_elements
+from modalshell.core.errors import OptionError, SupportError
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
 from modalshell.shell.elastic_energy import GAUSS_NEWTON, ElasticEnergy, Part
 from modalshell.shell.extended import Extended, add_forces, measure_changes
+from modalshell.shell.kernels.generated import flexure, shear, stretch
 from modalshell.shell.material import Material
 from modalshell.shell.mirrored_hinges import MirroredFlexure
 from modalshell.shell.pattern import SparsePattern, build_pattern
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.supports import Unknowns
-from modalshell.typing import Array, Index
-from modalshell.work import count_elements
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,9 @@ from dataclasses import fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_kind
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_kind
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.elastic_energy import ElasticEnergy
 from modalshell.shell.elements import ElementSum, Energy, element_sets
@@ -17,7 +18,6 @@ from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
-from modalshell.typing import Array
 
 
 def energy_of(

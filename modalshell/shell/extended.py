@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.typing import Array, Index
+from modalshell.core.typing import Array, Index
 
 Extended = NDArray[np.longdouble]
 

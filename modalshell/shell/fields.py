@@ -8,14 +8,14 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.brief import brief
-from modalshell.checks import checked_choice
-from modalshell.errors import OptionError
+from modalshell.core.checks import checked_choice
+from modalshell.core.errors import OptionError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.smoothed_membrane import strain_of_lengths
-from modalshell.typing import Array
 
 FIELDS: Final[dict[str, str]] = {
     "membrane_strain": "",

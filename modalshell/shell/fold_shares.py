@@ -9,11 +9,11 @@ import numpy as np
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
-from modalshell.errors import SolverError
-from modalshell.kernels.split_folds import solve_factorised
-from modalshell.sharing import PerThread
+from modalshell.core.errors import SolverError
+from modalshell.core.thread_safety import PerThread
+from modalshell.core.typing import Array
+from modalshell.shell.kernels.split_folds import solve_factorised
 from modalshell.shell.split_folds import SplitFolds
-from modalshell.typing import Array
 
 _SLACK = 1e-12
 """Stiffness of a combination of fold shares, relative to the largest, below which it counts as zero."""

@@ -8,11 +8,11 @@ from typing import final
 
 import numpy as np
 
-from modalshell.brief import brief
-from modalshell.checks import LARGEST, as_array, shown
-from modalshell.errors import MaterialError
+from modalshell.core.checks import LARGEST, as_array, shown
+from modalshell.core.errors import MaterialError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array
 
 Field = float | Array | Callable[[Array], Array]
 """One number, one per triangle (T,), or a function of the triangles' centroids (T, 3) [m]."""

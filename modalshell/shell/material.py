@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.brief import brief
-from modalshell.checks import LARGEST, as_array, checked_kind, checked_number, shown
-from modalshell.errors import MaterialError, ModalShellWarning
+from modalshell.core.checks import LARGEST, as_array, checked_kind, checked_number, shown
+from modalshell.core.errors import MaterialError, ModalShellWarning
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import bending_constants
 from modalshell.shell.calibration_range import calibration_doubts
 from modalshell.shell.membrane import lowest_stable_stretch, membrane_stiffness
 from modalshell.shell.orientation import orient
-from modalshell.typing import Array
 
 
 @brief

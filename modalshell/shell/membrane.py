@@ -11,10 +11,10 @@ import warnings
 
 import numpy as np
 
-from modalshell.errors import MaterialError, ModalShellWarning
+from modalshell.core.errors import MaterialError, ModalShellWarning
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.orientation import Orientation, in_plane_angles
-from modalshell.typing import Array
 
 _STABLE_SHARE = 0.8
 """Share of the lowest stable area stiffness that is used: at the bound itself a triangle has a strain for free."""

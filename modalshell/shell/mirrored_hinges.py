@@ -11,10 +11,10 @@ from typing import Any, final
 
 import numpy as np
 
-from modalshell.kernels import split_folds as kernels
-from modalshell.kernels.generated import flexure
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array, Index
+from modalshell.shell.kernels import split_folds as kernels
+from modalshell.shell.kernels.generated import flexure
 
 
 @final

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_vectors, shown
-from modalshell.errors import MaterialError
+from modalshell.core.checks import checked_vectors, shown
+from modalshell.core.errors import MaterialError
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array
 
 _ELONGATED = 3.0
 """Length over width from which a mesh has a long axis."""

@@ -9,9 +9,9 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.brief import brief
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array, Index
 from modalshell.supports import Unknowns
-from modalshell.typing import Array, Index
 
 _AT_A_TIME = 100_000
 """Elements whose blocks are looked up at a time."""

@@ -9,12 +9,13 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_kind, checked_vectors, shown
-from modalshell.errors import OptionError, SupportError
+from modalshell.core.checks import checked_kind, checked_vectors, shown
+from modalshell.core.errors import OptionError, SupportError
+from modalshell.core.memory import demand_memory
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.typing import Array, Index
 from modalshell.loads import Load, Loading
-from modalshell.memory import demand_memory
 from modalshell.mesh import TriangleMesh
-from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell.calibration_range import warn_of_two_way_bending
 from modalshell.shell.collapse import refuse_collapse
 from modalshell.shell.elastic_energy import EXACT, ElasticEnergy
@@ -31,7 +32,6 @@ from modalshell.supports import Clamp, Pin, Support, Unknowns, VertexUnknowns, s
 from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
-from modalshell.typing import Array, Index
 
 _VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 19_000
 """Memory of the assembly of the stiffness pattern, and of that with fold shares [bytes]."""

@@ -28,8 +28,8 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
-from modalshell.typing import Array, Index
 
 SHARP = np.radians(20.0)
 """Rest fold [rad] above which strains are not smoothed across an edge."""

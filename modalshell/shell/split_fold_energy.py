@@ -11,8 +11,8 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.kernels import split_folds as kernels
-from modalshell.kernels.generated import flexure
+from modalshell.core.cost import count_elements
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import smoothed_membrane as membrane
 from modalshell.shell.constant_slopes import SlopesByPoisson, rates_by_constant
@@ -21,14 +21,14 @@ from modalshell.shell.elements import ElementSet, ElementSum
 from modalshell.shell.extended import Extended, add_forces, measure_changes
 from modalshell.shell.fold_shares import FoldShares
 from modalshell.shell.isotropic import Isotropic
+from modalshell.shell.kernels import split_folds as kernels
+from modalshell.shell.kernels.generated import flexure
 from modalshell.shell.mirrored_hinges import MirroredHinges
 from modalshell.shell.pattern import InternalUnknowns, SparsePattern, build_pattern
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
 from modalshell.shell.triangle_pairs import moments_of_triangles
 from modalshell.supports import Unknowns
-from modalshell.typing import Array, Index
-from modalshell.work import count_elements
 
 
 @final

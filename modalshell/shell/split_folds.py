@@ -32,11 +32,11 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.kernels.split_folds import colour_triangles
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.kernels.split_folds import colour_triangles
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.triangle_pairs import fold_moments, paired_triangles
-from modalshell.typing import Array, Index
 
 _ALONG = np.array([[1, 2, 0, 3], [2, 0, 1, 4], [0, 1, 2, 5], [1, 3, 2, 6], [3, 2, 1, 7]])
 """Vertices of the hinge at each edge among a pair's eight, where the pair's own triangle is left of the edge."""

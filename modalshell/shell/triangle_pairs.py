@@ -24,10 +24,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.kernels.split_folds import match_triangles
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
+from modalshell.shell.kernels.split_folds import match_triangles
 from modalshell.shell.smoothed_membrane import SHARP
-from modalshell.typing import Array, Index
 
 MEAN_WEIGHT = 5.0 / 6.0
 """Weight w of a pair's mean moment."""

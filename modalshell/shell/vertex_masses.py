@@ -8,13 +8,13 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.topology import connected_parts
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.smoothed_membrane import SHARP
 from modalshell.supports import Support
-from modalshell.typing import Array, Index
 
 _LEAST = 0.25
 """Least mass of a vertex, over a third of that of its triangles."""

@@ -77,7 +77,7 @@ class DeviceVerlet(VerletSheet):
 
     def _launch(self, now: Which, before: Which, dt: float) -> Any:
         """The recorded launch of a step from one state over the other."""
-        from modalshell.kernels.device_verlet import verlet_step
+        from modalshell.springs.kernels.device_verlet import verlet_step
 
         grid, (real, vector) = self.grid, device_types(self.dtype)
         factor, keep, tiny = self._step_numbers(dt)

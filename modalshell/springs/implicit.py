@@ -8,13 +8,13 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_count, checked_kind, checked_number, checked_vectors
-from modalshell.kernels import spring_blocks as kernels
+from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_vectors
+from modalshell.core.typing import Array
+from modalshell.springs.kernels import blocks as kernels
 from modalshell.springs.partition import rank_block
 from modalshell.springs.springs import Springs, checked_masses
 from modalshell.springs.threads import ThreadChoice
 from modalshell.supports.held import held_vertices
-from modalshell.typing import Array
 
 TASKS = ("force", "matrix update", "acceleration", "velocity", "position")
 """The timed parts of a step; the acceleration is the solution of the linear equations."""

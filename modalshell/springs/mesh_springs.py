@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_each, checked_kind, checked_number
-from modalshell.errors import MaterialError
+from modalshell.core.checks import checked_each, checked_kind, checked_number
+from modalshell.core.errors import MaterialError
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell import Shell
 from modalshell.springs.springs import Springs
-from modalshell.typing import Array
 
 REFERENCE_FOLD = 0.2
 """Change of a fold angle [rad] at which a spring across a hinge has the energy of the hinge."""

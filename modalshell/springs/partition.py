@@ -9,9 +9,9 @@ import scipy.sparse as sps
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from modalshell.errors import MeshError, OptionError
+from modalshell.core.errors import MeshError, OptionError
+from modalshell.core.typing import Index
 from modalshell.springs.springs import Springs
-from modalshell.typing import Index
 
 
 class RankBlock(NamedTuple):

@@ -9,9 +9,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.brief import brief
-from modalshell.checks import checked_count, checked_number, checked_vectors, shown, vector_count
-from modalshell.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
+from modalshell.core.checks import checked_count, checked_number, checked_vectors, shown, vector_count
+from modalshell.core.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
+from modalshell.core.short_repr import brief
 from modalshell.page import Page, sheet_page
 from modalshell.springs.springs import Springs
 

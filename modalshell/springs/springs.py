@@ -8,11 +8,11 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.brief import brief
-from modalshell.checks import LARGEST, as_array, checked_each, checked_vectors, vector_count
-from modalshell.errors import MaterialError, MeshError
-from modalshell.kernels.generated import shear
+from modalshell.core.checks import LARGEST, as_array, checked_each, checked_vectors, vector_count
+from modalshell.core.errors import MaterialError, MeshError
+from modalshell.core.short_repr import brief
 from modalshell.shell.elements import ElementSet
+from modalshell.shell.kernels.generated import shear
 
 
 @final

@@ -9,7 +9,7 @@ from typing import final
 
 import numba
 
-from modalshell.checks import checked_count
+from modalshell.core.checks import checked_count
 
 _TRIALS = 6
 """Number of first steps, alternately on one thread and on all; the very first may load compiled code."""

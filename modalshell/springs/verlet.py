@@ -7,7 +7,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.kernels.spring_grid import WORK, verlet_steps
+from modalshell.springs.kernels.grid import WORK, verlet_steps
 from modalshell.springs.sheet_grid import SheetGrid
 from modalshell.springs.threads import ThreadChoice
 from modalshell.springs.verlet_sheet import VerletSheet, Which

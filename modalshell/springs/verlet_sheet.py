@@ -8,11 +8,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from modalshell.checks import checked_count, checked_kind, checked_number, checked_precision, checked_vectors
-from modalshell.errors import OptionError, SolverError
+from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_precision, checked_vectors
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.typing import Array
 from modalshell.shell.elements import energy_gradient
 from modalshell.springs.sheet_grid import SheetGrid
-from modalshell.typing import Array
 
 Which = Literal["now", "before"]
 

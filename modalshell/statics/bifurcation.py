@@ -8,12 +8,12 @@ from typing import NamedTuple, final
 
 import numpy as np
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array, Progress
 from modalshell.shell import EXACT
 from modalshell.statics.bordered import Plane
 from modalshell.statics.newton import Matrix, Problem
 from modalshell.statics.path import PathPoint, Tracer
-from modalshell.typing import Array, Progress
 
 LIMIT, BIFURCATION = "limit", "bifurcation"
 """Kinds of events: the load factor turns back, or another branch crosses."""

@@ -7,9 +7,9 @@ from typing import ClassVar, Generic, final
 
 import numpy as np
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array
 from modalshell.statics.newton import Factored, Matrix, NewtonResult, Problem
-from modalshell.typing import Array
 
 
 @final

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from modalshell.constraints.constraints import HeldPatch
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.timings import Timings
+from modalshell.core.typing import Array
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import NewtonResult, is_minimum, mixed_newton
 from modalshell.statics.potential import Potential, warped_step
 from modalshell.statics.refine import refine
-from modalshell.timings import Timings
-from modalshell.typing import Array
 
 _FIRST_STEP, _SMALLEST_STEP = 0.25, 1.0 / 256.0
 """First and smallest share of a motion of the boundary taken in one step."""

@@ -11,16 +11,16 @@ import scipy.linalg
 import scipy.sparse.linalg as spla
 from numpy.typing import ArrayLike
 
-from modalshell.brief import brief
-from modalshell.checks import checked_count, checked_kind
-from modalshell.errors import LoadError, OptionError, SolverError
+from modalshell.core.checks import checked_count, checked_kind
+from modalshell.core.errors import LoadError, OptionError, SolverError
+from modalshell.core.short_repr import brief
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.modes import Factor, Factoriser, condensed_factor
 from modalshell.modes.rigid import left_free
-from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.shell import GAUSS_NEWTON, MIXED, Shell
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.typing import Array
 
 ADVICE = (
     "the load is beyond the shell's linear buckling load: it may snap, which this model cannot follow; "

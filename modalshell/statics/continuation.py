@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array
 from modalshell.shell import EXACT
 from modalshell.statics.bifurcation import branch_end
 from modalshell.statics.newton import GOAL, Matrix, NewtonResult, Problem, is_minimum, mixed_newton
-from modalshell.typing import Array
 
 _LOAD_STEPS = 200
 """Load steps at most."""

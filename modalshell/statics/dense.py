@@ -11,15 +11,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.checks import checked_number, checked_vectors, vector_count
-from modalshell.errors import OptionError, SolverError
+from modalshell.core.checks import checked_number, checked_vectors, vector_count
+from modalshell.core.cost import count_solves
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.typing import Array
 from modalshell.shell import EXACT
 from modalshell.statics.least_potential import Workable
 from modalshell.statics.newton import GOAL, NewtonResult, Problem
 from modalshell.statics.trust_region import minimise
 from modalshell.statics.verdict import ACCEPTED
-from modalshell.typing import Array
-from modalshell.work import count_solves
 
 _SOFTEST = 1e-12
 """Least stiffness of an unknown, as a share of the largest, that forces are scaled by."""

@@ -6,10 +6,10 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array
 from modalshell.modes import Basis
-from modalshell.outcome import Outcome
 from modalshell.statics.trust_region import minimise
-from modalshell.typing import Array
 
 WOUND_UP = 2.0 * np.pi
 """Rotation of a vertex or triangle [rad] from which a state has left the branch that grows from rest."""

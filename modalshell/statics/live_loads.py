@@ -7,10 +7,10 @@ from typing import final
 
 import numpy as np
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array, Index
 from modalshell.loads import AppliedLoad, Loading
 from modalshell.shell.pattern import SparsePattern
-from modalshell.typing import Array, Index
 
 
 @final

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import scipy.linalg
 
-from modalshell.outcome import Outcome
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array
 from modalshell.statics.least_potential import WOUND_UP, Statics
-from modalshell.typing import Array
 
 _TOLERANCE = 1e-9
 """Relative residual at which an equilibrium has converged."""

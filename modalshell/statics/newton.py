@@ -15,10 +15,10 @@ from typing import ClassVar, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
 from modalshell.statics.verdict import ACCEPTED
-from modalshell.typing import Array
 
 GOAL = 1e-10
 """Relative residual that is aimed at."""

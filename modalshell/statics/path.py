@@ -13,11 +13,11 @@ from typing import Any, Generic, Literal, final
 
 import numpy as np
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.typing import Array
 from modalshell.shell import EXACT
 from modalshell.statics.bordered import Bordered, Plane
 from modalshell.statics.newton import Matrix, NewtonResult, Problem, mixed_newton
-from modalshell.typing import Array
 
 Control = Literal["arc", "load", "displacement"]
 """What grows along a path: its length, the load factor, or the watched displacement."""

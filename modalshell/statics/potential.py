@@ -13,15 +13,15 @@ import numpy as np
 import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
-from modalshell.errors import SolverError
+from modalshell.core.errors import SolverError
+from modalshell.core.timings import Timings
+from modalshell.core.typing import Array
 from modalshell.kernels import rotations
 from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import GOAL, Factored, NewtonResult, Problem, is_minimum, mixed_newton
-from modalshell.timings import Timings
-from modalshell.typing import Array
 
 _LARGEST_TURN = 1.0  # of a vertex in one step [rad]
 _LOOSE = 1e-3  # relative residual of the steps of a descent

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import scipy.linalg
 
+from modalshell.core.typing import Array
 from modalshell.statics.newton import NewtonResult
-from modalshell.typing import Array
 
 _ITERATIONS = 500
 """Iterations at most."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from modalshell.outcome import Outcome
+from modalshell.core.outcome import Outcome
 
 ACCEPTED = 1e-7
 """Out-of-balance force, as a share of the load, at which an answer counts as converged."""

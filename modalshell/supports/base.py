@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import checked_kind, checked_vectors, shown
-from modalshell.errors import SupportError
+from modalshell.core.checks import checked_kind, checked_vectors, shown
+from modalshell.core.errors import SupportError
+from modalshell.core.thread_safety import read_only
+from modalshell.core.typing import Array, Vector
 from modalshell.mesh import TriangleMesh
-from modalshell.selection import Selection, checked_selection, selected
-from modalshell.sharing import read_only
-from modalshell.typing import Array, Vector
+from modalshell.mesh.selection import Selection, checked_selection, selected
 
 
 class Support(ABC):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.errors import OptionError, SupportError
+from modalshell.core.errors import OptionError, SupportError
 from modalshell.mesh import TriangleMesh
-from modalshell.selection import selected, vertex_mask
+from modalshell.mesh.selection import selected, vertex_mask
 
 
 def held_vertices(clamped: ArrayLike | str | None, count: int, mesh: TriangleMesh | None = None) -> NDArray[np.bool_]:

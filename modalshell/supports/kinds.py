@@ -7,12 +7,12 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.checks import shown
-from modalshell.errors import SupportError
+from modalshell.core.checks import shown
+from modalshell.core.errors import SupportError
+from modalshell.core.typing import Array, Vector
 from modalshell.mesh import TriangleMesh
-from modalshell.selection import Selection
+from modalshell.mesh.selection import Selection
 from modalshell.supports.base import Support, complement, unit_vector
-from modalshell.typing import Array, Vector
 
 _PLANE = 1e-6
 """Distance from a plane, as a share of the shape's size, up to which vertices lie in it."""

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.supports.base import Support
-from modalshell.typing import Array
 
 
 def shared_reactions(supports: Sequence[Support], mesh: TriangleMesh, reactions: Array) -> list[Array]:

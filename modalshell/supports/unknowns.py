@@ -10,11 +10,11 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.errors import SupportError
+from modalshell.core.errors import SupportError
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
-from modalshell.sharing import ReadOnlyArrays, read_only
 from modalshell.supports.base import Support
-from modalshell.typing import Array, Index
 
 _HELD = 1e-8
 """Least eigenvalue of a vertex's combined held directions for a direction to count as held."""

@@ -15,16 +15,16 @@ import numpy as np
 from llvmlite.binding import get_host_cpu_name
 from msgspec import Struct
 
-from modalshell.errors import ModalShellError, ModalShellWarning, WorkerError
+from modalshell.core.errors import ModalShellError, ModalShellWarning, WorkerError
+from modalshell.core.outcome import Outcome
+from modalshell.core.timings import Stopwatch
+from modalshell.core.typing import Array
+from modalshell.files.provenance import run_record
 from modalshell.measure import area_change
 from modalshell.mesh import TriangleMesh
 from modalshell.motion import Trajectory
 from modalshell.motion.recorder import Recorder, step_count
-from modalshell.outcome import Outcome
-from modalshell.provenance import run_record
 from modalshell.scene import BuiltScene, Scene, parse_scene
-from modalshell.timings import Stopwatch
-from modalshell.typing import Array
 
 _ONE_AT_A_TIME = threading.Lock()
 """Threads of a cluster's worker take turns: results must not depend on concurrent cases."""

@@ -10,9 +10,9 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
-from modalshell.checks import shortened, shown
-from modalshell.errors import OptionError, WorkerError
-from modalshell.outcome import Outcome
+from modalshell.core.checks import shortened, shown
+from modalshell.core.errors import OptionError, WorkerError
+from modalshell.core.outcome import Outcome
 from modalshell.sweep.case import CaseResult, Task, run_case
 
 _SECONDS = 5

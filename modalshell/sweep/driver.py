@@ -9,10 +9,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from modalshell.brief import brief
-from modalshell.checks import checked_count, checked_folder, checked_number, shown
-from modalshell.errors import OptionError
-from modalshell.outcome import Outcome
+from modalshell.core.checks import checked_count, checked_folder, checked_number, shown
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Progress
 from modalshell.sweep.case import CaseResult, Task
 from modalshell.sweep.cluster import connect, run_on_cluster
 from modalshell.sweep.figure import checked_value, draw_summary
@@ -30,7 +31,6 @@ from modalshell.sweep.summary import (
     write_csv,
     write_parquet,
 )
-from modalshell.typing import Progress
 
 _LONGEST_LIMIT = 1e9
 """Seconds beyond which no time limit can be waited for."""

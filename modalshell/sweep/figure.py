@@ -16,13 +16,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.models.registry import models
 from modalshell.render.curves import Curve, Panel, draw_curves
 from modalshell.render.maps import MapPanel, draw_maps
 from modalshell.sweep.grid import Axis
 from modalshell.sweep.summary import SummaryRow
-from modalshell.typing import Array
 
 Chosen = dict[int, int]
 """Index of a value by the place of its axis."""

@@ -16,9 +16,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from modalshell.brief import brief
-from modalshell.checks import shortened, shown
-from modalshell.errors import SceneError
+from modalshell.core.checks import shortened, shown
+from modalshell.core.errors import SceneError
+from modalshell.core.short_repr import brief
 from modalshell.scene.models import model_tables
 from modalshell.scene.read import checked_name, checked_table, read_toml, refuse_unknown_keys
 from modalshell.scene.tables import Table

@@ -19,8 +19,8 @@ from typing import IO
 
 import msgspec
 
-from modalshell.errors import WorkerError
-from modalshell.outcome import Outcome
+from modalshell.core.errors import WorkerError
+from modalshell.core.outcome import Outcome
 from modalshell.sweep.case import CaseResult, Task
 from modalshell.sweep.worker import READY
 

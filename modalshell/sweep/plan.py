@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.checks import shortened, shown
-from modalshell.errors import SceneError
+from modalshell.core.checks import shortened, shown
+from modalshell.core.errors import SceneError
+from modalshell.core.typing import Progress
 from modalshell.mesh import TriangleMesh
 from modalshell.scene import Scene, parse_scene
 from modalshell.sweep.case import Task, case_digest
 from modalshell.sweep.grid import Sweep
-from modalshell.typing import Progress
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from types import TracebackType
 import msgspec
 from msgspec import Struct
 
-from modalshell.atomic_io import make_folder, write_bytes
-from modalshell.lock import acquire_lock
-from modalshell.outcome import Outcome, read_outcome
-from modalshell.reading import read_regular
+from modalshell.core.outcome import Outcome, read_outcome
+from modalshell.files.atomic_io import make_folder, write_bytes
+from modalshell.files.lock import acquire_lock
+from modalshell.files.regular import read_regular
 from modalshell.sweep.case import CaseResult
 
 _ENDINGS = {

@@ -12,12 +12,12 @@ from typing import Any
 
 import msgspec
 
-from modalshell.atomic_io import replacing, write_text
-from modalshell.errors import ModalShellError, OptionError
+from modalshell.core.errors import ModalShellError, OptionError
+from modalshell.core.units import UnitSystem
+from modalshell.files.atomic_io import replacing, write_text
 from modalshell.measure import displacement_error
 from modalshell.sweep.case import CaseResult, Measures
 from modalshell.sweep.plan import Plan
-from modalshell.units import UnitSystem
 
 SummaryRow = dict[str, Any]
 

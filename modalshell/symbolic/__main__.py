@@ -1,4 +1,4 @@
-"""``python -m modalshell.symbolic``: generate the kernels of ``modalshell/kernels/generated``."""
+"""``python -m modalshell.symbolic``: generate the kernels of ``modalshell/shell/kernels/generated``."""
 
 from modalshell.symbolic.generator import write
 

@@ -6,7 +6,7 @@ import os
 import time
 from pathlib import Path
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
 from modalshell.render.content import checked_path
 from modalshell.run import RunFollower
 from modalshell.viewer.desktop import ShellWindow, demand_window

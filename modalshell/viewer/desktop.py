@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from modalshell.checks import checked_count
-from modalshell.errors import ModalShellError, OptionError
+from modalshell.core.checks import checked_count
+from modalshell.core.errors import ModalShellError, OptionError
 from modalshell.models.registry import models
 from modalshell.render.backend import opens_windows
 from modalshell.render.content import checked_path

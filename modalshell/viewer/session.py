@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from modalshell.checks import checked_count, checked_number, checked_vectors
-from modalshell.errors import LoadError, ModalShellError, OptionError
+from modalshell.core.checks import checked_count, checked_number, checked_vectors
+from modalshell.core.errors import LoadError, ModalShellError, OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.timings import Stopwatch
+from modalshell.core.typing import Array
 from modalshell.models import Model
-from modalshell.models.modal import ModalModel, as_modal
+from modalshell.models.base.modal import ModalModel, as_modal
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
-from modalshell.outcome import Outcome
 from modalshell.scene import Scene
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_damping
 from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
-from modalshell.timings import Stopwatch
-from modalshell.typing import Array
 
 FRAME_SECONDS = 1.0 / 30.0
 """Time from one picture to the next [s]."""

@@ -8,7 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
 from modalshell.render import choose_backend
 from modalshell.render.backend import drawing_hint
 from modalshell.render.camera import frame_points
@@ -16,7 +17,6 @@ from modalshell.render.content import DEFAULT_CAMERA, ShadedSurface
 from modalshell.render.painter import LINE_WIDTH, reflectance
 from modalshell.render.plotter import add_faces, close_plotter, open_plotter, set_camera
 from modalshell.render.surfaces import EdgeTable, line_color, normals
-from modalshell.typing import Array
 from modalshell.viewer.session import gravity_limit
 
 _ARROW_COLOR = "#c0504d"

@@ -8,7 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from typing import Any
 
-from modalshell.errors import ModalShellError, OptionError
+from modalshell.core.errors import ModalShellError, OptionError
 from modalshell.models.registry import models
 from modalshell.scene import Scene
 from modalshell.viewer.guard import guard

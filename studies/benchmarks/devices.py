@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
 from modalshell.kernels.device import devices
 
 

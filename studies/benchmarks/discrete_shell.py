@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.models import Damping
+from modalshell.integrators.state import Damping
 from modalshell.modes import BACKENDS
 from modalshell.shell import EXACT, PROJECTED
 from studies.benchmarks.timing import interleaved

@@ -15,9 +15,9 @@ from numba import njit
 from numpy.typing import DTypeLike, NDArray
 
 import modalshell as ms
-from modalshell.kernels.generated import flexure
+from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
-from modalshell.reduction.warp_frame import WarpFrame
+from modalshell.shell.kernels.generated import flexure
 from studies.benchmarks.timing import interleaved
 
 Array = NDArray[Any]

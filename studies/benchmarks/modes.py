@@ -14,9 +14,9 @@ import scipy.sparse as sps
 import scipy.sparse.linalg as spla
 
 import modalshell as ms
+from modalshell.files.provenance import repository_file
 from modalshell.modes import BACKENDS
 from modalshell.modes.eigenpairs import eigenpairs
-from modalshell.provenance import repository_file
 from studies.creature import make_creature
 
 PLAIN = "eigsh(K, M=M, sigma=0)"

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.models import Damping
-from modalshell.models.modal import ModalModel
+from modalshell.integrators.state import Damping
+from modalshell.models.base.modal import ModalModel
 from studies.benchmarks.timing import interleaved, one_blas_thread
 
 GRAVITY = (0.0, 0.0, -4.0)

@@ -12,8 +12,8 @@ from pathlib import Path
 import cyclopts
 import numpy as np
 
-from modalshell.atomic_io import write_npz
-from modalshell.checks import checked_count
+from modalshell.core.checks import checked_count
+from modalshell.files.atomic_io import write_npz
 from modalshell.springs.implicit import TASKS
 from modalshell.springs.ranks import RankedSprings
 from modalshell.springs.sheet_grid import SheetGrid

@@ -11,10 +11,10 @@ from typing import Any
 import llvmlite.binding
 import numba
 
-from modalshell.atomic_io import make_folder, write_text
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.files.atomic_io import make_folder, write_text
+from modalshell.files.provenance import run_record
 from modalshell.kernels import packed
-from modalshell.provenance import run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
 from studies.benchmarks import crowd, discrete_shell, factorisation, frame, modes, motion
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
 
 
 def one_blas_thread() -> AbstractContextManager[object]:

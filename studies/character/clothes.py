@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 import modalshell as ms
-from modalshell.typing import Array, Index
+from modalshell.core.typing import Array, Index
 
 # Rings from the top: height z, half widths along x and y, shift along y [m].
 HAT = (

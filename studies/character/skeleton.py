@@ -11,8 +11,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.spatial.transform import Rotation
 
-from modalshell.provenance import repository_file
-from modalshell.typing import Array
+from modalshell.core.typing import Array
+from modalshell.files.provenance import repository_file
 
 STRAIGHT = 0.9985
 """Share of a leg's length to which it stretches at most: its knee never locks."""

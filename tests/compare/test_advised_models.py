@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.cli import main
+from modalshell.commands.cli import main
 from modalshell.compare.advise import choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import make_case

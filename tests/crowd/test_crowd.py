@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.crowd import Flap
-from modalshell.kernels import crowd as kernels
+from modalshell.crowd.kernels import instances as kernels
 from modalshell.kernels.packed import BYTES
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

@@ -8,8 +8,8 @@ import pyvista
 from scenes import cantilever
 
 import modalshell as ms
+from modalshell.core.outcome import Outcome
 from modalshell.export import check_formats
-from modalshell.outcome import Outcome
 from modalshell.shell.fields import FIELDS
 
 

@@ -16,7 +16,7 @@ import trimesh
 from scenes import cantilever
 
 import modalshell as ms
-from modalshell.cli import main
+from modalshell.commands.cli import main
 from modalshell.export import compress, read_clip
 
 ADD_ON = Path(ms.__file__).parent / "export" / "blender_clip.py"

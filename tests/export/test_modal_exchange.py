@@ -7,7 +7,7 @@ import pytest
 from scenes import PLAIN
 
 import modalshell as ms
-from modalshell.cli import main
+from modalshell.commands.cli import main
 from modalshell.export import save_modal_body
 
 

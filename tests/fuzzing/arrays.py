@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fuzzing.calls import Target, targets, world
 from fuzzing.harness import Input, LongWork
 from fuzzing.mutations import array_like, scalars
-from modalshell.checks import shown
+from modalshell.core.checks import shown
 
 
 def make(folder: Path) -> st.SearchStrategy[Input]:  # noqa: ARG001 (one signature for every surface)

@@ -10,7 +10,7 @@ from unittest import mock
 
 import numpy as np
 
-from modalshell.atomic_io import write_text
+from modalshell.files.atomic_io import write_text
 
 
 def _checked(surfaces: Any) -> None:

@@ -8,10 +8,10 @@ import pytest
 from guide import source
 
 import modalshell as ms
-from modalshell.cli import main
+from modalshell.commands.cli import main
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.models import Damping
+from modalshell.integrators.state import Damping
 from studies import modal_steps
 
 MODULE = source("toy_rule.py")

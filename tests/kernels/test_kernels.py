@@ -10,8 +10,8 @@ from scenes import folds, hinge_mesh, noisy
 from scipy.spatial.transform import Rotation
 
 from modalshell import Material, Shell, TriangleMesh, cylinder_panel, leaf, sheet, v_beam
-from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
+from modalshell.shell.kernels.generated import flexure, shear, stretch
 
 KERNELS = {"stretch": stretch, "shear": shear, "flexure": flexure}
 ENERGIES = ("stretch", "shear", "flexure", "all")

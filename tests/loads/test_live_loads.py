@@ -5,7 +5,7 @@ import pytest
 from scenes import PLAIN, held, leaf, strip
 
 import modalshell as ms
-from modalshell.models.base import NO_POTENTIAL
+from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.statics.live_loads import LiveLoads
 
 LEAF = leaf(clamped=[0, 1])

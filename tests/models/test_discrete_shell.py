@@ -18,7 +18,7 @@ from modalshell import (
     solve_modes,
     v_beam,
 )
-from modalshell.errors import LoadError, ModalShellWarning, OptionError
+from modalshell.core.errors import LoadError, ModalShellWarning, OptionError
 
 with open(Path(__file__).resolve().parents[1] / "data" / "heavy_elastica.csv", encoding="utf-8") as _file:
     ELASTICA = {float(row["Gamma"]): row for row in csv.DictReader(line for line in _file if not line.startswith("#"))}

@@ -11,8 +11,8 @@ from modalshell import (
     sheet,
     simulate,
 )
-from modalshell.errors import OptionError
-from modalshell.models import Damping, MotionState
+from modalshell.core.errors import OptionError
+from modalshell.integrators.state import Damping, MotionState
 
 
 def v_scene():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.models.modal import ModalModel
+from modalshell.models.base.modal import ModalModel
 
 
 @pytest.fixture(scope="module")

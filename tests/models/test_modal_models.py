@@ -17,8 +17,8 @@ from modalshell import (
     simulate,
     solve_modes,
 )
-from modalshell.errors import LoadError, SolverError
-from modalshell.models import Damping
+from modalshell.core.errors import LoadError, SolverError
+from modalshell.integrators.state import Damping
 
 MODELS = [LinearModal, ModalWarping, RotationStrain]
 

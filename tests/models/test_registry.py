@@ -40,7 +40,7 @@ def model_classes(trees):
     classes = [
         (file, node) for file, tree in trees.items() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
     ]
-    found, before = {Model.__name__: "modalshell/models/base.py"}, 0
+    found, before = {Model.__name__: "modalshell/models/base/model.py"}, 0
     while len(found) != before:
         before = len(found)
         found |= {

@@ -8,7 +8,7 @@ import pytest
 from scenes import SHELLS
 
 from modalshell import Basis, Material, Shell, flat_beam, solve_modes
-from modalshell.errors import FileFormatError, ModalShellError
+from modalshell.core.errors import FileFormatError, ModalShellError
 
 
 @pytest.mark.parametrize("name", SHELLS)

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sps
 from scenes import cantilever
 
-from modalshell.errors import OptionError, SolverError
+from modalshell.core.errors import OptionError, SolverError
 from modalshell.modes import BACKENDS, Factoriser
 from modalshell.shell import EXACT
 

@@ -8,7 +8,7 @@ import scipy.linalg
 from scenes import PLAIN
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, sheet, solve_modes
-from modalshell.errors import ModalShellWarning
+from modalshell.core.errors import ModalShellWarning
 from modalshell.modes import BACKENDS, eigenpairs
 
 every_backend = pytest.mark.parametrize("backend", BACKENDS)

@@ -5,7 +5,7 @@ import pytest
 
 import modalshell as ms
 from modalshell.crowd import Crowd, Flap, Flight, Flock
-from modalshell.provenance import repository_file
+from modalshell.files.provenance import repository_file
 from modalshell.scene.page import scene_page
 from modalshell.springs import GridVerlet, SheetGrid
 

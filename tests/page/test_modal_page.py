@@ -12,9 +12,9 @@ from scenes import cantilever, held
 
 import modalshell as ms
 from modalshell.export import compress
+from modalshell.files.provenance import repository_file
 from modalshell.integrators.state import Damping
 from modalshell.page import clip_page
-from modalshell.provenance import repository_file
 from modalshell.scene.page import scene_page, write_pages
 
 GRAVITY = (0.0, 0.0, -3.0)

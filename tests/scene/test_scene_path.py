@@ -5,7 +5,7 @@ import pytest
 from scenes import beam_text
 
 import modalshell as ms
-from modalshell.cli import main
+from modalshell.commands.cli import main
 from modalshell.render.load_paths import path_curves
 
 LOADED = """[loads]

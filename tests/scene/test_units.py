@@ -20,7 +20,7 @@ from modalshell import (
     sheet,
     solve_modes,
 )
-from modalshell.units import SI, UnitSystem
+from modalshell.core.units import SI, UnitSystem
 
 STIFFNESSES = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2\n"
 SHEET = "young = {young}\npoisson = 0.3\nthickness = {thickness}\ndensity = {density}\n"

@@ -23,7 +23,7 @@ from modalshell import (
     solve_modes,
     v_beam,
 )
-from modalshell.errors import MaterialError, OptionError
+from modalshell.core.errors import MaterialError, OptionError
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
 from modalshell.shell.bending import hinge_operator
 from modalshell.shell.slopes import HeldSlopes

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from modalshell import Material, Shell, TriangleMesh, cylinder_panel, leaf, sheet, v_beam
-from modalshell.errors import LoadError, MaterialError, ModalShellError, SupportError
+from modalshell.core.errors import LoadError, MaterialError, ModalShellError, SupportError
 from modalshell.shell import EXACT
 
 MESHES = [

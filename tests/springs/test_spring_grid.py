@@ -7,7 +7,7 @@ import pytest
 from scenes import grid_model, grid_of, shaken
 
 import modalshell as ms
-from modalshell.errors import OptionError, SolverError
+from modalshell.core.errors import OptionError, SolverError
 from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.threads import ThreadChoice
 

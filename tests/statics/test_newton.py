@@ -5,11 +5,11 @@ import pytest
 from scenes import cantilever
 
 from modalshell import DiscreteShell, Material, Shell, TriangleMesh, flat_beam, v_beam
+from modalshell.core.timings import Timings
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON
 from modalshell.statics.newton import is_minimum, mixed_newton
 from modalshell.statics.potential import Potential, solve, warped_step
-from modalshell.timings import Timings
 
 STEPS = np.logspace(-1.5, -3.0, 6)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.engines import EngineAnswer
-from modalshell.study import StudyResult
+from modalshell.compare.engines import EngineAnswer
+from modalshell.files.study_result import StudyResult
 from studies import engines
 
 

@@ -8,7 +8,7 @@ from guide import source
 
 import paper_figures
 import studies
-from modalshell.study import StudyResult
+from modalshell.files.study_result import StudyResult
 from studies.pages import read_tables
 from studies.reproduce import reproduce
 from studies.reproduce import studies as known_studies

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import pytest
 
-from modalshell.atomic_io import write_text
-from modalshell.study import StudyResult
+from modalshell.files.atomic_io import write_text
+from modalshell.files.study_result import StudyResult
 from studies.reproduce import studies
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"

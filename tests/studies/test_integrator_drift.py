@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.files.study_result import StudyResult
 from modalshell.kernels import rotations
-from modalshell.study import StudyResult
 from studies import integrator_drift as study
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from modalshell import Isotropic, Shell, equilibrium_path, flat_beam
-from modalshell.study import StudyResult
+from modalshell.files.study_result import StudyResult
 from studies import (
     both_energies,
     cantilever_master_curve,

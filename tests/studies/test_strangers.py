@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 import modalshell as ms
+from modalshell.files.study_result import StudyResult
 from modalshell.mesh.files import read_polygons
-from modalshell.study import StudyResult
 from studies import strangers, strangers_meshes
 from studies.pages import read_tables
 

@@ -7,7 +7,7 @@ import pytest
 from scenes import SWEPT_BEAM
 
 import modalshell as ms
-from modalshell.cli import main
+from modalshell.commands.cli import main
 
 distributed = pytest.importorskip("distributed", reason="needs dask.distributed (extra 'cluster')")
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here to make certificates with")

@@ -7,14 +7,14 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from modalshell.core.timings import Timings
+from modalshell.core.typing import Array
 from modalshell.integrators.base import Integrator
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import Factoriser
 from modalshell.shell import Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.potential import Potential
-from modalshell.timings import Timings
-from modalshell.typing import Array
 
 
 class Body(Protocol):

@@ -7,15 +7,15 @@ from typing import final
 
 import numpy as np
 
-from modalshell.errors import OptionError
+from modalshell.core.errors import OptionError
+from modalshell.core.thread_safety import PerThread
+from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator
 from modalshell.integrators.full.linear_implicit_euler import LinearImplicitEuler
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.sharing import PerThread
 from modalshell.shell import Shell
 from modalshell.springs.implicit import ImplicitSprings
 from modalshell.springs.springs import Springs
-from modalshell.typing import Array
 
 
 @final

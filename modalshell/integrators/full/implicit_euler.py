@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import final
 
+from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.statics.potential import solve
-from modalshell.typing import Array
 
 
 @final

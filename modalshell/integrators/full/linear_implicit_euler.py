@@ -6,10 +6,10 @@ from typing import final
 
 import numpy as np
 
+from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.shell import PROJECTED
-from modalshell.typing import Array
 
 
 @final

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import final
 
+from modalshell.core.typing import Array
 from modalshell.integrators.full.base import Body, FullIntegrator, inner_force, led_rates, symplectic_limit
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.typing import Array
 
 
 @final

@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.core.typing import Array
 from modalshell.integrators.base import Integrator
-from modalshell.typing import Array
 
 Force = Callable[[Array], Array]
 """Modal force at coordinates of any shape (..., m), in the same shape."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import final
 
+from modalshell.core.typing import Array
 from modalshell.integrators.modal.base import Force, ModalIntegrator, Step
-from modalshell.typing import Array
 
 
 @final

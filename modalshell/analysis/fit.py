@@ -1,0 +1,224 @@
+"""Constants of a material from measured positions or frequencies, by least squares with exact Jacobians."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, final
+
+import numpy as np
+import scipy.optimize
+import scipy.special
+from numpy.typing import ArrayLike
+
+from modalshell.analysis.fit_measurements import MeasuredFrequencies, MeasuredPositions, Measurements
+from modalshell.core.checks import checked_kind, checked_number, shown
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
+from modalshell.loads import Load
+from modalshell.mesh.selection import Selection
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.shell import Isotropic, Material, Shell
+from modalshell.shell.energies_of import material_constants
+
+_LIMIT = 100
+"""Shells that are solved at most."""
+_ALIKE = 1e-9
+"""Least singular value of the Jacobian's columns, scaled to one length, over the largest: below it they are alike."""
+
+
+@final
+@brief
+@dataclass(frozen=True)
+class Fit:
+    """Constants of a material that explain measurements.
+
+    Attributes
+    ----------
+    values : dict of float
+        The constants, by name.
+    intervals : dict of (float, float)
+        Confidence interval of each, for independent errors of one variance.
+    material : Material or Isotropic
+        The material with these constants.
+    state : Equilibrium or None
+        The equilibrium of the shell with it, under the last load; None where frequencies were measured.
+    converged : bool
+        Whether the least squares converged.
+    residual : float
+        Root mean square of the residual in coordinates [m], or in frequencies as a share of each.
+    evaluations : int
+        Shells that were solved.
+    """
+
+    values: dict[str, float]
+    intervals: dict[str, tuple[float, float]]
+    material: Material | Isotropic
+    state: Equilibrium | None
+    converged: bool
+    residual: float
+    evaluations: int
+
+
+def fit(
+    shell: Shell,
+    wrt: str | Sequence[str],
+    observed: ArrayLike | None = None,
+    *,
+    where: Selection | None = None,
+    average: bool = False,
+    factors: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    force: ArrayLike | None = None,
+    loads: Sequence[Load] | None = None,
+    frequencies: ArrayLike | None = None,
+    confidence: float = 0.95,
+) -> Fit:
+    """Recover constants of a shell's material from measured positions, a load-deflection curve, or frequencies.
+
+    Least squares by a trust region (``scipy.optimize.least_squares``) over the logarithms of the constants, Poisson's
+    ratio as it is, with the Jacobians of :meth:`modalshell.DiscreteShell.sensitivity` and :meth:`Basis.sensitivity`.
+
+    Parameters
+    ----------
+    shell : Shell
+        The shell; its material has the first guess.
+    wrt : str or sequence of str
+        Constants to recover, such as ``"young"``; each one number for the whole mesh.
+    observed : array_like, shape (k, 3), or (L, k, 3) with ``factors``
+        Measured positions [m] in equilibrium; NaN for coordinates that were not measured.
+    where : selection, optional
+        The k measured vertices, in the order of their numbers; by default all.
+    average : bool
+        Whether the mean position of these vertices was measured, as of a strip's tip: ``observed`` then is (3,), or
+        (L, 3).
+    factors : array_like, shape (L,), optional
+        Shares of the load at which positions were measured, in their order: a load-deflection curve.
+    gravity, force, loads : optional
+        The load, as in :meth:`modalshell.Model.equilibrium`.
+    frequencies : array_like, shape (m,), optional
+        Measured natural frequencies [Hz] in place of positions: those of the lowest modes that are no rigid motion, in
+        their order; NaN for those that were not measured.
+    confidence : float
+        Level of the intervals.
+
+    Returns
+    -------
+    Fit
+        The constants, with confidence intervals.
+
+    Raises
+    ------
+    OptionError
+        For names that are no constants of the material, a shape that does not fit, or both kinds of measurement.
+    LoadError
+        For loads of the wrong shape, or no measured number.
+    SolverError
+        If there is no equilibrium at the initial guess, or the measurements do not determine the constants.
+    """
+    checked_kind("shell", shell, Shell)
+    names = _checked_constants(shell, wrt)
+    confidence = checked_number("confidence", confidence, above=0.0, at_most=0.999999)
+    checked_kind("average", average, bool)
+    if (observed is None) == (frequencies is None):
+        raise OptionError("give measured positions as observed, or frequencies: one of the two")
+    measured: Measurements
+    if frequencies is not None:
+        if any(given is not None for given in (where, factors, gravity, force, loads)) or average:
+            raise OptionError("frequencies are those of the shell at rest: leave where, average, factors and loads out")
+        measured = MeasuredFrequencies(frequencies)
+    else:
+        assert observed is not None
+        of = {"gravity": gravity, "force": force, "loads": loads}
+        measured = MeasuredPositions(shell, observed, where=where, average=average, factors=factors, **of)  # type: ignore[arg-type]
+    known = material_constants(shell.material)
+    logarithmic = np.array([name != "poisson" for name in names])
+    last: dict[str, Any] = {}
+
+    def constants(parameters: Array) -> Array:
+        with np.errstate(over="ignore"):  # bounds of what is not determined
+            return np.where(logarithmic, np.exp(np.where(logarithmic, parameters, 0.0)), parameters)
+
+    def misfit(parameters: Array, *, settled: bool = False) -> Array:
+        known = np.array_equal(parameters, last.get("parameters", np.empty(0)))
+        if not known or (settled and not measured.settled):
+            changed = dict(zip(names, constants(parameters).tolist(), strict=True))
+            material: Material | Isotropic = replace(shell.material, **changed)
+            try:
+                left, state = measured.misfit(shell.with_material(material), names, settled=settled)
+            except SolverError as error:
+                told = ", ".join(f"{name} = {value:.4g}" for name, value in changed.items())
+                raise SolverError(f"at {told}: {error}") from error
+            evaluations = last.get("evaluations", 0) + 1
+            last.update(
+                parameters=parameters.copy(), left=left, state=state, material=material, evaluations=evaluations
+            )
+        return np.asarray(last["left"])
+
+    def jacobian(parameters: Array) -> Array:
+        misfit(parameters)
+        return measured.slopes(names) * np.where(logarithmic, constants(parameters), 1.0)
+
+    guess = np.array([known[name] for name in names])
+    first = np.where(logarithmic, np.log(np.where(logarithmic, guess, 1.0)), guess)
+    if (slopes := jacobian(first)).any(axis=0).all():  # constants that are not told apart would run away
+        _refuse_undetermined(slopes, last["state"])
+    low, high = np.where(logarithmic, -np.inf, -0.95), np.where(logarithmic, np.inf, 0.495)
+    found = scipy.optimize.least_squares(
+        misfit, first, jacobian, (low, high), x_scale="jac", ftol=1e-10, xtol=1e-8, gtol=1e-14, max_nfev=_LIMIT
+    )
+    left = misfit(found.x, settled=True)
+    values = constants(found.x)
+    slopes = jacobian(found.x)
+    _refuse_undetermined(slopes, last["state"])
+    spread = _half_widths(slopes, left, confidence)
+    bounds = [constants(found.x + side * spread) for side in (-1.0, 1.0)]
+    if not np.isfinite(bounds).all():
+        raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")
+    return Fit(
+        values=dict(zip(names, values.tolist(), strict=True)),
+        intervals={name: (float(bounds[0][i]), float(bounds[1][i])) for i, name in enumerate(names)},
+        material=last["material"],
+        state=last["state"],
+        converged=bool(found.success),
+        residual=float(np.sqrt(np.mean(left**2))),
+        evaluations=last["evaluations"],
+    )
+
+
+def _checked_constants(shell: Shell, wrt: str | Sequence[str]) -> list[str]:
+    """Names of constants of the shell's material that can be recovered."""
+    if not isinstance(wrt, str | list | tuple) or not all(isinstance(name, str) for name in wrt):
+        raise OptionError(f"wrt must be the name of a constant, or a list of names (got {shown(wrt)})")
+    names = [wrt] if isinstance(wrt, str) else list(wrt)
+    known = material_constants(shell.material)
+    for name in names:
+        if name not in known or (known[name] <= 0.0 and name != "poisson"):
+            raise OptionError(f"wrt must be constants above 0 among {', '.join(known)} (got {shown(name)})")
+    if not names or len(set(names)) < len(names):
+        raise OptionError(f"wrt must name each constant once (got {shown(wrt)})")
+    return names
+
+
+def _refuse_undetermined(jacobian: Array, state: Equilibrium | None) -> None:
+    """SolverError unless the columns differ by more than the residual of the equilibrium that they are taken at."""
+    count, parameters = jacobian.shape
+    sizes = np.linalg.norm(jacobian, axis=0)
+    least = max(_ALIKE, 10.0 * state.residual if state is not None else 0.0)
+    if count > parameters and sizes.all():
+        singular = np.linalg.svd(jacobian / sizes, compute_uv=False)
+        if singular[-1] > least * singular[0]:
+            return
+    raise SolverError(
+        f"{count} measured numbers do not determine {parameters} constants: measure more, under another load, or take "
+        "fewer constants"
+    )
+
+
+def _half_widths(jacobian: Array, misfit: Array, confidence: float) -> Array:
+    """Half widths (p,) of the parameters' confidence intervals by the linearised model."""
+    count, parameters = jacobian.shape
+    variance = float(misfit @ misfit) / (count - parameters)
+    covariance = variance * np.linalg.inv(jacobian.T @ jacobian)
+    return np.asarray(scipy.special.stdtrit(count - parameters, 0.5 + 0.5 * confidence) * np.sqrt(np.diag(covariance)))

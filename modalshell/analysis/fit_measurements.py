@@ -1,0 +1,212 @@
+"""What a fit compares with measurements: positions under one load or along a load curve, or natural frequencies."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.analysis.nearby import KnownEquilibrium
+from modalshell.core.checks import as_array, checked_vectors
+from modalshell.core.errors import LoadError, OptionError, SolverError
+from modalshell.core.typing import Array
+from modalshell.loads import Load, Scaled
+from modalshell.mesh.selection import Selection, selected
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.modes import solve_modes
+from modalshell.shell import Isotropic, Material, Shell
+from modalshell.statics.newton import GOAL
+
+_SHARE, _LOOSE = 1e-3, 1e-3
+"""Residual of an equilibrium over the constants' change since the last one, and at most."""
+
+
+class Measurements(ABC):
+    """Measured numbers, and what a shell says of them."""
+
+    @abstractmethod
+    def misfit(self, shell: Shell, names: list[str], *, settled: bool = False) -> tuple[Array, Equilibrium | None]:
+        """Difference (p,) of the shell's numbers from those measured, and its last equilibrium.
+
+        With its derivatives by constants of the material. Unless it is to be ``settled`` it may be loose by a small
+        share of its change since the last one.
+        """
+
+    @abstractmethod
+    def slopes(self, names: list[str]) -> Array:
+        """Derivatives (p, k) of the last misfit by constants of the material."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last misfit is exact."""
+        return True
+
+
+@final
+class MeasuredFrequencies(Measurements):
+    """Natural frequencies in ascending order, rigid motions left out; differences are shares of those measured.
+
+    Parameters
+    ----------
+    frequencies : array_like, shape (m,)
+        Frequencies [Hz]; NaN where none was measured.
+    """
+
+    def __init__(self, frequencies: ArrayLike) -> None:
+        values = np.array(as_array("frequencies", frequencies, "natural frequencies [Hz]", OptionError), dtype=float)
+        if values.ndim != 1 or np.isinf(values).any() or (values <= 0.0).any():
+            raise OptionError("frequencies must be positive [Hz], in ascending order, with NaN for those not measured")
+        self._seen = np.isfinite(values)
+        if not self._seen.any():
+            raise LoadError("frequencies must hold at least one measured value (got none that is finite)")
+        if (np.diff(values[self._seen]) < 0.0).any():
+            raise OptionError(f"frequencies must ascend (got {values.tolist()})")
+        self._values = values
+
+    def misfit(
+        self,
+        shell: Shell,
+        names: list[str],
+        *,
+        settled: bool = False,
+    ) -> tuple[Array, Equilibrium | None]:
+        """Shares of the measured frequencies."""
+        rigid = solve_modes(shell, 1).rigid_modes if not shell.unknowns.supported.any() else 0
+        self._basis = solve_modes(shell, 6 * bool(rigid) + self._values.size)
+        return self._elastic(self._basis.frequencies) / self._values[self._seen] - 1.0, None
+
+    def slopes(self, names: list[str]) -> Array:
+        """Derivatives of the shares."""
+        columns = [self._elastic(self._basis.sensitivity(name).frequencies) for name in names]
+        return np.stack(columns, axis=1) / self._values[self._seen, None]
+
+    def _elastic(self, values: Array) -> Array:
+        rigid = self._basis.rigid_modes
+        return np.asarray(values[rigid : rigid + self._values.size][self._seen])
+
+
+@final
+class MeasuredPositions(Measurements):
+    """Positions of some vertices, or their mean, under a load or shares of it.
+
+    Parameters
+    ----------
+    shell : Shell
+        The shell.
+    observed : array_like, shape (L, k, 3) or (L, 3) of a mean; without L if there are no factors
+        Measured positions [m]; NaN where none was measured.
+    where, average, factors, gravity, force, loads
+        As for :func:`modalshell.fit`.
+    """
+
+    def __init__(
+        self,
+        shell: Shell,
+        observed: ArrayLike,
+        *,
+        where: Selection | None,
+        average: bool,
+        factors: ArrayLike | None,
+        gravity: ArrayLike | None,
+        force: ArrayLike | None,
+        loads: Sequence[Load] | None,
+    ) -> None:
+        vertices = np.arange(len(shell.rest_positions))
+        if where is not None:
+            vertices = np.flatnonzero(selected("where", where, shell.mesh))
+        self._rows = np.eye(len(vertices)) if not average else np.full((1, len(vertices)), 1.0 / len(vertices))
+        self._vertices = vertices
+        levels = np.ones(1) if factors is None else checked_factors(factors)
+        shape: tuple[int, ...] = (3,) if average else (len(vertices), 3)
+        shape = shape if factors is None else (levels.size, *shape)
+        measured = np.array(as_array("observed", observed, "measured positions", OptionError), dtype=float)
+        if measured.shape != shape:
+            raise OptionError(f"observed must have shape {shape} (got {measured.shape})")
+        self._measured = measured.reshape(levels.size, -1, 3)
+        if np.isinf(measured).any():
+            raise OptionError("observed must be finite [m], with NaN where nothing was measured (got infinity)")
+        self._seen: NDArray[np.bool_] = np.isfinite(self._measured)
+        if not self._seen.any():
+            raise LoadError("observed must hold at least one measured coordinate (got none that is finite)")
+        weight = np.zeros(3) if gravity is None else checked_vectors("gravity", gravity, (3,))
+        push = np.zeros_like(shell.rest_positions)
+        push = push if force is None else checked_vectors("force", force, push.shape)
+        self._levels: list[tuple[Array, Array, list[Load]]] = []
+        for level in levels.tolist():
+            scaled = [one if factors is None else Scaled(one, ((0.0, 1.0), (level, level))) for one in loads or ()]
+            self._levels.append((level * weight, level * push, scaled))
+        self._factors = levels
+        self._known: list[KnownEquilibrium] = []
+        self._body = DiscreteShell(shell)
+        self._goal = GOAL
+
+    def misfit(self, shell: Shell, names: list[str], *, settled: bool = False) -> tuple[Array, Equilibrium | None]:
+        """Differences of coordinates [m], level after level; while constants change by much a looser balance serves."""
+        body, known = DiscreteShell(shell), list[KnownEquilibrium]()
+        body.factoriser = self._body.factoriser  # of one pattern: it is analysed once
+        steps = _steps(names, self._body.shell.material, shell.material)
+        change = float(np.abs(steps[:, 1]).max())
+        self._goal = GOAL if settled or not self._known else min(_LOOSE, max(GOAL, _SHARE * change))
+        for index in range(len(self._levels)):
+            found = self._near(body, index, known, names, steps[:, 0])
+            known.append(found or self._far(body, index, known, names))
+        self._body, self._known = body, known
+        seen = [self._rows @ one.state.positions[self._vertices] for one in known]
+        return (np.stack(seen) - self._measured)[self._seen], known[-1].state
+
+    def slopes(self, names: list[str]) -> Array:
+        """Derivatives of the differences."""
+        moves = [one.rates[:, :, : len(names)] for one in self._known]
+        return np.stack([np.tensordot(self._rows, move[self._vertices], 1) for move in moves])[self._seen]
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last misfit is that of full balance."""
+        return self._goal <= GOAL
+
+    def _near(
+        self, body: DiscreteShell, index: int, known: list[KnownEquilibrium], names: list[str], steps: Array
+    ) -> KnownEquilibrium | None:
+        """The equilibrium at a level from the last one there, or at first from that of the level before."""
+        gravity, force, loads = self._levels[index]
+        if self._known:
+            before = self._known[index]
+            step = before.rates[:, :, : len(names)] @ steps
+        elif known and self._factors[index - 1]:
+            before, names = known[-1], [*names, "load"]
+            step = (self._factors[index] / self._factors[index - 1] - 1.0) * before.rates[:, :, -1]
+        else:
+            return None
+        return before.near(body, body.shell.loading(gravity, force, loads), gravity, step, names, self._goal)
+
+    def _far(
+        self, body: DiscreteShell, index: int, known: list[KnownEquilibrium], names: list[str]
+    ) -> KnownEquilibrium:
+        """The equilibrium at a level as the model finds it."""
+        gravity, force, loads = self._levels[index]
+        starts = [one.state.positions for one in (self._known[index : index + 1] or known[-1:])]
+        for start in (*starts, None):
+            answer = body.equilibrium(gravity=gravity, force=force, loads=loads, start=start)
+            if answer.converged:
+                return KnownEquilibrium.of(body, answer, names if self._known else [*names, "load"])
+        raise SolverError(f"no equilibrium was found ({answer.status}): begin nearer to the answer")
+
+
+def _steps(names: list[str], old: Material | Isotropic, new: Material | Isotropic) -> Array:
+    """Changes of constants (k, 2): to the first order in logarithms, and as shares; of Poisson's ratio as they are."""
+    pairs = [(float(getattr(old, name)), float(getattr(new, name))) for name in names]
+    shares = [
+        new - old if name == "poisson" else np.log(new / old) for name, (old, new) in zip(names, pairs, strict=True)
+    ]
+    sizes = [1.0 if name == "poisson" else old for name, (old, _) in zip(names, pairs, strict=True)]
+    return np.stack([np.multiply(sizes, shares), shares], axis=1)
+
+
+def checked_factors(factors: ArrayLike) -> Array:
+    """Shares of a load (L,), at least one, finite."""
+    levels = np.atleast_1d(as_array("factors", factors, "shares of the load", OptionError))
+    return np.asarray(checked_vectors("factors", levels, (max(np.size(levels), 1),), OptionError))

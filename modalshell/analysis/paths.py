@@ -1,0 +1,285 @@
+"""Equilibrium paths of models: limit points, bifurcations, stability, and secondary branches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import cast, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.core.checks import checked_choice, checked_count, checked_kind, checked_number, checked_vectors, shown
+from modalshell.core.errors import LoadError, OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.short_repr import brief
+from modalshell.core.timings import Stopwatch
+from modalshell.core.typing import Array, Progress, Vector
+from modalshell.loads import Load
+from modalshell.mesh import TriangleMesh
+from modalshell.mesh.selection import Selection, selected
+from modalshell.models.base.model import RIGID_LOAD, Model
+from modalshell.models.discrete_shell import DiscreteShell
+from modalshell.modes.rigid import rigid_motions
+from modalshell.shell import Shell
+from modalshell.statics.bifurcation import BIFURCATION, PathEvent, Range, Trace, follow, switched
+from modalshell.statics.continuation import equilibrium
+from modalshell.statics.dense import EnergyFunction
+from modalshell.statics.path import CONTROLS, Control, Followable, Tracer
+
+_BEYOND = 2.0
+"""Multiples of the requested range of load factors within which a path is followed."""
+
+
+@final
+@brief
+@dataclass(frozen=True)
+class EquilibriumPath:
+    """Equilibria under a load that grows in proportion, in order along their path.
+
+    Attributes
+    ----------
+    factors : ndarray, shape (k,)
+        Shares of the load.
+    positions : ndarray, shape (k, n, 3)
+        Vertex positions [m]; unknowns (k, N) of an :class:`~modalshell.EnergyFunction`.
+    stable : ndarray of bool, shape (k,)
+        Whether the Hessian of the potential is positive definite.
+    unstable_directions : ndarray of int, shape (k,)
+        Number of its negative eigenvalues.
+    displacements : ndarray, shape (k,)
+        The watched displacement [m].
+    events : list of PathEvent
+        ``(kind, index, factor)`` of limit points and bifurcations; they are points of the path.
+    residuals : ndarray, shape (k,)
+        Out-of-balance forces over the largest load so far.
+    outcome : Outcome
+        ``Outcome.CONVERGED`` if the path reached the requested load factor.
+    message : str
+        Why it did not, a sentence.
+    branches : list of EquilibriumPath
+        Paths from bifurcations of this one, two for each requested one that crosses.
+    parent : int or None
+        Of a branch: the point of the first path that it leaves.
+    iterations : int
+        Factorisations.
+    seconds : float
+        Wall time, without that of the branches.
+    mesh : TriangleMesh or None
+        Of the shell.
+    """
+
+    factors: Array
+    positions: Array = field(repr=False)
+    stable: NDArray[np.bool_] = field(repr=False)
+    unstable_directions: NDArray[np.int64] = field(repr=False)
+    displacements: Array = field(repr=False)
+    events: list[PathEvent]
+    residuals: Array = field(repr=False)
+    outcome: Outcome
+    message: str
+    branches: list[EquilibriumPath] = field(default_factory=list)
+    parent: int | None = None
+    iterations: int = 0
+    seconds: float = 0.0
+    mesh: TriangleMesh | None = field(default=None, repr=False)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the path reached the requested load factor."""
+        return self.outcome is Outcome.CONVERGED
+
+    def crossings(self, factor: float) -> Array:
+        """Watched displacements [m] of all equilibria of this path at a load factor, in order, linear in between."""
+        off = self.factors - checked_number("factor", factor)
+        after = np.flatnonzero((off[:-1] * off[1:] < 0.0) | (off[1:] == 0.0)) + 1
+        share = off[after - 1] / (off[after - 1] - off[after])
+        between = self.displacements[after - 1] + share * (self.displacements[after] - self.displacements[after - 1])
+        return np.concatenate([self.displacements[:1][off[:1] == 0.0], between])
+
+
+def equilibrium_path(
+    model: Model | Shell | EnergyFunction,
+    *,
+    gravity: ArrayLike | None = None,
+    force: ArrayLike | None = None,
+    loads: Sequence[Load] | None = None,
+    until: float = 1.0,
+    begin: float = 0.0,
+    start: ArrayLike | None = None,
+    control: Control = "arc",
+    watch: tuple[Selection, Vector] | ArrayLike | None = None,
+    steps: int = 20,
+    points: int = 400,
+    branches: int = 0,
+    on_step: Progress | None = None,
+) -> EquilibriumPath:
+    """Follow the equilibria of a shell under a load that grows in proportion, stable or not.
+
+    Steps are predicted along the tangent and corrected by mixed Newton in a plane across it [keller1977; riks1979], so
+    that the path goes on through limit points, where the shell would snap. At each point the Hessian's negative
+    eigenvalues are counted: where the load factor turns back there is a limit point, where their number changes
+    otherwise a bifurcation. Both are located, and stand in the path.
+
+    Parameters
+    ----------
+    model : Model, Shell or EnergyFunction
+        DS, of either energy, RSW, MD-ROM or another model with a potential; a shell stands for its DS.
+    gravity, force, loads : optional
+        The load at a factor of 1, as in :meth:`Model.equilibrium`; ``force`` (N,) of an EnergyFunction.
+    until : float
+        Load factor at which the path ends.
+    begin : float
+        Load factor at which it begins.
+    start : array_like, shape (n, 3), optional
+        Positions [m] near those at the beginning; by default those under a load that grows from zero.
+    control : {"arc", "load", "displacement"}
+        What the steps are measured by. Load control ends at the first limit point, displacement control where the
+        watched displacement turns back.
+    watch : (selection, direction), optional
+        The displacement to report: the mean of these vertices' along a direction. Without it the mean along the
+        load, weighted by its forces. Weights (N,) of the unknowns of an EnergyFunction.
+    steps : int
+        Steps at least from ``begin`` to ``until``.
+    points : int
+        Points at most of a path.
+    branches : int
+        Number of the path's bifurcations, from its beginning, whose other branch is followed too, to both sides.
+    on_step : callable, optional
+        Called with the number of points so far and the most.
+
+    Returns
+    -------
+    EquilibriumPath
+        Does not raise for a path that ends early: see ``outcome`` and ``message``.
+
+    Raises
+    ------
+    LoadError
+        For loads or positions of the wrong shape or not finite, or a load that moves nothing.
+    OptionError
+        For a model without a potential, supports that leave the shell free, or options out of range.
+    SolverError
+        If there is no equilibrium to begin from.
+
+    Examples
+    --------
+    >>> import modalshell as ms
+    >>> mesh = ms.flat_beam(cells=(12, 2))
+    >>> shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.1)
+    >>> path = ms.equilibrium_path(shell, gravity=(0, 0, -2), until=1.0)
+    >>> path.converged, bool(path.stable.all()), path.events
+    (True, True, [])
+    """
+    watch_time = Stopwatch()
+    until, begin = checked_number("until", until), checked_number("begin", begin)
+    if until == begin:
+        raise OptionError(f"until must differ from begin (got {until:g} for both)")
+    checked_choice("control", control, CONTROLS)
+    steps, points = checked_count("steps", steps), checked_count("points", points, at_least=2)
+    branches = checked_count("branches", branches, at_least=0)
+    followed, weights, mesh, first = _followed(model, gravity, force, loads, watch, start)
+    problem = followed.problem
+    if not problem.measure(problem.push_at(problem.origin)) > 0.0:
+        raise LoadError("no load moves the shell, so there is no path to follow: give gravity, force or loads")
+    longest = abs(until - begin) / steps
+    span = Range(until, begin - _BEYOND * abs(until - begin), begin + (1.0 + _BEYOND) * abs(until - begin), points)
+
+    def tracer() -> Tracer[object]:
+        return Tracer(problem, longest, control, lambda x: followed.generalised_force(x, weights))
+
+    def told(trace: Trace, iterations: int, parent: int | None = None) -> EquilibriumPath:
+        positions = np.array([followed.positions(point.x) for point in trace.points])
+        rest = followed.positions(problem.origin)
+        return EquilibriumPath(
+            np.array([point.factor for point in trace.points]),
+            positions,
+            np.array([point.negative == 0 for point in trace.points]),
+            np.array([point.negative for point in trace.points]),
+            np.tensordot(positions - rest, weights, weights.ndim),
+            trace.events,
+            np.array([point.residual for point in trace.points]),
+            Outcome.CONVERGED if trace.complete else Outcome.NOT_CONVERGED,
+            trace.message,
+            parent=parent,
+            iterations=iterations,
+            seconds=watch_time(),
+            mesh=mesh,
+        )
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        walker = tracer()
+        x = problem.origin if first is None else first
+        if begin != 0.0 and first is None:
+            found = equilibrium(problem.loaded(begin), None)
+            x = found.point
+        trace = follow(walker, walker.first(x, begin, np.sign(until - begin)), span, on_point=on_step)
+        path = told(trace, walker.iterations)
+        crossings = [event for event in trace.events if event.kind == BIFURCATION]
+        ends = [trace.points[event.index] for event in crossings]
+        for event in crossings[:branches]:
+            for side in (1.0, -1.0):
+                walker = tracer()
+                walker.shortened()
+                begun = switched(walker, trace.points[event.index], side)
+                if begun is None:
+                    continue
+                branch = follow(walker, begun, span, on_point=on_step, ends=ends)
+                path.branches.append(told(branch, walker.iterations, event.index))
+    return path
+
+
+def _followed(
+    model: Model | Shell | EnergyFunction,
+    gravity: ArrayLike | None,
+    force: ArrayLike | None,
+    loads: Sequence[Load] | None,
+    watch: tuple[Selection, Vector] | ArrayLike | None,
+    start: ArrayLike | None,
+) -> tuple[Followable, Array, TriangleMesh | None, Array | None]:
+    """What is followed, the weights of the watched displacement, the mesh, and the unknowns to begin from."""
+    if isinstance(model, EnergyFunction):
+        if gravity is not None or loads is not None:
+            raise OptionError("an EnergyFunction knows no mass and no surface: give its load by force=")
+        shape = model.rest.shape
+        load = np.zeros(shape) if force is None else checked_vectors("force", force, shape)
+        weights = load / max(float(np.abs(load).sum()), 1e-300)
+        if watch is not None:
+            weights = checked_vectors("watch", watch, shape, OptionError)
+        first = None if start is None else checked_vectors("start", start, shape)
+        same = Followable(model.problem(load), lambda x: x, lambda x: x, lambda _, force: force)
+        return same, weights, None, first
+    chosen: Model = checked_kind(
+        "model",
+        DiscreteShell(model) if isinstance(model, Shell) else model,
+        Model,  # type: ignore[type-abstract]
+    )
+    shell = chosen.shell
+    loading = shell.loading(gravity, force, loads)
+    if loading.live:
+        raise OptionError(
+            "a path is followed under dead loads that grow in proportion (got one that follows the shell or the time): "
+            "take equilibrium at several sizes of the load, each from the one before, or Pressure(follower=False)"
+        )
+    load = loading.dead
+    if chosen.rigid_load(load) > RIGID_LOAD or rigid_motions(shell).shape[1]:
+        raise OptionError("a path needs a shell that its supports hold: clamp some vertices")
+    begin = None if start is None else shell.checked_positions(start)
+    followed = chosen.followable(load)
+    weights = _watched(shell, load, watch)
+    return followed, weights, shell.mesh, None if begin is None else followed.unknowns(begin)
+
+
+def _watched(shell: Shell, load: Array, watch: tuple[Selection, Vector] | ArrayLike | None) -> Array:
+    """Weights (n, 3) of the watched displacement."""
+    if watch is None:
+        free = np.asarray(shell.unknowns.prolong(shell.unknowns.values(load.ravel())).reshape(-1, 3))
+        return free / max(float(np.linalg.norm(free, axis=1).sum()), 1e-300)
+    if not isinstance(watch, tuple | list) or len(watch) != 2:
+        raise OptionError(f"watch must be a selection of vertices and a direction (got {shown(watch)})")
+    chosen, direction = cast("tuple[Selection, Vector]", watch)
+    along = checked_vectors("direction", direction, (3,), OptionError)
+    if not along.any():
+        raise OptionError("direction must not be zero (got that of watch)")
+    mask = selected("watch", chosen, shell.mesh)
+    return np.where(mask[:, None], along / np.linalg.norm(along), 0.0) / mask.sum()

@@ -1,0 +1,1 @@
+"""Kernels of crowds and flocks, for the processor and for devices."""

@@ -1,0 +1,1 @@
+"""Files: regular files read, atomic writes, locks, provenance, and stored results of studies."""

@@ -1,0 +1,80 @@
+"""Study results, saved as JSON and NPZ with a record of the run that made them."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.core.checks import shortened
+from modalshell.core.errors import FileFormatError
+from modalshell.files.atomic_io import checked_record, digest, read_npz, write_npz, write_record
+
+Table = list[dict[str, str]]
+"""A table of a study's page: the cells of each row by their headings."""
+
+_ARRAYS = "arrays"
+"""Key of the arrays' digest in the JSON file."""
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """Result of a study.
+
+    Attributes
+    ----------
+    name : str
+        Name of the study.
+    findings : dict
+        Tables and numbers, ready for JSON.
+    arrays : dict of ndarray
+        Positions, faces and other arrays that figures draw.
+    record : dict
+        See :func:`modalshell.files.provenance.run_record`.
+    """
+
+    name: str
+    findings: dict[str, Any]
+    arrays: dict[str, NDArray[Any]] = field(repr=False)
+    record: dict[str, Any] = field(repr=False)
+
+    def save(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Write ``NAME.json`` and ``NAME.npz`` into ``folder``; return the paths."""
+        content = {"study": self.name, "record": self.record, "findings": self.findings}
+        # As they read back: tuples as lists, NumPy's numbers as Python's.
+        content = json.loads(json.dumps(content, default=_plain, allow_nan=False))
+        arrays = {name: np.asarray(array) for name, array in self.arrays.items()}
+        stem = Path(folder) / self.name
+        document = content | {_ARRAYS: digest(arrays)}
+        return [write_npz(stem.with_suffix(".npz"), **arrays), write_record(stem.with_suffix(".json"), document)]
+
+    @classmethod
+    def load(cls, folder: str | os.PathLike[str], name: str) -> StudyResult:
+        """Read a saved result; FileFormatError if it is missing, damaged, or JSON and NPZ are not of one run.
+
+        Results of earlier versions, whose JSON has no digest, are read without that check.
+        """
+        stem = Path(folder) / name
+        try:
+            document = checked_record(stem.with_suffix(".json"), bare=True)
+            arrays = read_npz(stem.with_suffix(".npz"))
+            if document.pop(_ARRAYS, None) not in (None, digest(arrays)):
+                raise ValueError("its JSON and NPZ are not those that were written together: the digest differs")
+            if set(document) != {"study", "record", "findings"}:
+                raise ValueError(f"its JSON has the keys {', '.join(document)}")
+            return cls(name, document["findings"], arrays, document["record"])
+        except Exception as error:  # OS, JSON, zip and key errors all mean the same to the user
+            text = shortened(str(error))
+            raise FileFormatError(f"no readable result of study {name!r} in {Path(folder)}: {text}") from error
+
+
+def _plain(value: Any) -> Any:
+    """Convert NumPy numbers and arrays to JSON types."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise TypeError(f"no JSON form for {type(value).__name__}")

@@ -1,0 +1,1 @@
+"""What models share: their base classes, statics, sensitivities and the check for distortion."""

@@ -1,0 +1,67 @@
+"""Distortion check: whether a deformed surface is within the range of modal models."""
+
+from __future__ import annotations
+
+from functools import cached_property, partial
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from modalshell.core.outcome import Outcome
+from modalshell.core.thread_safety import PerThread
+from modalshell.core.typing import Array
+from modalshell.mesh import TriangleMesh
+from modalshell.models.base.distortion_kernels import surface_changes
+
+_AREA = 2.0
+"""Factor of increase or decrease of the area of the surface or a triangle beyond which it counts as distorted."""
+_CRUMPLED = 0.1
+"""Fraction of the surface whose triangles may exceed that factor."""
+_OVER = -0.5
+"""Cosine between the normals of neighbours below which a surface that was not folded has folded over."""
+_SHARE = 0.05
+"""Fraction of the edges at which it may be folded over."""
+
+
+@final
+class Distortion:
+    """Judges deformed shapes of one mesh.
+
+    A shell bends with little stretch: neither its area nor that of a good part of its triangles doubles or halves, and
+    its triangles do not fold over their neighbours.
+    """
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        self._mesh = mesh
+        self._normals = PerThread(partial(np.empty, (4, len(mesh.faces))))
+
+    @cached_property
+    def _rest(self) -> tuple[tuple[NDArray[np.int64], Array, NDArray[np.int64]], float, int]:
+        """Faces, their areas and the pairs of neighbours that are not folded over each other; area; hinges."""
+        mesh = self._mesh
+        pairs = mesh.edge_faces[mesh.hinge_edges]
+        normals = mesh.face_normals[pairs]
+        unfolded = np.ascontiguousarray(pairs[np.einsum("hi,hi->h", normals[:, 0], normals[:, 1]) > 0.0])
+        return (mesh.faces, mesh.face_areas, unfolded), mesh.area, len(pairs)
+
+    def of(self, positions: Array) -> str:
+        """Description of a distorted surface at ``positions`` (n, 3); "" if it is within the range of modal models."""
+        rest, rest_area, hinges = self._rest
+        area, changed, folded = surface_changes(positions, *rest, _AREA, _OVER, int(_SHARE * hinges), self._normals())
+        ratio = area / rest_area
+        if not 1.0 / _AREA < ratio < _AREA:
+            return f"the surface area is {ratio:.3g} of that at rest"
+        if changed > _CRUMPLED * rest_area:
+            return f"the area doubled or halved on {100.0 * changed / rest_area:.2g} % of the surface"
+        if folded > _SHARE * hinges:
+            return f"triangles fold over their neighbours at {100.0 * folded / hinges:.2g} % of the edges"
+        return ""
+
+    def judged(self, outcome: Outcome, message: str, positions: Array) -> tuple[Outcome, str]:
+        """Outcome and message of a static solution, after the check of its ``positions`` (n, 3)."""
+        said = self.of(positions)
+        if not said:
+            return outcome, message
+        said = f"beyond what the model can describe: {said}"
+        return Outcome.DISTORTED if outcome is Outcome.CONVERGED else outcome, f"{message}; {said}" if message else said

@@ -1,0 +1,124 @@
+"""Equilibria: positions, outcome and solver statistics of a static solve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import final
+
+import numpy as np
+
+from modalshell.core.checks import finite_answer
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
+from modalshell.loads import Loading
+from modalshell.mesh import TriangleMesh
+from modalshell.render import Picture, ShadedSurface, View, html_of
+from modalshell.render.picture import SMALL
+from modalshell.shell.pattern import SparsePattern
+from modalshell.statics.live_loads import LiveLoads
+
+
+@final
+@brief
+@dataclass(frozen=True)
+class Equilibrium:
+    """A static solution with its outcome and solver statistics.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (n, 3)
+        Vertex positions [m]; the best iterate where the solver did not converge.
+    outcome : Outcome
+        How the search ended; ``Outcome.CONVERGED`` where ``residual`` met the model's tolerance at a state that the
+        model can hold and that is not known to be unstable, ``Outcome.DISTORTED`` where it did at a state that no
+        modal model describes.
+    message : str
+        Message about the solution; empty if there is none.
+    iterations : int
+        Solver iterations over the whole load path.
+    residual : float
+        Out-of-balance force relative to the load (model-specific norm, see each model).
+    stable : bool or None
+        Whether it is stable; None if unknown.
+    seconds : float
+        Wall time.
+    coordinates : ndarray or None
+        Of reduced models: modal coordinates (m,), or positions (k, 3) [m] of the vertices of a coarse mesh.
+    costs : dict
+        Seconds of each part of the solver (assembly, factorisation, solution) of full models.
+    constraint_residuals : ndarray, shape (k,)
+        How far each constraint is from its target: [m] for positions, [rad] for orientations.
+    constraint_reactions : ndarray, shape (k, 3)
+        What each constraint does to the shell: the force [N] that holds a patch at its position, or the moment [N m]
+        about its mean position that holds it in its orientation.
+    conservative : bool
+        Whether the load has a potential; ``message`` says so where it has none.
+    loading, gravity
+        The load, for derivatives of the solution; None if unknown.
+    mesh : TriangleMesh or None
+        The mesh at rest, for pictures; None if unknown.
+    """
+
+    positions: Array
+    outcome: Outcome
+    message: str
+    iterations: int
+    residual: float
+    stable: bool | None
+    seconds: float = 0.0
+    coordinates: Array | None = None
+    costs: dict[str, float] = field(default_factory=dict)
+    constraint_residuals: Array = field(default_factory=lambda: np.empty(0))
+    constraint_reactions: Array = field(default_factory=lambda: np.empty((0, 3)))
+    conservative: bool = True
+    loading: Loading | None = field(default=None, repr=False, compare=False)
+    gravity: Array | None = field(default=None, repr=False, compare=False)
+    mesh: TriangleMesh | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        finite_answer("the equilibrium's positions", self.positions)
+
+    def load_stiffness(self, pattern: SparsePattern) -> Array:
+        """Minus the derivatives of the load's forces by the positions, as entries of a Hessian; zero of dead loads."""
+        data = np.zeros(pattern.size)
+        if self.loading is not None and self.loading.live:
+            LiveLoads(self.loading).add_stiffness(pattern, self.positions, data)
+        return data
+
+    @property
+    def converged(self) -> bool:
+        """Whether the model's own equations are solved: ``Outcome.CONVERGED``, or ``DISTORTED`` beyond its reach."""
+        return self.outcome.solved
+
+    @property
+    def status(self) -> str:
+        """The outcome as text."""
+        return str(self.outcome)
+
+    def plot(self, *, size: tuple[int, int] = (960, 600)) -> Picture:
+        """Draw the shell coloured by its displacement, over its outline at rest.
+
+        A notebook shows the picture, and its ``save(path)`` writes it.
+
+        Raises
+        ------
+        OptionError
+            If the mesh is unknown.
+        """
+        if self.mesh is None:
+            raise OptionError("this equilibrium came without its mesh: draw that of a model's equilibrium()")
+        moved = np.linalg.norm(self.positions - self.mesh.vertices, axis=1)
+        shape = ShadedSurface(self.positions, self.mesh.faces, scalars=moved, label="displacement [m]", smooth=True)
+        rest = ShadedSurface(self.mesh.vertices, self.mesh.faces, color="#999999", style="outline")
+        return Picture.of_views([View([shape, rest])], size=size)
+
+    def _repr_html_(self) -> str:
+        numbers = {
+            "outcome": self.outcome.with_message(self.message),
+            "residual": f"{self.residual:.2g} after {self.iterations} iterations",
+            "stable": "not known" if self.stable is None else ("yes" if self.stable else "no"),
+            "time": f"{self.seconds:.3g} s",
+        }
+        return html_of("Equilibrium", numbers, None if self.mesh is None else self.plot(size=SMALL))

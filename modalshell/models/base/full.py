@@ -1,0 +1,319 @@
+"""Base of full models, whose unknowns are the vertices: Newton statics and time steps."""
+
+from __future__ import annotations
+
+import copy
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from modalshell.constraints.constraints import Constraint, HeldPatch, held_patches
+from modalshell.core.checks import checked_kind, checked_number
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.timings import Timings
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.full import ExplicitEuler, FullIntegrator
+from modalshell.integrators.full.base import hold
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.loads import Loading
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model, Placement
+from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
+from modalshell.models.base.tangent import Tangent
+from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
+from modalshell.modes.rigid import left_free
+from modalshell.shell import EXACT, Shell
+from modalshell.statics.bifurcation import BIFURCATION, LIMIT
+from modalshell.statics.boundary import lead
+from modalshell.statics.continuation import equilibrium
+from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.newton import Factored
+from modalshell.statics.path import Followable
+from modalshell.statics.potential import Potential
+from modalshell.statics.refine import refine
+from modalshell.statics.verdict import verdict
+
+_ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
+_LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
+_KEPT = 1e-5
+"""Move, in sizes of the shell, within which statics keep a factor that takes in internal unknowns: it costs four times
+that of a hinge shell, for which another factor is as cheap as a second solve."""
+_ROUNDING = 1e-10
+"""Share of the mean diagonal entry of a Hessian below which an eigenvalue counts as zero."""
+
+
+class FullModel(Model):
+    """A model in which every vertex is an unknown; its energies are those of its shell's elements.
+
+    Statics is Newton's method; ``residual`` is the out-of-balance force over the load, accepted at 1e-7. From a start
+    (a cheaper model's answer, say) the whole load is tried at once, and where that fails the potential is minimised
+    from there. Without a start the load is applied in steps that grow and shrink with the solver's success; where a
+    step ends at no minimum (the shell snaps) the potential is minimised from the last stable state instead, as the
+    shell would move in a thick fluid; ``message`` names the limit point or bifurcation that ends the branch, which is
+    located on the path of equilibria. A saddle on the way is left along its unstable mode, to the lower of both sides,
+    and ``message`` says so. Patches under constraints are led to their targets
+    as moving boundaries; ``residual`` there is relative to load and reactions.
+
+    Parameters
+    ----------
+    shell, integrator, allow_unstable_step, step_tolerance, backend
+        As for :class:`modalshell.DiscreteShell`.
+
+    Attributes
+    ----------
+    costs : dict
+        Seconds of assembly, factorisation and solution so far.
+    """
+
+    takes_constraints = True
+    takes_live_loads = True
+    moves_patches = True
+    of_material = True
+    """Whether the energies are those of the shell's material."""
+
+    def __init__(
+        self,
+        shell: Shell,
+        *,
+        integrator: str | FullIntegrator = "implicit",
+        allow_unstable_step: bool = False,
+        step_tolerance: float = 1e-6,
+        backend: str | None = None,
+    ) -> None:
+        self.shell = checked_kind("shell", shell, Shell)
+        # Supports of single components turn with the frame that they belong to.
+        self.in_shell_frame = shell.unknowns.matrix is not None
+        self.integrator: FullIntegrator = FullIntegrator.chosen(integrator)
+        self.allow_unstable_step = allow_unstable_step
+        self._largest_eigenvalue: float | None = None
+        self.step_tolerance = checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2)
+        self.factoriser = Factoriser(backend)
+        self.costs = Timings()
+        self.live: LiveLoads | None = None
+
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        return self._solve_live(Loading(self.shell.rest_positions, load), start, constraints)
+
+    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        load = loading.dead
+        before = dict(self.costs)
+        patches = held_patches(constraints, self.shell) if constraints else []
+        first = None if start is None else hold(self.shell, start)
+        problem, origin = self.problem(loading)
+        shell, live = problem.shell, problem.live
+        if origin.any() and first is not None:
+            first = first - origin
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
+            if patches:
+                # The load comes with the first step: a loose shell may have no rest of its own under it.
+                result = lead(
+                    shell, load, first, patches, origin, Factoriser(self.factoriser.backend), self.costs, live
+                )
+            else:
+                result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
+        notes = [f"a stable branch ends at a {_ENDS[kind]} at {share:.4g} of the load" for kind, share in result.jumps]
+        note = "; ".join(notes + [_LEFT] * result.left_saddle)
+        if not result.converged and not patches:
+            note = left_free(self.shell) or note
+        return Equilibrium(
+            result.point + origin if origin.any() else result.point,
+            *verdict(result.residual, result.stable, limited=result.limited, note=note),
+            result.iterations,
+            result.residual,
+            result.stable,
+            costs=self.costs.since(before),
+            constraint_residuals=np.zeros(len(constraints)),
+            constraint_reactions=_reactions(shell, constraints, patches, result.point, load, live),
+        )
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
+        """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass; 0 where it is singular to the last bit."""
+        return self.lowest_eigenvalue(answer.positions)
+
+    def lowest_eigenvalue(self, positions: Array) -> float:
+        """Lowest eigenvalue [1/s^2] of the tangent stiffness over the mass at ``positions`` (n, 3) [m]."""
+        try:
+            return lowest_tangent_eigenvalue(self.shell, self.shell.checked_positions(positions))
+        except SolverError:
+            return 0.0
+
+    def centred(self) -> tuple[Self, Array]:
+        """The same model about the origin, where coordinates have the smallest rounding, and where its origin was."""
+        shell, origin = self.shell.centred()
+        if not origin.any():
+            return self, origin
+        model = copy.copy(self)
+        model.shell = shell
+        return model, origin
+
+    def problem(self, loading: Loading) -> tuple[Potential, Array]:
+        """The potential under a load about the origin (see :meth:`centred`), and where its origin was (3,) [m]."""
+        model, origin = self.centred()
+        live = LiveLoads(loading, origin=origin) if loading.live else None
+        return model._statics(loading.dead, live), origin
+
+    @abstractmethod
+    def holding(self, vertices: Index) -> FullModel:
+        """The same model, with further vertices held."""
+
+    def _statics(self, load: Array, live: LiveLoads | None = None) -> Potential:
+        kept_within = _KEPT if self.shell.pattern.internal is not None else 0.0
+        rest = self.shell.rest_positions
+        return Potential(load, rest, self.shell, self.factoriser, self.costs, live, kept_within=kept_within)
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium, by the implicit-function theorem.
+
+        With the out-of-balance force r(x, theta), ``dx/dtheta = -(dr/dx)^-1 dr/dtheta`` on the free unknowns: one
+        factorisation of the tangent stiffness, and one solve for each of the k columns; or one solve alone with ``of``.
+
+        Parameters
+        ----------
+        state : Equilibrium
+            A converged answer of this model.
+        wrt : str or sequence of str
+            By what, k numbers in all: a constant of the material ("young", "poisson", "thickness", "density" of an
+            Isotropic; "stretch", "shear", "flexure", "density" of a Material) that is one number for the whole mesh;
+            "gravity" (k = 3); "load", a factor on the whole load; "force", that on every vertex (k = 3n);
+            "rest_angles", those of the mesh's hinges (k = H) [rad]; "supports", positions of the vertices that supports
+            hold (k = 3 each, in the order of their numbers, along what they leave free zero), clamped edges keeping
+            their slope.
+        of : array_like, shape (n, 3), optional
+            Derivative of a scalar by the positions: with it the scalar's derivatives are found, by one adjoint solve.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, k), or (k,) with ``of``
+            Per unit of each.
+
+        Raises
+        ------
+        OptionError
+            For a state that has not converged or was not found by :meth:`equilibrium` without constraints, or a ``wrt``
+            that is none of these.
+        """
+        loading = checked_state(state).loading
+        assert loading is not None
+        self.shell.checked_positions(state.positions)
+        names, weights = checked_names(wrt), checked_weights(of, self.shell)
+        tangent = self.tangent(state, loading)
+        for name in names:
+            tangent.check(name, adjoint=weights is not None)
+        if weights is None:
+            return np.concatenate([tangent.moved(name) for name in names], axis=2)
+        adjoint = tangent.solve(weights)
+        return np.concatenate([tangent.pulled(name, adjoint, weights) for name in names])
+
+    def tangent(self, state: Equilibrium, loading: Loading, factor: Factored | None = None) -> Tangent:
+        """The tangent at a state under a load, with the factor of its exact Hessian where that is known."""
+        live = LiveLoads(loading) if loading.live else None
+        return Tangent(self._statics(loading.dead, live), state, of_material=self.of_material, factor=factor)
+
+    def followable(self, load: Array) -> Followable:
+        """The shell about the origin, every vertex an unknown."""
+        model, origin = self.centred()
+        restrict = model.shell.unknowns.restrict
+        return Followable(
+            model._statics(load),
+            lambda x: x + origin,
+            lambda positions: hold(self.shell, positions) - origin,
+            lambda _, force: np.asarray(restrict(force.ravel())),
+        )
+
+    def stable_step(self, damping: Damping | None = None) -> float:
+        """Largest stable step [s] of the integrator at the rest shape; of explicit Euler if the integrator is implicit.
+
+        The stiffest mode decides, and is found by Lanczos on ``M^-1 K``. Dashpots add their own largest rate.
+        """
+        if self._largest_eigenvalue is None:
+            self._largest_eigenvalue = largest_eigenvalue(self.shell)
+        squared = self._largest_eigenvalue
+        damping = damping or Damping()
+        viscosity = damping.stiffness_factor * squared
+        if self.shell.has_dashpots:
+            viscosity += largest_eigenvalue(self.shell, self.shell.damping_matrix(self.shell.rest_positions, 0.0))
+        rule = self.integrator if self.integrator.explicit else ExplicitEuler()
+        return rule.stable_step(squared, damping.mass_factor, viscosity)
+
+    def is_saddle(self, state: MotionState) -> bool:
+        """Whether the potential has negative curvature; False for a shell without supports."""
+        if not self.shell.unknowns.supported.any():
+            return False
+        problem = self._statics(np.zeros_like(state.coordinates))
+        hessian = problem.linearise(state.coordinates, EXACT)[1]
+        if problem.definite_factor(hessian) is not None:
+            return False
+        rounding = _ROUNDING * float(np.abs(hessian.diagonal()).mean() / self.shell.mass.mean())
+        try:
+            return TangentStiffness(self.shell, hessian, self.factoriser).lowest_mode()[0] < -rounding
+        except SolverError:
+            return False
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Refuse an explicit step above the stability estimate."""
+        super().check_step(dt, damping)
+        if self.integrator.explicit and not self.allow_unstable_step and dt > (stable := self.stable_step(damping)):
+            raise OptionError(
+                f"{self.integrator.name} needs a step of at most {stable:.3g} s on this shell (got {dt:.3g} s): "
+                "shorten the step, use integrator='implicit', or pass allow_unstable_step=True"
+            )
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest."""
+        x = self.shell.rest_positions if positions is None else self.shell.checked_positions(positions)
+        return self.integrator.start(self, hold(self.shell, x))
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m]: the coordinates themselves."""
+        return state.coordinates
+
+    def placed(self, state: MotionState, pose: Placement) -> MotionState:
+        """``state`` moved with the supports: positions, rates and the integrator's memory."""
+        if self.in_shell_frame:
+            return state
+        memory = {name: vectors @ pose.rotation.T for name, vectors in state.memory.items()}
+        return MotionState(pose.to_world(state.coordinates), state.rates @ pose.rotation.T, memory)
+
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """One step of the integrator; for implicit ones, whether the solve converged."""
+        return self.integrator.step(self, state, dt, load, damping, held)
+
+    def step_live(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None, live: LiveLoads
+    ) -> tuple[MotionState, bool]:
+        """One step under loads that change, as at its end if the integrator takes them so, else as at its beginning."""
+        x = state.coordinates
+        if not self.integrator.takes_live:
+            force = live.loading.live_force(x + live.origin, state.rates, live.time)
+            return self.step(state, dt, load + force, damping, held)
+        body = copy.copy(self)
+        body.live = replace(live, before=x, rate=1.0 / dt)
+        return self.integrator.step(body, state, dt, load, damping, held)
+
+
+def _reactions(
+    shell: Shell,
+    constraints: Sequence[Constraint],
+    patches: Sequence[HeldPatch],
+    x: Array,
+    load: Array,
+    live: LiveLoads | None,
+) -> Array:
+    """Forces [N] and moments [N m] (k, 3) of constraints on a shell in equilibrium at x (n, 3)."""
+    if not patches:
+        return np.empty((0, 3))
+    held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
+    left = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
+    of_patch = {patch.position.vertices.tobytes(): patch.vertices for patch in patches}
+    reactions = np.empty((len(constraints), 3))
+    for reaction, constraint in zip(reactions, constraints, strict=True):
+        vertices = of_patch[constraint.vertices.tobytes()]
+        forces, arms = left[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
+        reaction[:] = forces.sum(axis=0) if constraint.kind == "position" else np.cross(arms, forces).sum(axis=0)
+    return reactions

@@ -1,0 +1,385 @@
+"""Base of modal models: coordinates, time steps per mode, constraints, and the balance of rigid modes."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+import scipy.linalg.lapack
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from modalshell.constraints.constraints import Constraint, nearest_branch
+from modalshell.constraints.manipulation import Evaluate, meet
+from modalshell.core.checks import checked_kind, checked_vectors
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.outcome import Outcome
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.loads import Loading
+from modalshell.models.base.distortion import Distortion
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.model import Model, ResolvedTarget, rigid_share
+from modalshell.models.base.reduced_sensitivity import ModalTangent
+from modalshell.models.reduction.load_quadrature import LoadQuadrature
+from modalshell.modes import Basis
+from modalshell.statics.dense import WorkPotential
+from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
+from modalshell.statics.modal_balance import balance, differences
+from modalshell.statics.path import Followable
+
+CONSTRAINT_MET = 1e-6
+"""Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
+
+_FIXED_POINT = 1e-7
+"""Relative change of the coordinates at which a fixed-point iteration has converged."""
+_FIXED_POINT_LIMIT = 200
+"""Fixed-point iterations at most."""
+_OUT_OF_REACH_LIMIT = 20
+"""Number of iterations after which unreached targets are abandoned."""
+
+
+class ModalModel(Model):
+    """A model whose unknowns are the m modal coordinates q.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes, eigenvalues and modal rotations of the shell.
+    integrator : str or ModalIntegrator
+        "implicit_euler" (first order, loses energy), "implicit_midpoint" (second order, keeps the energy of linear
+        motion), the key of any other :class:`ModalIntegrator`, or a rule itself.
+    """
+
+    in_shell_frame = True
+    takes_constraints = True
+    new_positions = True
+    conservative: bool = True
+    """Whether the modal force is the gradient of the load's work, so that equilibria are the minima of a potential."""
+
+    def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
+        self.basis = checked_kind("basis", basis, Basis)
+        self.shell = basis.shell
+        self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
+        self._identity = np.eye(basis.count)
+        self._distortion = Distortion(self.shell.mesh)
+        self._damp: tuple[Damping, Array] | None = None
+        self._unit_step: tuple[tuple[float, Damping], tuple[Array, Array]] | None = None
+        self._mass = np.repeat(self.shell.mass, 3)
+        self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+
+    def displacement(self, q: ArrayLike) -> Array:
+        """Vertex displacements (n, 3) [m] at modal coordinates ``q`` (m,); OptionError if these are not finite."""
+        return self.raw_displacement(checked_vectors("q", q, (self.basis.count,), OptionError))
+
+    @abstractmethod
+    def raw_displacement(self, q: Array) -> Array:
+        """Displacements as of :meth:`displacement`, without input checks."""
+
+    @abstractmethod
+    def modal_force(self, q: Array, load: Array) -> Array:
+        """Modal force p (m,) of the load (n, 3) at q."""
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless overridden."""
+        return differences(lambda q: self.modal_force(q, load), q, self.basis.rotations)
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
+
+        Repeated eigenvalues do no harm, unless the basis ends within one. Rest angles act by the couples that they
+        cause at rest, in the frame of the modes' own elastic forces.
+        """
+        return ModalTangent(self, state).derivative(wrt, of)
+
+    def on_basis(self, basis: Basis) -> ModalModel:
+        """The same model on another basis of its shell."""
+        return type(self)(basis)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        raise OptionError(f"{self.name} has no derivatives: take LMA, MWTS or RSW")
+
+    def coordinates_of(self, positions: ArrayLike) -> Array:
+        """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
+        displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
+        return np.asarray(self.basis.modes.T @ (self._mass * displacement))
+
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Static answer, with or without constraints, from the model's own :meth:`_free_statics`."""
+        begin = None if start is None else self.coordinates_of(start)
+        self._refuse_slack()
+        if constraints:
+            return self._constrained_answer(load, begin, constraints)
+        return self._answer(self._free_statics(load, begin))
+
+    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Static answer under loads that change, by Newton on the modal balance."""
+        if constraints:
+            return super()._solve_live(loading, start, constraints)
+        begin = None if start is None else self.coordinates_of(start)
+        self._refuse_slack()
+
+        basis = self.basis
+
+        def force(q: Array, share: float) -> Array:
+            positions = self.shell.rest_positions + self.raw_displacement(q)
+            return share * self.modal_force(q, loading.force(positions))
+
+        def slope(q: Array, share: float) -> Array:
+            return differences(lambda q: force(q, share), q, basis.rotations)
+
+        with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as no fixed point
+            found = balance(
+                force, slope, basis.eigenvalues, basis.rigid_modes, self.largest_turn, begin, first_step=1.0, retry=True
+            )
+        return self._answer(found)
+
+    def _refuse_slack(self) -> None:
+        """SolverError where an elastic mode has no stiffness."""
+        slack = np.flatnonzero(self.basis.eigenvalues[self.basis.rigid_modes :] <= 0.0)
+        if slack.size:
+            raise SolverError(
+                f"elastic mode {slack[0]} has no stiffness (got eigenvalue 0), so that statics has no answer: give the "
+                "material a stretch, shear and flexure above 0, or let simulate move the shell"
+            )
+
+    def _answer(self, found: Statics) -> Equilibrium:
+        """The equilibrium at given coordinates."""
+        positions = self.shell.rest_positions + self.raw_displacement(found.q)
+        return Equilibrium(
+            positions,
+            *self._distortion.judged(found.outcome, found.message, positions),
+            found.iterations,
+            found.residual,
+            found.stable,
+            coordinates=found.q,
+        )
+
+    def largest_turn(self, q: Array) -> float:
+        """Largest rotation [rad] of a part of the shell at q; a linear model knows none."""
+        return 0.0
+
+    @cached_property
+    def _turns(self) -> Array | None:
+        """Largest rotation [rad] of a part in each mode (m,); None where no mode has any."""
+        turns = np.array([self.largest_turn(unit) for unit in self._identity])
+        return turns if turns.any() else None
+
+    def fault(self, state: MotionState, positions: Array) -> Outcome | None:
+        """Wound up if a part rotated by more than 2 pi, distorted if the surface is stretched or folded over."""
+        # Rotations are linear in q: what the modes' own largest ones add up to bounds them.
+        q, turns = state.coordinates, self._turns
+        if turns is not None and not np.abs(q) @ turns <= WOUND_UP and self.largest_turn(q) > WOUND_UP:
+            return Outcome.WOUND_UP
+        return Outcome.DISTORTED if self._distortion.of(positions) else None
+
+    @abstractmethod
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:
+        """Answer to a load (n, 3), from coordinates ``start`` (m,) if there are any."""
+
+    def _constrained_answer(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Least modal energy under the constraints, the modal force iterated until it settles."""
+        if self.basis.rigid_modes:
+            raise OptionError(
+                "statics under constraints needs a shell that its supports hold; clamp some vertices, or let simulate "
+                "bring a free shell to rest with damping"
+            )
+        compliance = 1.0 / self.basis.eigenvalues
+        q = np.zeros(self.basis.count) if start is None else start
+        targets = [ResolvedTarget(c.kind, c.vertices, c.at(0.0)) for c in constraints]
+        evaluate = self._constraints(targets, q)
+        change, iterations, nearest = np.inf, 0, np.inf
+        while change > _FIXED_POINT and iterations < _FIXED_POINT_LIMIT:
+            if iterations == _OUT_OF_REACH_LIMIT and nearest > CONSTRAINT_MET:
+                break
+            before = q
+            iterations += 1
+            q, residual = meet(evaluate, compliance * self.modal_force(q, load), compliance, q)
+            nearest = min(nearest, float(np.abs(residual).max()))
+            work = float(np.sum(self.basis.eigenvalues * q**2)) or 1.0
+            change = float(np.sqrt(np.sum(self.basis.eigenvalues * (q - before) ** 2) / work))
+            if not load.any():  # no modal force that could still turn
+                change = 0.0
+        left = self._residuals(targets, residual)
+        outcome, message = Outcome.CONVERGED, ""
+        if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
+            outcome, message = Outcome.NO_FIXED_POINT, "the modal force under these constraints does not settle"
+        elif np.abs(residual).max() > CONSTRAINT_MET:
+            outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {left.max():.2e} from its target"
+        # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
+        units = np.array([[self._size if target.kind == "position" else 1.0] for target in targets])
+        out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
+        multipliers = np.linalg.lstsq(evaluate(q)[1].T, out_of_balance, rcond=None)[0].reshape(-1, 3)
+        answer = self._answer(Statics(q, change, iterations, outcome, message))
+        return replace(answer, constraint_residuals=left, constraint_reactions=multipliers / units)
+
+    def followable(self, load: Array) -> Followable:
+        """The modal potential, for models that know the work of a load and its derivatives."""
+        if not self.conservative or not hasattr(self, "work"):
+            return super().followable(load)
+        if self.basis.rigid_modes:
+            raise OptionError(f"a path needs a shell that its supports hold (got {self.basis.rigid_modes} rigid modes)")
+        return Followable(
+            WorkPotential(load, np.zeros(self.basis.count), cast("Workable", self)),
+            lambda q: self.shell.rest_positions + self.raw_displacement(q),
+            self.coordinates_of,
+            lambda q, force: self.modal_force(q, force),
+        )
+
+    def rigid_load(self, load: Array) -> float:
+        """Fraction of the load, in the modes' norm, on rigid modes, which have no resistance in statics."""
+        if self.basis.rigid_modes == 0 or not load.any():
+            return 0.0
+        return rigid_share(self.shell, load)  # on all of them: the basis may have been asked for fewer
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
+        """Lowest real part of the eigenvalues of ``Lambda - dp/dq`` [1/s^2]."""
+        if answer.coordinates is None:
+            return None
+        tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(answer.coordinates, load)
+        return float(scipy.linalg.eigvals(tangent).real.min())
+
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """Modal state at rest."""
+        q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
+        return MotionState(q, np.zeros_like(q))
+
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """One step of the integrator for every mode."""
+        q, v, eigenvalues = state.coordinates, state.rates, self.basis.eigenvalues
+        damp = self._modal_damping(damping)
+        after = self.integrator.step(q, v, lambda q: self.modal_force(q, load), eigenvalues, damp, dt)
+        return MotionState(*after), True
+
+    def _modal_damping(self, damping: Damping) -> Array:
+        """Damping [1/s] of the modes (m,), kept from step to step."""
+        kept = self._damp  # read once: another thread may ask for another meanwhile
+        if kept is None or kept[0] is not damping:
+            kept = self._damp = damping, damping.of_modes(self.basis.eigenvalues)
+        return kept[1]
+
+    def dragged(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
+    ) -> MotionState:
+        """The modal forces' fall ``-D (v - v_n)``, D the drag in the turned modes, taken at the step's end."""
+        rows = self.turned_rows(before.coordinates, vertices)
+        return self._slowed(state, before, dt, damping, np.tensordot(rows, drag @ rows, ((0, 1), (0, 1))))
+
+    def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
+        """A cheap sum of the loads that change, for steps of this model, if there is one."""
+        return None
+
+    def step_by_quadrature(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, pushed: tuple[Array, Array]
+    ) -> MotionState:
+        """One step under a dead load (n, 3) [N] and what a :class:`LoadQuadrature` says of the others."""
+        (push, drag), q, v, eigenvalues = pushed, state.coordinates, state.rates, self.basis.eigenvalues
+        damp = self._modal_damping(damping)
+        after = self.integrator.step(q, v, lambda q: self.modal_force(q, load) + push, eigenvalues, damp, dt)
+        return self._slowed(MotionState(*after), state, dt, damping, drag) if drag.any() else MotionState(*after)
+
+    def _slowed(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, matrix: Array
+    ) -> MotionState:
+        """``state`` corrected by implicit modal forces ``-matrix (v - v_n)``."""
+        if self._unit_step is None or self._unit_step[0] != (dt, damping):
+            eigenvalues = self.basis.eigenvalues
+            rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)
+            self._unit_step = (dt, damping), self.integrator.step(rest, rest, np.ones_like, eigenvalues, damp, dt)
+        moved, sped = self._unit_step[1]
+        # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
+        whole = self._identity + sped[:, None] * matrix
+        gain = scipy.linalg.lapack.dgesv(whole, state.rates - before.rates)[2]
+        force = -(matrix @ gain)
+        return MotionState(state.coordinates + moved * force, state.rates + sped * force)
+
+    def turned_rows(self, q: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
+        rows = self._patch_rows(self.basis.modes, vertices)
+        turns = Rotation.from_rotvec(self._patch_rows(self.basis.rotations, vertices) @ q).as_matrix()
+        return np.asarray(turns @ rows)
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Refuse ratios that are not those of the modes."""
+        damping.of_modes(self.basis.eigenvalues)
+
+    def decay_rate(self, dt: float, damping: Damping) -> float:
+        """Rate [1/s] at which the slowest mode loses energy, numerical damping included; 0 with rigid modes."""
+        eigenvalues = self.basis.eigenvalues
+        return self.integrator.decay_rate(eigenvalues, damping.of_modes(eigenvalues), dt)
+
+    def meet_constraints(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, targets: Sequence[ResolvedTarget]
+    ) -> tuple[MotionState, Array]:
+        """Move the step's end onto the constraints by the modal forces of least work [choi2007, section 4.4]."""
+        free = state.coordinates
+        evaluate = self._constraints(targets, before.coordinates)
+        eigenvalues = self.basis.eigenvalues
+        compliance = self.integrator.compliance(eigenvalues, damping.of_modes(eigenvalues), dt)
+        q, residual = meet(evaluate, free, compliance, free)
+        return MotionState(q, state.rates + (q - free) / dt), self._residuals(targets, residual)
+
+    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
+        raise NotImplementedError
+
+    def patch_rotation(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean rotation vector (3,) [rad] of a patch at q, and its Jacobian (3, m)."""
+        rows = self._patch_rows(self.basis.rotations, vertices).mean(axis=0)
+        return rows @ q, rows
+
+    @staticmethod
+    def _patch_rows(matrix: Array, vertices: Index) -> Array:
+        """Rows (k, 3, m) of the patch's vertices in a (3n, m) matrix."""
+        return np.asarray(matrix.reshape(-1, 3, matrix.shape[1])[vertices])
+
+    def _constraints(self, targets: Sequence[ResolvedTarget], present: Array) -> Evaluate:
+        """Residuals and Jacobian of all targets, positions as shares of the shell's size."""
+        goals = []
+        for target in targets:
+            value = target.value
+            if target.kind == "orientation":
+                value = nearest_branch(value, self.patch_rotation(present, target.vertices)[0])
+            goals.append(value)
+
+        def evaluate(q: Array) -> tuple[Array, Array]:
+            residuals, jacobians = [], []
+            for target, goal in zip(targets, goals, strict=True):
+                position = target.kind == "position"
+                value, jacobian = (self.patch_position if position else self.patch_rotation)(q, target.vertices)
+                unit = self._size if position else 1.0
+                residuals.append((goal - value) / unit)
+                jacobians.append(jacobian / unit)
+            return np.concatenate(residuals), np.vstack(jacobians)
+
+        return evaluate
+
+    def _residuals(self, targets: Sequence[ResolvedTarget], residual: Array) -> Array:
+        """Length of each target's residual: [m] for positions, [rad] for orientations."""
+        lengths = np.linalg.norm(residual.reshape(-1, 3), axis=1)
+        return np.asarray(lengths * [self._size if target.kind == "position" else 1.0 for target in targets])
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy ``q^T Lambda q / 2`` [J]."""
+        return float(0.5 * self.basis.eigenvalues @ state.coordinates**2)
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy of the modal rates [J]."""
+        return float(0.5 * state.rates @ state.rates)
+
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+        return np.asarray(self.shell.rest_positions + self.raw_displacement(state.coordinates))
+
+
+def as_modal(model: Model) -> ModalModel | None:
+    """``model`` if its unknowns are modal coordinates, else None."""
+    return model if isinstance(model, ModalModel) else None

@@ -1,0 +1,283 @@
+"""Abstract base of all models: equilibrium under a load, and time steps."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.constraints.constraints import Constraint, checked_constraints
+from modalshell.core.checks import checked_vectors
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
+from modalshell.core.timings import Stopwatch
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.loads import Load, Loading
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.settle import settled
+from modalshell.modes.rigid import left_free, rigid_motions
+from modalshell.shell import Shell
+from modalshell.statics.live_loads import LiveLoads
+from modalshell.statics.path import Followable
+
+NO_POTENTIAL = "the load has no potential"
+"""Said of every answer under such a load."""
+RIGID_LOAD = 1e-9
+"""Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
+
+
+@final
+@dataclass(frozen=True)
+class ResolvedTarget:
+    """A constraint at one time, in the model's own frame: the patch, and its position [m] or rotation vector [rad]."""
+
+    kind: Literal["position", "orientation"]
+    vertices: NDArray[np.int64]
+    value: Array
+
+
+class Placement(Protocol):
+    """Where supports are put."""
+
+    @property
+    def rotation(self) -> Array:
+        """From the shell's frame to the world's (3, 3)."""
+
+    def to_world(self, positions: Array) -> Array:
+        """Positions (n, 3) [m] of the shell's frame in the world."""
+
+
+class Model(ABC):
+    """One rung of the ladder on one shell."""
+
+    name: str
+    shell: Shell
+    in_shell_frame = False
+    """Whether the model is formulated in the frame of its supports, with their motion as inertial loads."""
+    takes_live_loads = False
+    """Whether :meth:`step_live` takes loads that change within a step; otherwise they join the dead load before it."""
+    moves_patches = False
+    """Whether constrained patches are moved as boundaries, exactly, instead of by forces."""
+    new_positions = False
+    """Whether :meth:`positions` returns a new array each time, which nothing else writes to."""
+    takes_constraints = False
+    """Whether it takes position and orientation constraints."""
+
+    def equilibrium(
+        self,
+        *,
+        gravity: ArrayLike | None = None,
+        force: ArrayLike | None = None,
+        loads: Sequence[Load] | None = None,
+        start: ArrayLike | None = None,
+        constraints: Sequence[Constraint] | None = None,
+    ) -> Equilibrium:
+        """Equilibrium under a load; the class documents the method and the measure ``residual``.
+
+        Parameters
+        ----------
+        gravity : array_like, shape (3,), optional
+            Acceleration [m/s^2] that acts on every vertex's mass.
+        force : array_like, shape (n, 3), optional
+            Further force on every vertex [N].
+        loads : sequence of Load, optional
+            Further loads, such as :class:`~modalshell.PointForce`. Those that follow the shell, such as
+            :class:`~modalshell.Pressure`, act as they are at the answer; loads of time as they are at time 0.
+        start : array_like, shape (n, 3), optional
+            Positions [m] from which to look for the answer.
+        constraints : sequence of Constraint, optional
+            Prescribed positions and orientations of patches, for models that take constraints.
+
+        Returns
+        -------
+        Equilibrium
+            Does not raise if it fails to converge: see ``converged``, ``outcome`` and ``message``.
+
+        Raises
+        ------
+        LoadError
+            For loads or positions of the wrong shape or not finite.
+        OptionError
+            For constraints of a model that takes none, or that contradict one another or the supports.
+        SolverError
+            If extreme input drives the positions out of the finite numbers.
+        """
+        watch = Stopwatch()
+        loading = self.shell.loading(gravity, force, loads)
+        begin = None if start is None else self.shell.checked_positions(start)
+        wanted = checked_constraints(constraints, self.shell)
+        if wanted and not self.takes_constraints:
+            raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+        found = self._solve_live(loading, begin, wanted) if loading.live else self._solve(loading.dead, begin, wanted)
+        if not loading.conservative:
+            message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
+            found = replace(found, conservative=False, message=message)
+        if not wanted and (rigid := self.rigid_load(loading.force(found.positions))) > RIGID_LOAD:
+            message = f"the load pushes a shell: {left_free(self.shell)}"
+            found = replace(found, outcome=Outcome.NO_EQUILIBRIUM, message=message, residual=rigid, stable=None)
+        weight = None if gravity is None else checked_vectors("gravity", gravity, (3,))
+        return replace(found, seconds=watch(), loading=loading, gravity=weight, mesh=self.shell.mesh)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.shell!r})"
+
+    @abstractmethod
+    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
+
+    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+        """Equilibrium under configuration-dependent loads; by a sequence of dead loads unless overridden."""
+        return settled(lambda load, begin: self._solve(load, begin, constraints), loading, start)
+
+    def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
+        """Derivative of an equilibrium by parameters of the shell and its load, by the implicit-function theorem.
+
+        Parameters
+        ----------
+        state : Equilibrium
+            A converged answer of this model.
+        wrt : str or sequence of str
+            By what, k numbers in all: a constant of the material that is one number for the whole mesh, such as
+            "young", "thickness", "flexure" or "density"; "gravity" (k = 3); "load", a factor on the whole load;
+            "force", that on every vertex (k = 3n); "rest_angles", those of the mesh's hinges (k = H) [rad], which the
+            hybrid has no derivative by. DS has more.
+        of : array_like, shape (n, 3), optional
+            Derivative of a scalar by the positions: with it the scalar's derivatives are found.
+
+        Returns
+        -------
+        ndarray, shape (n, 3, k), or (k,) with ``of``
+            Per unit of each.
+
+        Raises
+        ------
+        OptionError
+            For a model without derivatives, a state that has not converged or was not found by :meth:`equilibrium`
+            without constraints, a ``wrt`` that the model does not know, or loads that it does not take here.
+        SolverError
+            Where the state has no derivatives, at the end of a branch.
+        """
+        raise OptionError(f"{self.name} has no derivatives: take DS, LMA, MWTS, RSW, MD-ROM or the hybrid")
+
+    def followable(self, load: Array) -> Followable:
+        """The model as :func:`modalshell.equilibrium_path` follows it under a growing ``load`` (n, 3) [N].
+
+        Raises
+        ------
+        OptionError
+            Where its equilibria are not those of a potential.
+        """
+        raise OptionError(
+            f"{self.name} has no path of equilibria to follow, as its force is not that of a potential, or its answer "
+            "is linear: take DS, RSW or MD-ROM"
+        )
+
+    def rigid_load(self, load: Array) -> float:
+        """Fraction of a load (n, 3) along rigid motions without resistance in statics."""
+        return 0.0
+
+    def tangent_eigenvalue(self, answer: Equilibrium, load: Array) -> float | None:
+        """Lowest squared angular frequency [1/s^2] of small motion about ``answer`` under ``load`` (n, 3) [N].
+
+        Negative, or of negative real part, at an unstable state; None for models without a tangent.
+        """
+        return None
+
+    @abstractmethod
+    def start_motion(self, positions: Array | None = None) -> MotionState:
+        """State at rest at ``positions`` (n, 3); by default at the rest shape."""
+
+    def placed(self, state: MotionState, pose: Placement) -> MotionState:
+        """``state`` where the supports are put; the same in a model that lives in their frame."""
+        return state
+
+    @abstractmethod
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under ``load`` (n, 3) [N]; also returns whether the step's own solver converged.
+
+        ``held`` (h, 3) [m] is where the held vertices are at the step's end, for models in the world's frame.
+        """
+
+    def step_live(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None, live: LiveLoads
+    ) -> tuple[MotionState, bool]:
+        """A :meth:`step` under ``load`` and loads that change within it, of models that take these."""
+        raise NotImplementedError
+
+    def dragged(
+        self,
+        state: MotionState,
+        before: MotionState,
+        dt: float,
+        damping: Damping,
+        vertices: Index,
+        drag: Array,
+    ) -> MotionState:
+        """``state`` after a step from ``before`` under the loads there, corrected for how these fall with velocity.
+
+        ``drag`` (k, 3, 3) [N s/m] is minus the derivative of the forces on ``vertices`` (k,) by their velocities.
+        Without it light shells in a wind overshoot. Models that do not know better go without.
+        """
+        return state
+
+    @abstractmethod
+    def positions(self, state: MotionState) -> Array:
+        """Vertex positions (n, 3) [m] of a state."""
+
+    def meet_constraints(
+        self, state: MotionState, before: MotionState, dt: float, damping: Damping, targets: Sequence[ResolvedTarget]
+    ) -> tuple[MotionState, Array]:
+        """Move ``state``, a step of ``dt`` after ``before``, onto the targets; also returns each one's residual."""
+        raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+
+    def centred(self) -> tuple[Model, Array]:
+        """The model to step, and where its origin lies (3,) [m]: that of a shell far away is one about the origin."""
+        return self, np.zeros(3)
+
+    def holding(self, vertices: Index) -> Model:
+        """The same model with further vertices held, which is how models in the world's frame meet constraints."""
+        raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+
+    def elastic_energy(self, state: MotionState) -> float:
+        """Elastic energy [J]."""
+        return self.shell.raw_energy(self.positions(state))
+
+    def kinetic_energy(self, state: MotionState) -> float:
+        """Kinetic energy [J], in the model's own frame."""
+        mass = self.shell.mass[:, None] if state.rates.ndim == 2 else 1.0
+        return float(0.5 * np.sum(mass * state.rates**2))
+
+    def decay_rate(self, dt: float, damping: Damping) -> float:
+        """Rate [1/s] at which steps of ``dt`` eat the energy of small free motion at least; 0 where it is unknown."""
+        return 0.0
+
+    def fault(self, state: MotionState, positions: Array) -> Outcome | None:
+        """Outcome of a state at ``positions`` (n, 3) that is outside the model's range; None if it is inside."""
+        return None
+
+    def remark(self, state: MotionState) -> str:
+        """Message about the validity of a state, or about the method that found it; "" if there is none."""
+        return ""
+
+    def is_saddle(self, state: MotionState) -> bool:
+        """Whether a state at rest under a dead load is unstable."""
+        return False
+
+    def check_step(self, dt: float, damping: Damping) -> None:
+        """Raise OptionError if this model cannot step by ``dt``, or with this ``damping``."""
+        if damping.ratios:
+            raise OptionError(f"{self.name} has no modes to damp one by one: leave out ratios, or take a modal model")
+
+
+def rigid_share(shell: Shell, load: Array) -> float:
+    """Share of a load (n, 3), in the norm of the inverse mass, along the rigid motions that the supports leave free."""
+    free = shell.unknowns.restrict(load.ravel())
+    pushed = rigid_motions(shell).T @ free
+    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.unknowns.masses(shell.mass))))

@@ -1,0 +1,142 @@
+"""Base of rotation-strain models: potential of a load, its derivatives, and statics [huang2011]."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+
+import numpy as np
+
+from modalshell.core.cost import count_read
+from modalshell.core.typing import Array, Index
+from modalshell.integrators.modal import ModalIntegrator
+from modalshell.kernels.frame import TILE
+from modalshell.loads import Loading
+from modalshell.models.base.modal import ModalModel
+from modalshell.models.reduction import rotation_strain_kernels as kernel
+from modalshell.models.reduction.load_points import LoadPoints
+from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
+from modalshell.modes import Basis
+from modalshell.statics.least_potential import Statics, least_potential
+
+_PATCHES_KEPT = 16
+"""Patches of constraints whose modal data are kept between steps."""
+
+
+@final
+@dataclass(frozen=True)
+class LoadAdjoint:
+    """What the potential of one load needs, whatever q is.
+
+    Attributes
+    ----------
+    load : ndarray, shape (n, 3)
+        The load [N].
+    gradients : ndarray, shape (tiles, 6 * 128)
+        Derivatives of the work in the columns of F_t of every triangle, in its own frame.
+    constant : ndarray, shape (m,)
+        Part of the modal force that is the same at every q.
+    """
+
+    load: Array
+    gradients: Array
+    constant: Array
+
+
+class TurnedTriangles(ModalModel):
+    """A modal model whose displacements are linear in q and in ``F_t = exp([w_t(q)]) (I + S_t(q))`` of triangles.
+
+    So is the work of a load, ``f . u(q)``: its adjoint is found once a load, and its derivatives are sums over
+    triangles. Statics minimises ``q . Lambda q / 2 - f . u(q)`` in the elastic modes, rigid ones staying at zero;
+    ``residual`` is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``. With constraints, the least modal work
+    that meets them.
+
+    Parameters
+    ----------
+    basis : Basis
+        Modes and eigenvalues of the shell.
+    modal : ndarray, shape (tiles, m, 6 * 128)
+        Turn and strain of the triangles in every mode.
+    integrator : str or ModalIntegrator
+        See :class:`ModalModel`.
+    """
+
+    def __init__(self, basis: Basis, modal: Array, integrator: str | ModalIntegrator) -> None:
+        super().__init__(basis, integrator=integrator)
+        self._modal = modal
+        self._faced: LoadAdjoint | None = None
+        self._patches: dict[bytes, list[LoadAdjoint]] = {}
+
+    @abstractmethod
+    def _adjoint(self, load: Array) -> LoadAdjoint:
+        """Adjoint of a load (n, 3)."""
+
+    @abstractmethod
+    def _modal_push(self, points: LoadPoints) -> ModalPush:
+        """How forces at points push on the modes."""
+
+    def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
+        """The loads by points, by the gradient of the work on these."""
+        return LoadQuadrature.of(self.basis, loading, self._modal_push)
+
+    def _kept_force(self, force: Array) -> Callable[[Array], Array]:
+        """Modal forces (m,) at q (m,) of a force (n, 3) [N] whose adjoint is kept."""
+        adjoint = self._adjoint(force)
+        return lambda q: self._work_of(adjoint, q)[1]
+
+    def modal_force(self, q: Array, load: Array) -> Array:
+        """Modal force ``d(f . u)/dq`` (m,): a new load costs its adjoint, that of the call before does not."""
+        return self.work(q, load)[1]
+
+    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
+        return self._work_of(self._face(load), q)
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        return self.work(q, weights)[1]
+
+    def work_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of the work ``f . u(q)``."""
+        gradients = self._face(load).gradients
+        hessian = np.zeros((q.size, q.size))
+        kernel.add_curvature(self._modal, gradients, q, np.empty(kernel.WORK), np.empty((15, TILE)), hessian)
+        return hessian
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force: those of the work once more."""
+        return self.work_curvature(q, load)
+
+    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+        """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), exactly."""
+        key = vertices.tobytes()
+        adjoints = self._patches.get(key)
+        if adjoints is None:
+            if len(self._patches) == _PATCHES_KEPT:
+                self._patches.clear()
+            load = np.zeros((3, *self.shell.rest_positions.shape))
+            load[np.arange(3)[:, None], vertices, np.arange(3)[:, None]] = 1.0 / len(vertices)
+            adjoints = self._patches[key] = [self._adjoint(push) for push in load]
+        moved, jacobian = zip(*(self._work_of(adjoint, q) for adjoint in adjoints), strict=True)
+        return self.shell.rest_positions[vertices].mean(axis=0) + np.array(moved), np.array(jacobian)
+
+    def _work_of(self, adjoint: LoadAdjoint, q: Array) -> tuple[float, Array]:
+        count_read(self._modal.nbytes + adjoint.gradients.nbytes)
+        force = adjoint.constant.copy()
+        work = kernel.potential(self._modal, adjoint.gradients, q, np.empty(kernel.WORK), force)
+        return float(work + adjoint.constant @ q), force
+
+    def _face(self, load: Array) -> LoadAdjoint:
+        adjoint = self._faced  # read once: another thread may face another load meanwhile
+        if adjoint is None or not (load == adjoint.load).all():
+            adjoint = self._faced = self._adjoint(load)
+        return adjoint
+
+    def largest_turn(self, q: Array) -> float:
+        """Largest rotation angle of a triangle [rad] at q."""
+        return float(kernel.largest_turn(self._modal, q, np.empty(kernel.WORK)))
+
+    def _free_statics(self, load: Array, start: Array | None) -> Statics:
+        return least_potential(self, load, start)

@@ -1,0 +1,116 @@
+"""Tangent of a full model's equilibrium, and the derivatives of its residual by parameters."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import final
+
+import numpy as np
+
+from modalshell.core.errors import OptionError
+from modalshell.core.memory import demand_memory
+from modalshell.core.typing import Array
+from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.models.base.sensitivity import LOADS, SHAPES, checked_constant, load_rates
+from modalshell.shell import EXACT
+from modalshell.statics.newton import Factored
+from modalshell.statics.potential import Potential
+
+_ASIDE = 2e-3
+"""Change of an edge, as a share of its length, over which forces on supports are differenced."""
+_FOURTH_ORDER = ((-2, 1.0 / 12.0), (-1, -2.0 / 3.0), (1, 2.0 / 3.0), (2, -1.0 / 12.0))
+
+
+@final
+class Tangent:
+    """The exact tangent stiffness at an equilibrium, factorised once.
+
+    Parameters
+    ----------
+    problem : Potential
+        The problem that the state solves.
+    state : Equilibrium
+        The state.
+    of_material : bool
+        Whether the model's energies are those of the shell's material.
+    factor : Factored, optional
+        Of the exact Hessian at the state, where it is known.
+    """
+
+    def __init__(
+        self, problem: Potential, state: Equilibrium, *, of_material: bool, factor: Factored | None = None
+    ) -> None:
+        self._problem, self._state, self._of_material = problem, state, of_material
+        self._shell, self._x = problem.shell, state.positions
+        self._known = factor
+
+    @cached_property
+    def _factor(self) -> Factored:
+        return self._known or self._problem.factor(self._problem.linearise(self._x, EXACT)[1])
+
+    def check(self, name: str, *, adjoint: bool) -> None:
+        """OptionError for a name that is no parameter, or where its derivative is not to be had."""
+        if name not in (*LOADS, *SHAPES):
+            checked_constant(self._shell, name, (*LOADS, *SHAPES))
+            if not self._of_material and name != "density":
+                raise OptionError(f"springs have stiffnesses of their own, which {name} does not change (got {name!r})")
+        if not self._problem.unsymmetric:
+            return
+        if adjoint:
+            raise OptionError("of needs loads with a potential: leave it out and contract the sensitivity instead")
+        if name == "supports":
+            raise OptionError("the derivative by supports needs loads with a potential (got loads without)")
+
+    def solve(self, forces: Array) -> Array:
+        """Displacements (n, 3) under forces (n, 3)."""
+        unknowns = self._shell.unknowns
+        return np.asarray(unknowns.prolong(self._factor.solve(unknowns.restrict(forces.ravel())))).reshape(-1, 3)
+
+    def pulled(self, name: str, adjoint: Array, weights: Array) -> Array:
+        """Derivatives (k,) of a scalar by a parameter.
+
+        From the scalar's derivatives by the positions (n, 3), and the answer (n, 3) of the tangent to these.
+        """
+        if name == "force":
+            return adjoint.ravel().copy()
+        if name in SHAPES:
+            return self._by_shape(name, adjoint, weights)
+        return np.asarray(np.einsum("ni,nik->k", adjoint, self._pushes(name)))
+
+    def moved(self, name: str) -> Array:
+        """Derivatives (n, 3, k) of the positions."""
+        x, size = self._x, self._x.size
+        if name not in ("force", *SHAPES):
+            return np.stack([self.solve(push) for push in np.moveaxis(self._pushes(name), 2, 0)], axis=2)
+        columns = {"force": size, "supports": size, "rest_angles": len(self._shell.mesh.hinges)}[name]
+        demand_memory(f"derivatives of {size} coordinates", 8.0 * size * (size + columns), "ask for those of= a scalar")
+        rows, unit = [], np.zeros(size)
+        for place in range(size):
+            unit[place] = 1.0
+            field = unit.reshape(-1, 3)
+            rows.append(self.pulled(name, self.solve(field), field))
+            unit[place] = 0.0
+        return np.stack(rows).reshape(*x.shape, -1)
+
+    def _pushes(self, name: str) -> Array:
+        """Derivatives (n, 3, k) of the force on the vertices where they are."""
+        pushes = load_rates(self._shell, self._state, name)
+        if name not in LOADS and self._of_material:
+            pushes[:, :, 0] -= self._shell.rates_by_constant(name, self._x)
+        return pushes
+
+    def _by_shape(self, name: str, adjoint: Array, weights: Array) -> Array:
+        shell, x = self._shell, self._x
+        if name == "rest_angles":
+            return -shell.elastic_energy.pulled_by_rest_angles(x, adjoint)
+        ends = shell.mesh.edges
+        change = np.linalg.norm(adjoint[ends[:, 1]] - adjoint[ends[:, 0]], axis=1) / shell.mesh.edge_lengths
+        step = _ASIDE / max(float(change.max()), 1e-300)
+        rate = np.zeros_like(x)
+        for count, weight in _FOURTH_ORDER:
+            place = x + count * step * adjoint
+            gradient = shell.elastic_energy.support_gradient(place)
+            if self._problem.live is not None:
+                gradient = gradient - self._problem.live.force(place)
+            rate += weight / step * gradient
+        return np.asarray(shell.unknowns.resisted((weights - rate)[:, :, None]).ravel())

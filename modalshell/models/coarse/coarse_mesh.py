@@ -1,0 +1,179 @@
+"""Coarse meshes of any shell's surface by remeshing, with vertices where its clamps end."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from modalshell.core.errors import MeshError, ModalShellWarning, OptionError, SupportError
+from modalshell.core.typing import Array, Index
+from modalshell.mesh import TriangleMesh, remesh
+from modalshell.mesh.welding import drop_unused
+from modalshell.models.coarse.prolongation import closest_points
+from modalshell.shell import Shell
+
+_FEWEST = 8
+"""Least number of triangles of the part that moves."""
+_SAMPLES = np.array([0.1, 0.3, 0.5, 0.7, 0.9])
+"""Shares of an edge's length at which its place on the boundary is looked for."""
+_SAME = 1e-9
+"""Distance, in sizes of the mesh, below which midpoints are those of one edge."""
+_THIN, _TURNED = 0.02, 0.5
+"""Least area of a triangle over the mean, and cosine of its turn, once vertices are moved onto clamped points."""
+_HEIGHT = 0.1
+"""Least height of a held triangle over its edge's length."""
+
+
+def remeshed_to_supports(shell: Shell, triangles: int) -> TriangleMesh:
+    """The surface of ``shell`` in about ``triangles`` triangles, with an edge wherever its clamped region ends.
+
+    The part that moves is remeshed alone, so that the line where the clamps end is a boundary of it. Each coarse edge
+    there gets a held triangle on its other side, the hinge between them being the clamp. The clamped region itself
+    follows as a further part, which bears the loads that act there; it has no unknowns. Vertices are moved onto clamped
+    points and lines.
+
+    Raises
+    ------
+    OptionError
+        If MeshLab is not installed (extra ``remesh``), or ``triangles`` is not fewer than the shell has.
+    MeshError
+        If MeshLab fails on this surface.
+    SupportError
+        If a clamp has no place on a mesh so coarse.
+    """
+    mesh = shell.mesh
+    if triangles >= len(mesh.faces):
+        raise OptionError(
+            f"triangles must be fewer than the {len(mesh.faces)} of the shell for a coarse mesh (got {triangles})"
+        )
+    held: NDArray[np.bool_] = np.all(shell.clamped[mesh.faces], axis=1)
+    points = shell.clamped.copy()
+    points[mesh.faces[held]] = False
+    rim = mesh.edges[mesh.edge_faces[:, 1] < 0]
+    points[rim[np.all(shell.clamped[rim], axis=1)]] = False  # on the boundary, which the coarse mesh keeps
+    places = mesh.vertices[points]
+    if not held.any():
+        return _drawn_to(remesh(mesh, triangles), places)
+    if held.all():
+        raise SupportError("every triangle of the shell is clamped: nothing is left to remesh")
+    moving = _part(mesh, ~held)
+    coarse = _drawn_to(remesh(moving, max(_FEWEST, round(triangles * moving.area / mesh.area))), places)
+    edges = _edges_along(coarse, moving, _clamp_line(mesh, held))
+    if not len(edges):
+        raise SupportError(f"the clamped line is lost on a mesh of {triangles} triangles: ask for more")
+    fixed = _part(mesh, held)
+    vertices, faces = _with_held_triangles(coarse, edges, np.asarray(fixed.vertices))
+    fixed = _fewer_held(shell, fixed, round(triangles * fixed.area / mesh.area))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)  # of the seam between the parts, which is meant
+        return TriangleMesh(
+            np.concatenate([vertices, fixed.vertices]), np.concatenate([faces, fixed.faces + len(vertices)])
+        )
+
+
+def places_on(shell: Shell, mesh: TriangleMesh) -> tuple[Index, Array, NDArray[np.bool_]]:
+    """Nearest triangles (k,) of ``shell`` to a coarse mesh's vertices, barycentric shares (k, 3), and whether clamped.
+
+    A vertex is clamped where the nearest corner of its triangle is.
+    """
+    nearest, shares, _ = closest_points(shell.mesh, mesh.vertices)
+    return nearest, shares, shell.clamped[shell.mesh.faces[nearest, shares.argmax(axis=1)]]
+
+
+def _drawn_to(mesh: TriangleMesh, places: Array) -> TriangleMesh:
+    """``mesh`` with its vertices nearest to ``places`` (p, 3), clamped points and lines, moved onto them."""
+    if not len(places):
+        return mesh
+    nearest = np.unique(cKDTree(mesh.vertices).query(places)[1])
+    vertices = np.array(mesh.vertices)
+    vertices[nearest] = places[cKDTree(places).query(vertices[nearest])[1]]
+    try:
+        moved = TriangleMesh(vertices, mesh.faces)
+    except MeshError:
+        moved = None
+    if (
+        moved is None
+        or moved.face_areas.min() < _THIN * moved.face_areas.mean()
+        or bool((np.sum(moved.face_normals * mesh.face_normals, axis=1) < _TURNED).any())
+    ):
+        raise SupportError(
+            "the clamped points and lines of the shell have no place on a mesh so coarse: ask for another number of "
+            "triangles, or give a mesh with vertices there"
+        )
+    return moved
+
+
+def _fewer_held(shell: Shell, fixed: TriangleMesh, triangles: int) -> TriangleMesh:
+    """The clamped region ``fixed`` in about ``triangles``, if all their corners lie on clamped vertices then."""
+    if len(fixed.faces) <= max(_FEWEST, triangles):
+        return fixed
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)  # its number of triangles does not matter
+        try:
+            found = remesh(fixed, max(_FEWEST, triangles))
+        except MeshError:
+            return fixed
+    fewer = len(found.faces) < len(fixed.faces)
+    return found if fewer and bool(places_on(shell, found)[2].all()) else fixed
+
+
+def _part(mesh: TriangleMesh, chosen: NDArray[np.bool_]) -> TriangleMesh:
+    """The chosen (T,) triangles of a mesh."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)
+        return TriangleMesh(*drop_unused(mesh.vertices, mesh.faces[chosen]))
+
+
+def _clamp_line(mesh: TriangleMesh, held: NDArray[np.bool_]) -> Array:
+    """Ends (k, 2, 3) [m] of the edges between held (T,) and other triangles."""
+    pairs = mesh.edge_faces
+    inner = (pairs >= 0).all(axis=1)
+    line = inner & (held[pairs[:, 0]] != held[pairs[:, 1]])
+    return np.asarray(mesh.vertices[mesh.edges[line]])
+
+
+def _edges_along(coarse: TriangleMesh, fine: TriangleMesh, line: Array) -> Index:
+    """Indices of the boundary edges of ``coarse`` that lie on the ``line`` (k, 2, 3), a part of ``fine``'s boundary."""
+    rim = fine.vertices[fine.edges[fine.edge_faces[:, 1] < 0]]
+    apart = cKDTree(line.mean(axis=1)).query(rim.mean(axis=1))[0]
+    others = rim[apart > _SAME * fine.size]
+    outer = np.flatnonzero(coarse.edge_faces[:, 1] < 0)
+    points = _along(coarse.vertices[coarse.edges[outer]])
+    near = cKDTree(_along(line).reshape(-1, 3)).query(points)[0]
+    if not len(others):
+        return outer
+    far = cKDTree(_along(others).reshape(-1, 3)).query(points)[0]
+    return np.asarray(outer[np.count_nonzero(near < far, axis=1) * 2 > points.shape[1]])
+
+
+def _along(ends: Array) -> Array:
+    """Points (k, s, 3) along segments (k, 2, 3)."""
+    shares = _SAMPLES[:, None]
+    return np.asarray((1.0 - shares) * ends[:, None, 0] + shares * ends[:, None, 1])
+
+
+def _with_held_triangles(coarse: TriangleMesh, edges: Index, places: Array) -> tuple[Array, Index]:
+    """Vertices and faces of ``coarse`` with a triangle beyond each of its boundary ``edges``.
+
+    Its further corner is one of ``places`` (p, 3), that nearest to the mirror image of the corner on this side.
+    """
+    inner = coarse.faces[coarse.edge_faces[edges, 0]]
+    rows = np.arange(len(edges))
+    first, second, opposite = (inner[rows, (coarse.edge_corners[edges, 0] + k) % 3] for k in range(3))
+    a, b, c = (coarse.vertices[corner] for corner in (first, second, opposite))
+    along = b - a
+    length = np.linalg.norm(along, axis=1)
+    apexes = np.empty_like(a)
+    for k, wanted in enumerate(a + b - c):
+        arms = places - a[k]
+        heights = np.linalg.norm(np.cross(arms, along[k]), axis=1) / length[k]
+        distance = np.linalg.norm(places - wanted, axis=1)
+        distance[heights < _HEIGHT * length[k]] = np.inf
+        if not np.isfinite(distance).any():
+            raise SupportError("the clamped region is too narrow for a mesh so coarse: ask for more triangles")
+        apexes[k] = places[distance.argmin()]
+    beyond = np.column_stack([second, first, len(coarse.vertices) + rows])
+    return np.concatenate([coarse.vertices, apexes]), np.concatenate([coarse.faces, beyond])

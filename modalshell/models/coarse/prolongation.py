@@ -1,0 +1,242 @@
+"""Prolongation from a coarse mesh of the same surface to a fine one, by moving least squares.
+
+The weights of a fine vertex reproduce affine fields exactly and, where its coarse neighbours suffice, quadratic ones in
+the tangent plane [lancaster1981]. They reach no further than the smooth patch that the vertex lies in: folds stay
+sharp. What is left of the rest shape, of third order where it is smooth, stands off along the normals of the coarse
+triangles and turns with them.
+"""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+import scipy.sparse as sps
+from scipy.spatial import cKDTree
+
+from modalshell.core.cost import count_read
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.typing import Array, Index
+from modalshell.kernels.compiler import njit
+from modalshell.mesh import TriangleMesh
+from modalshell.mesh.topology import connected_parts
+
+_NEAR = 12
+"""Coarse triangles, by their centres, among which the one under a point is looked for."""
+_NEIGHBOURS = 14
+"""Number of nearest coarse vertices with a weight; that of the farthest is zero."""
+_SHARP = np.cos(np.radians(20.0))
+"""Cosine of the rest angle from which an edge ends a smooth patch, if the fine mesh has such an edge at all."""
+_TOGETHER = 1e-9
+"""Difference of distances, in sizes of the mesh, below which a point lies on both patches."""
+_INDEPENDENT = 1e-6
+"""Share of their largest moment below which quadratic fields count as fixed by the affine ones."""
+_AT = 1e-4
+"""Distance, as a share of the farthest neighbour's, within which a coarse vertex alone decides."""
+
+
+@final
+class Prolongation(ReadOnlyArrays):
+    """Weights that prolong positions of a coarse mesh to a fine one, and restrict loads.
+
+    Parameters
+    ----------
+    coarse, fine : TriangleMesh
+        Two meshes of one surface at rest.
+
+    Attributes
+    ----------
+    distance : ndarray, shape (n,)
+        Of every fine vertex from the coarse mesh [m].
+    """
+
+    def __init__(self, coarse: TriangleMesh, fine: TriangleMesh) -> None:
+        points = np.asarray(fine.vertices)
+        under, _, self.distance, on = _closest(coarse, points)
+        patches = _smooth_patches(coarse, fine)
+        pairs = [np.unique(patches[near]) for near in on]
+        owners = np.repeat(np.arange(len(points)), [len(found) for found in pairs])
+        share = 1.0 / np.bincount(owners)  # of a point on a fold each side decides half
+        of = np.concatenate(pairs)
+        rows, columns, weights = [], [], []
+        for patch in np.unique(of):
+            chosen = owners[of == patch]
+            neighbours, weight = _patch_weights(coarse, coarse.faces[patches == patch], points[chosen])
+            rows.append(np.repeat(chosen, neighbours.shape[1]))
+            columns.append(neighbours.ravel())
+            weights.append((weight * share[chosen, None]).ravel())
+        entries = np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))
+        shape = len(points), len(coarse.vertices)
+        matrix = sps.csr_array(entries, shape=shape)
+        along, self._heights = _stand_off(coarse, under, points - matrix @ coarse.vertices)
+        matrix = sps.csr_array(matrix + along)
+        matrix.sum_duplicates()
+        matrix.data[np.abs(matrix.data) < 1e-14] = 0.0
+        matrix.eliminate_zeros()
+        self._starts, self._columns, self._weights = (
+            read_only(np.array(part))
+            for part in (matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64), matrix.data)
+        )
+        if np.abs(self._heights).max(initial=0.0) < 1e-12 * coarse.size:
+            self._heights = np.empty(0)
+        self._under, self._faces = under, np.array(coarse.faces, dtype=np.int64)
+        self._shape = shape
+        self._bytes = self._starts.nbytes + self._columns.nbytes + self._weights.nbytes
+
+    @property
+    def matrix(self) -> sps.csr_array:
+        """The weights (n, k)."""
+        return sps.csr_array((self._weights, self._columns, self._starts), shape=self._shape)
+
+    def prolong(self, positions: Array) -> Array:
+        """Fine positions (n, 3) [m] from coarse ones (k, 3) [m]."""
+        fine = np.empty((self._shape[0], 3))
+        count_read(self._bytes)
+        _prolong(positions, self._starts, self._columns, self._weights, self._faces, self._under, self._heights, fine)
+        return fine
+
+    def restrict(self, load: Array) -> Array:
+        """Load (n, 3) [N] on the coarse vertices (k, 3): the same force and, on a flat rest shape, torque."""
+        coarse = np.zeros((self._shape[1], 3))
+        count_read(self._bytes)
+        _restrict(load, self._starts, self._columns, self._weights, coarse)
+        return coarse
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def _prolong(positions, starts, columns, weights, faces, under, heights, fine):  # type: ignore[no-untyped-def]
+    for i in range(starts.size - 1):
+        x, y, z = 0.0, 0.0, 0.0
+        for k in range(starts[i], starts[i + 1]):
+            v, w = columns[k], weights[k]
+            x += w * positions[v, 0]
+            y += w * positions[v, 1]
+            z += w * positions[v, 2]
+        fine[i, 0], fine[i, 1], fine[i, 2] = x, y, z
+    if heights.size == 0:
+        return
+    normals = np.zeros((faces.shape[0], 3))
+    for t in range(faces.shape[0]):
+        a, b, c = positions[faces[t, 0]], positions[faces[t, 1]], positions[faces[t, 2]]
+        x = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
+        y = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
+        z = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        length = np.sqrt(x * x + y * y + z * z)
+        if length > 0.0:  # else the triangle has collapsed
+            normals[t, 0], normals[t, 1], normals[t, 2] = x / length, y / length, z / length
+    for i in range(heights.size):
+        for axis in range(3):
+            fine[i, axis] += heights[i] * normals[under[i], axis]
+
+
+@njit(error_model="numpy", fastmath={"contract"}, nogil=True)
+def _restrict(load, starts, columns, weights, coarse):  # type: ignore[no-untyped-def]
+    for i in range(starts.size - 1):
+        for k in range(starts[i], starts[i + 1]):
+            for axis in range(3):
+                coarse[columns[k], axis] += weights[k] * load[i, axis]
+
+
+def closest_points(mesh: TriangleMesh, points: Array) -> tuple[Index, Array, Array]:
+    """Triangle nearest each point (k,), barycentric shares there (k, 3), none negative, and the distance (k,) [m]."""
+    return _closest(mesh, points)[:3]
+
+
+def _closest(mesh: TriangleMesh, points: Array) -> tuple[Index, Array, Array, list[Index]]:
+    """What :func:`closest_points` gives, and all triangles on which the nearest point lies."""
+    corners = mesh.vertices[mesh.faces]
+    near = cKDTree(corners.mean(axis=1)).query(points, k=min(_NEAR, len(corners)))[1].reshape(len(points), -1)
+    shares = _barycentric(corners[near], points[:, None])
+    offsets = np.einsum("pkc,pkcx->pkx", shares, corners[near]) - points[:, None]
+    distance = np.linalg.norm(offsets, axis=2)
+    best = distance.argmin(axis=1)
+    rows = np.arange(len(points))
+    least = distance[rows, best]
+    on = [found[apart] for found, apart in zip(near, distance <= least[:, None] + _TOGETHER * mesh.size, strict=True)]
+    return near[rows, best], shares[rows, best], least, on
+
+
+def _barycentric(corners: Array, points: Array) -> Array:
+    """Shares (..., 3) of the point of each triangle (..., 3, 3) that is (nearly) nearest to its point (..., 3)."""
+    first, second = corners[..., 1, :] - corners[..., 0, :], corners[..., 2, :] - corners[..., 0, :]
+    arm = points - corners[..., 0, :]
+    aa, bb, ab = (np.sum(u * v, axis=-1) for u, v in ((first, first), (second, second), (first, second)))
+    ra, rb = np.sum(arm * first, axis=-1), np.sum(arm * second, axis=-1)
+    determinant = aa * bb - ab**2
+    shares = np.stack([(bb * ra - ab * rb) / determinant, (aa * rb - ab * ra) / determinant], axis=-1)
+    whole = np.concatenate([1.0 - shares.sum(axis=-1, keepdims=True), shares], axis=-1).clip(0.0, None)
+    return whole / whole.sum(axis=-1, keepdims=True)
+
+
+def _sharp_edges(mesh: TriangleMesh) -> tuple[Index, Index]:
+    """Pairs of triangles (e, 2) that share an edge, and which of the edges are sharp (e,)."""
+    pairs = mesh.edge_faces[(mesh.edge_faces >= 0).all(axis=1)]
+    cosines = np.sum(mesh.face_normals[pairs[:, 0]] * mesh.face_normals[pairs[:, 1]], axis=1)
+    return pairs, cosines < _SHARP
+
+
+def _smooth_patches(coarse: TriangleMesh, fine: TriangleMesh) -> Index:
+    """Number (T,) of the smooth patch of every coarse triangle; a coarse mesh of a smooth surface is one patch."""
+    pairs, sharp = _sharp_edges(coarse)
+    if not _sharp_edges(fine)[1].any():
+        sharp[:] = False
+    return connected_parts(pairs[~sharp], len(coarse.faces))
+
+
+def _patch_weights(coarse: TriangleMesh, faces: Index, points: Array) -> tuple[Index, Array]:
+    """Coarse vertices (p, k) of one patch around ``points``, and the weights that they have (p, k)."""
+    members, corners = np.unique(faces, return_inverse=True)
+    normals = np.zeros((len(members), 3))
+    sides = coarse.vertices[faces[:, 1:]] - coarse.vertices[faces[:, :1]]
+    np.add.at(normals, corners.reshape(-1, 3), np.cross(sides[:, 0], sides[:, 1])[:, None])
+    vertices = coarse.vertices[members]
+    count = min(_NEIGHBOURS, len(members))
+    distances, near = cKDTree(vertices).query(points, k=count)
+    near, distances = (np.reshape(found, (len(points), -1)) for found in (near, distances))
+    normal = normals[near[:, 0]]
+    normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+    other = np.eye(3)[np.abs(normal).argmin(axis=1)]
+    first = np.cross(normal, other)
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    second = np.cross(normal, first)
+    reach = distances[:, -1:] if count == _NEIGHBOURS else 1.5 * distances[:, -1:]
+    arms = (vertices[near] - points[:, None]) / reach[:, :, None]
+    s, t = np.einsum("pkx,px->pk", arms, first), np.einsum("pkx,px->pk", arms, second)
+    ratio = distances / reach
+    importance = (1.0 - ratio) ** 2 / (ratio**2 + _AT**2)
+    importance = np.where(np.einsum("pkx,px->pk", normals[near], normal) > 0.0, importance, 0.0)
+    affine = np.stack([np.ones_like(s), s, t], axis=2)
+    quadratic = np.stack([s * s, s * t, t * t], axis=2)
+    return members[near], _least_squares(importance, affine, quadratic)
+
+
+def _least_squares(importance: Array, affine: Array, quadratic: Array) -> Array:
+    """Least weights (p, k) that reproduce the affine fields (p, k, 3) at the origin, and the quadratic if they can."""
+    weighted = importance[:, :, None] * affine
+    moments = np.einsum("pki,pkj->pij", weighted, affine)
+    mixed = np.einsum("pki,pkj->pij", weighted, quadratic)
+    square = np.einsum("pk,pki,pkj->pij", importance, quadratic, quadratic)
+    inverse = np.linalg.pinv(moments, rcond=1e-10, hermitian=True)
+    unit = inverse[:, :, 0]  # reproduces the affine fields alone
+    left = square - np.einsum("pji,pjk,pkl->pil", mixed, inverse, mixed)
+    largest = np.einsum("pii->pi", square).max(axis=1)
+    values, vectors = np.linalg.eigh(left)
+    kept = values > _INDEPENDENT * largest[:, None]
+    scale = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+    wanted = -np.einsum("pji,pj->pi", mixed, unit)  # quadratic fields are zero at the origin
+    free = np.einsum("pij,pj,pkj,pk->pi", vectors, scale, vectors, wanted)
+    fixed = unit - np.einsum("pij,pjk,pk->pi", inverse, mixed, free)
+    return np.asarray(importance * (np.einsum("pki,pi->pk", affine, fixed) + np.einsum("pki,pi->pk", quadratic, free)))
+
+
+def _stand_off(coarse: TriangleMesh, under: Index, offsets: Array) -> tuple[sps.csr_array, Array]:
+    """Offsets (n, 3) in the frames of the triangles ``under``: weights of their corners, and heights (n,) [m]."""
+    corners = coarse.faces[under]
+    sides = coarse.vertices[corners[:, 1:]] - coarse.vertices[corners[:, :1]]
+    normals = coarse.face_normals[under]
+    frames = np.concatenate([sides, normals[:, None]], axis=1)
+    parts = np.linalg.solve(np.swapaxes(frames, 1, 2), offsets[:, :, None])[:, :, 0]
+    weights = np.stack([-parts[:, 0] - parts[:, 1], parts[:, 0], parts[:, 1]], axis=1)
+    rows = np.repeat(np.arange(len(under)), 3)
+    shape = len(under), len(coarse.vertices)
+    return sps.csr_array((weights.ravel(), (rows, corners.ravel())), shape=shape), np.ascontiguousarray(parts[:, 2])

@@ -1,0 +1,1 @@
+"""Parts of the hybrid: assumed membrane stresses, their steps, and its training."""

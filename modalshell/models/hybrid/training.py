@@ -1,0 +1,230 @@
+"""Training of the hybrid model: random loads, motions of the coarse shell, POD, and errors on held-out loads."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from typing import final
+
+import numpy as np
+
+from modalshell.core.checks import checked_count, checked_number
+from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
+from modalshell.core.typing import Array, Progress
+from modalshell.integrators.state import Damping
+from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
+from modalshell.models.hybrid.assumed_stress import ReducedStress, position_modes, reduce_energy, stress_modes
+from modalshell.models.hybrid.assumed_stress_step import implicit_step
+from modalshell.modes import lowest_modes
+from modalshell.shell import Shell
+
+LOADED, RELEASED, DT = 30, 15, 1.0 / 30.0
+"""Frames under the load and after it, and their length [s]."""
+_SIZES = (0.5, 1.2)
+_AROUND = np.radians(30.0)
+"""Sizes of the loads over the given one, and largest angle between half of them and it."""
+_POINT = 0.1
+"""Size of the additional point force of a third of the loads, relative to the load."""
+_DRAG, _VISCOSITY = (0.0, 3.0), (3e-4, 6e-3)
+"""Mass damping [1/s], and stiffness damping [s] of half of the motions."""
+_HELD_OUT = 10
+"""Motions on loads that are not in training."""
+_WRONG = 0.1
+"""Error from which a motion is wrong, and a warning is given where no error is wanted."""
+GROWING = (16, 24, 32, 44)
+"""Sizes of the basis that are tried where an error is wanted, up to the largest that is allowed."""
+_MODES = 32
+"""Size of the basis where neither it nor an error is wanted."""
+_LINEAR, _STRESSED = 4, 6
+"""Linear modes in the basis, and those whose stresses are assumed."""
+_MOST_FRAMES = 900
+"""Snapshots at most."""
+_EVEN, _LEAST = 0.5, 1e-3
+"""Power of its size by which a snapshot is divided, so that states before a snap count, and the least size for it."""
+_SMALL = 0.02
+"""Share of the largest energy in training that counts as small."""
+
+
+@final
+@dataclass(frozen=True)
+class Trained:
+    """Result of the training.
+
+    Attributes
+    ----------
+    basis : ndarray, shape (3k, m)
+        V, mass-orthonormal, of the coarse shell's displacements.
+    stresses, viscous : ndarray, shape (T + E, K) and (T + E, L)
+        Modes of elastic and of viscous stresses.
+    held_out_error : float
+        90th percentile of the motions' errors against the coarse shell on loads that were not in training.
+    strain_limit : float
+        Largest share of unseen membrane energy that counts as seen.
+    energy : float
+        Largest elastic energy in training [J].
+    description : str
+        The loads.
+    """
+
+    basis: Array
+    stresses: Array
+    viscous: Array
+    held_out_error: float
+    strain_limit: float
+    energy: float
+    description: str
+
+    def unseen(self, coarse: Shell, x: Array, energy: float, seen: float) -> float:
+        """Membrane energy at ``x`` (k, 3) that the stresses do not see, over ``energy`` [J] and a small one.
+
+        ``seen`` [J] is that of the assumed stresses.
+        """
+        membrane = sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in coarse.elements[:2])
+        return float(abs(membrane - seen) / (energy + _SMALL * self.energy))
+
+
+def train(
+    coarse: Shell,
+    load: Array,
+    modes: int | None,
+    motions: int,
+    seed: int,
+    on_step: Progress | None = None,
+    error: float | None = None,
+) -> Trained:
+    """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N].
+
+    With an ``error``, the basis is the first of :data:`GROWING`, and of ``modes`` as the last, that meets it on the
+    held-out motions, or else the best of them, with a ModalShellWarning; without one from an error of 0.1 on.
+    """
+    most = None if modes is None else checked_count("modes", modes, at_least=2)
+    wanted = None if error is None else checked_number("error", error, above=0.0)
+    motions = checked_count("motions", motions, at_least=4)
+    if not load.any():
+        raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
+    if wanted is None:
+        tries = [_MODES if most is None else most]
+    else:
+        tries = [*GROWING] if most is None else [*(size for size in GROWING if size < most), most]
+    sizes = sorted({min(size, coarse.free_unknowns.size) for size in tries})
+    rng = np.random.default_rng(seed)
+    model = CoarseDiscreteShell(coarse, coarse)
+    total = motions + _HELD_OUT
+    runs = []
+    for done in range(total):
+        runs.append(motion_under(model, random_load(coarse, load, rng), random_damping(rng)))
+        if on_step is not None:
+            on_step(done + 1, total)
+    size = float(np.linalg.norm(load.sum(axis=0)))
+    description = f"{motions} motions under loads of {_SIZES[0]} to {_SIZES[1]} times {size:.3g} N"
+    tried: list[Trained] = []
+    for count in sizes:
+        found, reduced = _reduce(coarse, [frames for _, _, frames in runs[:motions]], count)
+        errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in runs[motions:]), strict=True)
+        right = [share for off, share in zip(errors, unseen, strict=True) if off <= _WRONG]
+        missed, limit = float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(right, default=0.0))
+        tried.append(replace(found, held_out_error=missed, strain_limit=limit, description=description))
+        if wanted is not None and missed <= wanted:
+            return tried[-1]
+    best = min(tried, key=lambda one: one.held_out_error)
+    if best.held_out_error > (wanted or _WRONG):
+        warnings.warn(
+            f"no basis of up to {sizes[-1]} vectors meets an error of {wanted or _WRONG:g}: the best is "
+            f"{best.held_out_error:.3g} off; allow more modes, train on more motions, or about a smaller load",
+            ModalShellWarning,
+            stacklevel=4,
+        )
+    return best
+
+
+def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:
+    """Basis, as many stress modes, and half as many viscous ones, of motions (f, k, 3)."""
+    rest = coarse.rest_positions
+    every = -(-sum(len(frames) for frames in motions) // _MOST_FRAMES)
+    frames = np.concatenate(motions)[::every]
+    steps = [(frames[at], frames[at + 1] - frames[at]) for frames in motions for at in range(0, len(frames) - 1, every)]
+    lowest = lowest_modes(coarse, min(_STRESSED, coarse.free_unknowns.size))[0].modes
+    leading = np.array([_membrane(coarse, rest, mode.reshape(-1, 3)) for mode in lowest.T]).T
+    elastic = np.array([_membrane(coarse, frame, np.zeros_like(frame)) for frame in frames]).T
+    rates = np.array([_membrane(coarse, x, step) - _membrane(coarse, x, np.zeros_like(x)) for x, step in steps]).T
+    displacements = _evened((frames - rest).reshape(len(frames), -1).T, np.repeat(coarse.mass, 3))
+    weight = np.concatenate([coarse.elements[0].weight, coarse.elements[1].weight])
+    softness = np.where(weight > 0.0, 0.5 / np.where(weight > 0.0, weight, 1.0), 0.0)
+    basis = position_modes(coarse, lowest[:, :_LINEAR], displacements, modes, coarse.stiffness())
+    stresses = stress_modes(coarse, leading, _evened(elastic, softness), modes)
+    viscous = stress_modes(coarse, leading[:, :0], _evened(rates, softness), max(1, modes // 2))
+    energy = max(coarse.raw_energy(frame) for frame in frames[::5])
+    return Trained(basis, stresses, viscous, 0.0, 1.0, energy, ""), reduce_energy(coarse, basis, stresses, viscous)
+
+
+def _evened(snapshots: Array, weight: Array) -> Array:
+    """Snapshots (N, s) over a power of their sizes in the norm of ``weight`` (N,)."""
+    sizes = np.sqrt(weight @ snapshots**2)
+    return np.asarray(snapshots / np.maximum(sizes, _LEAST * sizes.max()) ** _EVEN)
+
+
+def random_load(coarse: Shell, load: Array, rng: np.random.Generator) -> Array:
+    """Random loads: rotated (half of them by at most 30 degrees), scaled, and a third of them with a point force."""
+    given = load.sum(axis=0)
+    size = float(np.linalg.norm(given))
+    random = rng.standard_normal(3)
+    random /= np.linalg.norm(random)
+    if size == 0.0:  # a load without a resultant keeps its pattern
+        turned = load.copy()
+    else:
+        axis = given / size
+        direction = random
+        if rng.random() < 0.5:
+            aside = np.cross(axis, random)
+            aside /= np.linalg.norm(aside)
+            angle = _AROUND * np.sqrt(rng.random())
+            direction = np.cos(angle) * axis + np.sin(angle) * aside
+        turned = np.linalg.norm(load, axis=1)[:, None] * direction
+    total = float(np.linalg.norm(turned, axis=1).sum())
+    if rng.random() < 1.0 / 3.0:
+        turned[rng.choice(coarse.free)] += _POINT * total * random
+    return turned * rng.uniform(*_SIZES)
+
+
+def random_damping(rng: np.random.Generator) -> Damping:
+    """Damping by the mass and, half of the time, by the stiffness."""
+    drag, viscosity = rng.uniform(*_DRAG), np.exp(rng.uniform(*np.log(_VISCOSITY)))
+    return Damping(drag, viscosity if rng.random() < 0.5 else 0.0)
+
+
+def motion_under(model: CoarseDiscreteShell, load: Array, damping: Damping) -> tuple[Array, Damping, Array]:
+    """The load, the damping and the frames (f, k, 3) of a motion under the load and after it."""
+    state, frames = model.start_motion(), [np.array(model.coarse.shell.rest_positions)]
+    for frame in range(LOADED + RELEASED):
+        state, solved = model.step(state, DT, load if frame < LOADED else np.zeros_like(load), damping)
+        if not solved or not np.isfinite(state.coordinates).all():
+            raise SolverError("a training motion of the coarse shell failed: train about a smaller load")
+        frames.append(state.coordinates)
+    return load, damping, np.array(frames)
+
+
+def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
+    """Stresses (T + E,) of triangles and edges after ``step`` (k, 3), by the measures linearised at ``x``."""
+    return np.concatenate(coarse.predicted_stresses(x, step)[:2])
+
+
+def _held_out(
+    found: Trained, reduced: ReducedStress, coarse: Shell, load: Array, damping: Damping, truth: Array
+) -> tuple[float, float]:
+    """Error of a motion over its size, 1 where it fails, and its largest share of unseen membrane energy."""
+    push = load.ravel() @ found.basis
+    z = np.zeros_like(push)
+    rates, frames, unseen = np.zeros_like(z), [], 0.0
+    factors = damping.mass_factor, damping.stiffness_factor
+    for frame in range(LOADED + RELEASED):
+        force = push if frame < LOADED else np.zeros_like(push)
+        moved, solved, energy, seen, _ = implicit_step(reduced, z, rates, force, DT, *factors, 1e-3)
+        if not solved:
+            return 1.0, unseen
+        rates, z = (moved - z) / DT, moved
+        x = coarse.rest_positions + (found.basis @ z).reshape(-1, 3)
+        unseen = max(unseen, found.unseen(coarse, x, energy, seen))
+        frames.append(x)
+    mass, exact = coarse.mass[:, None], truth[1:]
+    off = np.sum(mass * (np.array(frames) - exact) ** 2)
+    return float(np.sqrt(off / np.sum(mass * (exact - coarse.rest_positions) ** 2))), unseen

@@ -1,0 +1,156 @@
+"""Modal derivatives: changes of the modes along one another, and the basis they form [barbic2005]."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from modalshell.core.errors import OptionError, SolverError
+from modalshell.core.memory import demand_memory
+from modalshell.core.short_repr import brief
+from modalshell.core.typing import Array
+from modalshell.modes.basis import Basis
+from modalshell.modes.factorisation import Factoriser, condensed_factor
+from modalshell.modes.orthonormal import orthonormal_extension
+from modalshell.modes.rigid import left_free
+from modalshell.shell import EXACT, Shell
+
+_STEP = 5e-4
+"""Difference step: the largest change of an edge vector over its length."""
+
+
+@brief
+@dataclass(frozen=True)
+class DerivativeBasis:
+    """Modes, their derivatives, and an orthonormal basis of both.
+
+    Attributes
+    ----------
+    modes : Basis
+        The m vibration modes Phi.
+    derivatives : ndarray, shape (3n, m (m + 1) / 2)
+        Psi: psi_ij for i <= j, in the order of ``numpy.triu_indices(m)``; symmetric in i and j [1/kg].
+    vectors : ndarray, shape (3n, r)
+        U, mass-orthonormal and ``U^T K U`` diagonal, zero at held vertices; its first m columns are Phi [1/sqrt(kg)].
+    eigenvalues : ndarray, shape (r,)
+        That diagonal [1/s^2]: those of the modes, then ascending ones.
+    difference_error : float
+        Largest relative change of a differenced force ``(dK/dq_j) phi_i`` when its step is halved, before the two are
+        extrapolated.
+    asymmetry : float
+        Largest relative difference between ``(dK/dq_j) phi_i`` and ``(dK/dq_i) phi_j``, which are the same.
+    """
+
+    modes: Basis
+    derivatives: Array
+    vectors: Array
+    eigenvalues: Array
+    difference_error: float
+    asymmetry: float
+
+    @property
+    def shell(self) -> Shell:
+        """The shell that the basis belongs to."""
+        return self.modes.shell
+
+    @property
+    def size(self) -> int:
+        """Number of basis vectors r."""
+        return int(self.vectors.shape[1])
+
+    def edge_change(self, z: Array) -> float:
+        """Largest change of an edge vector over its length for coordinates z (r,): about the largest turn [rad]."""
+        return float(_edge_changes(self.shell, (self.vectors @ z).reshape(-1, 3, 1)).max())
+
+
+_DERIVATIVE_BYTES = 40.0
+"""For each pair of modes and unknown: the forces, their transpose, the answers and their orthonormal basis."""
+
+
+def modal_derivatives(modes: Basis, *, backend: str | None = None) -> DerivativeBasis:
+    """Solve ``K psi_ij = -(dK/dq_j) phi_i`` for all pairs of modes with one factor of K.
+
+    Along a curved static path ``u(q) = Phi q + sum_ij psi_ij q_i q_j / 2 + O(q^3)`` under the loads ``K Phi q``.
+
+    Parameters
+    ----------
+    modes : Basis
+        Vibration modes of a shell that its supports hold.
+    backend : str, optional
+        Factorisation to use; see :class:`modalshell.modes.Factoriser`.
+
+    Raises
+    ------
+    OptionError
+        If the supports leave rigid motions free: K has no inverse, and a turn no straight line of coordinates.
+    SolverError
+        If K is too ill-conditioned for its inverse to have a meaning.
+    """
+    shell = modes.shell
+    size = _DERIVATIVE_BYTES * modes.count**2 * shell.rest_positions.size
+    demand_memory(f"the derivatives of {modes.count} modes", size, "take fewer modes")
+    if loose := left_free(shell):
+        raise OptionError(
+            f"modal derivatives need supports that hold the shell, but {loose}: a linear basis cannot turn; hold more "
+            "vertices with clamped=, or use DiscreteShell, RigidShell or ModalWarping"
+        )
+    forces, difference_error, asymmetry = _derivative_forces(modes)
+    # At rest the exact Hessian is its Gauss-Newton part, positive definite where the supports hold.
+    data = shell.energy_gradient_hessian(shell.rest_positions, EXACT)[2]
+    stiffness, internal = shell.pattern.free_matrix(data), shell.pattern.internal
+    factor = condensed_factor(
+        Factoriser(backend, use="solve").definite(stiffness), 0 if internal is None else internal.count
+    )
+    unknowns, count = shell.unknowns, modes.count
+    solved = factor.solve(-unknowns.restrict(forces))
+    derivatives = unknowns.prolong(solved)
+    found = orthonormal_extension(unknowns.values(modes.modes), solved, unknowns.masses(shell.mass))
+    vectors = np.asarray(unknowns.prolong(found))
+    # The new vectors are K-orthogonal to the modes as they are M-orthogonal to them: only they need turning.
+    new = vectors[:, count:]
+    further, turned = np.linalg.eigh(new.T @ shell.pattern.product(data, new))
+    if not (further > 0.0).all():  # NaN too
+        raise SolverError(
+            f"the modal derivatives have no positive stiffness (lowest {further.min():.3g} 1/s^2): the mesh is too "
+            "ill-conditioned for them; remesh needles, or make the stiffnesses more alike"
+        )
+    vectors[:, count:] = new @ turned
+    eigenvalues = np.concatenate([modes.eigenvalues, further])
+    return DerivativeBasis(modes, derivatives, vectors, eigenvalues, difference_error, asymmetry)
+
+
+def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:
+    """``(dK/dq_j) phi_i`` for i <= j (3n, m (m + 1) / 2), the error of the differences, and their asymmetry.
+
+    Central differences of the exact Hessian along each mode at a step and half of it, extrapolated to fourth order.
+    """
+    shell, count = modes.shell, modes.count
+    fields = modes.modes.reshape(-1, 3, count)
+    steps = _STEP / _edge_changes(shell, fields).max(axis=0)
+    forces = np.empty((count, count, shell.rest_positions.size))
+    error = 0.0
+    for j in range(count):
+        coarse, fine = (_stiffness_slope(modes, fields[:, :, j], share * steps[j]) for share in (1.0, 0.5))
+        forces[:, j] = ((4.0 * fine - coarse) / 3.0).T
+        error = max(error, float((np.linalg.norm(fine - coarse, axis=0) / np.linalg.norm(fine, axis=0)).max()))
+    transposed = forces.swapaxes(0, 1)
+    scale = np.linalg.norm(forces, axis=2).max()
+    asymmetry = float(np.linalg.norm(forces - transposed, axis=2).max() / scale)
+    rows, columns = np.triu_indices(count)
+    return 0.5 * (forces + transposed)[rows, columns].T, error, asymmetry
+
+
+def _stiffness_slope(modes: Basis, direction: Array, step: float) -> Array:
+    """``(dK/dq) Phi`` (3n, m) along ``direction`` (n, 3)."""
+    shell = modes.shell
+    ahead, behind = (
+        shell.energy_gradient_hessian(shell.rest_positions + side * step * direction, EXACT)[2] for side in (1.0, -1.0)
+    )
+    return (shell.pattern.product(ahead, modes.modes) - shell.pattern.product(behind, modes.modes)) / (2.0 * step)
+
+
+def _edge_changes(shell: Shell, fields: Array) -> Array:
+    """Change of every edge vector over its length (edges, k) for displacement fields (n, 3, k)."""
+    ends = shell.mesh.edges
+    return np.linalg.norm(fields[ends[:, 1]] - fields[ends[:, 0]], axis=1) / shell.mesh.edge_lengths[:, None]

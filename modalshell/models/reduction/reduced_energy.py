@@ -1,0 +1,79 @@
+"""Elastic energy of displacements ``u = U z``, over all elements or over weighted ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from modalshell.core.cost import count_products, count_read
+from modalshell.core.typing import Array
+from modalshell.models.reduction.blocks import multiply
+from modalshell.shell import EXACT, Shell
+from modalshell.shell.elastic_energy import Part
+from modalshell.supports import VertexUnknowns
+
+
+class ReducedEnergy:
+    """``E(z) = W(X + U z)`` of an elastic energy W, or of a part of it, with its derivatives [barbic2005; an2008].
+
+    Parameters
+    ----------
+    shell : Shell
+        Gives the energy, and X.
+    vectors : ndarray, shape (3n, r)
+        U, displacement fields [1/sqrt(kg)] for coordinates z [m sqrt(kg)].
+    part : Part, optional
+        A weighted part of the energy; by default all of it.
+
+    Attributes
+    ----------
+    energy : ElasticEnergy
+        W.
+    vertices : ndarray of int
+        Vertices of the shell that it touches, in its order.
+    """
+
+    def __init__(self, shell: Shell, vectors: Array, part: Part | None = None) -> None:
+        count = len(shell.rest_positions)
+        self.energy, self.vertices = part or Part(shell.elastic_energy, np.arange(count))
+        self._rest = shell.rest_positions[self.vertices]
+        rows = (3 * self.vertices[:, None] + np.arange(3)).ravel()
+        self._vectors = np.ascontiguousarray(vectors[rows])
+        unknowns = VertexUnknowns(np.zeros(self.vertices.size, dtype=bool))
+        self._pattern, self._slots = self.energy.pattern(unknowns)
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates r."""
+        return int(self._vectors.shape[1])
+
+    def positions(self, z: Array) -> Array:
+        """Positions (k, 3) [m] of the touched vertices."""
+        count_read(self._vectors.nbytes)
+        return self._rest + (self._vectors @ z).reshape(-1, 3)
+
+    def value(self, z: Array) -> float:
+        """Energy [J]; not finite at collapsed elements."""
+        return self.energy.energy(self.positions(z))
+
+    def gradient(self, z: Array) -> tuple[float, Array]:
+        """Energy [J] and its gradient ``U^T grad W`` (r,)."""
+        total, gradient = self.energy.energy_gradient(self.positions(z))
+        count_read(self._vectors.nbytes)
+        return total, np.asarray(gradient.ravel() @ self._vectors)
+
+    def hessian(
+        self, z: Array, geometric: int = EXACT, stresses: list[Array] | None = None
+    ) -> tuple[float, Array, Array]:
+        """Energy, gradient (r,) and Hessian ``U^T K U`` (r, r); options as for a shell's Hessian."""
+        x, pattern = self.positions(z), self._pattern
+        total, gradient, data = self.energy.energy_gradient_hessian(self._slots, pattern, x, geometric, stresses)
+        product = np.empty_like(self._vectors)
+        multiply(pattern.indptr, pattern.indices, data, self._vectors, product)
+        reduced = self._vectors.T @ product - pattern.internal_form(data, self._vectors)
+        count_products((data.size + self._vectors.size) * self.size)
+        return total, np.asarray(gradient.ravel() @ self._vectors), np.asarray(0.5 * (reduced + reduced.T))
+
+    def predicted_stresses(self, z: Array, step: Array) -> list[Array]:
+        """Stress of every element after ``step`` (r,) by the measures linearised at ``z`` (mixed Newton)."""
+        x, moved = self.positions(z), (self._vectors @ step).reshape(-1, 3)
+        return self.energy.linear_stresses(x, moved)

@@ -1,0 +1,300 @@
+"""Kernels of the split-fold energy: fold angles and their derivatives from the generated hinge kernel.
+
+Both parts of the energy are quadratic forms with constant matrices, of fold angles and of half squared edge lengths.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from modalshell.kernels.compiler import njit
+from modalshell.shell.kernels.elements import (
+    OPTIONS,
+    add_block,
+    add_change,
+    add_forces,
+    fill_block,
+    pack_products,
+    principal,
+)
+from modalshell.shell.kernels.generated.flexure import (
+    PRODUCTS,
+    UNKNOWNS,
+    VERTICES,
+    convex_rows,
+    first_derivatives,
+    relative,
+    second_derivatives,
+)
+
+
+@njit(**OPTIONS)
+def colour_triangles(neighbours: Any, colours: Any) -> None:
+    """Colour cells 0 and 1 so that few neighbours (T, k; -1 for none) share theirs; colours start at -1.
+
+    In order of the list each takes the colour that fewer of its neighbours have; then cells change theirs as long as
+    that parts more neighbours than it joins.
+    """
+    for _ in range(50):
+        changed = False
+        for cell in range(colours.size):
+            balance = 0
+            for k in range(neighbours.shape[1]):
+                other = neighbours[cell, k]
+                if other >= 0 and colours[other] >= 0:
+                    balance += 1 if colours[other] == 1 else -1
+            best = 0 if balance > 0 else 1
+            if colours[cell] < 0 or (balance != 0 and best != colours[cell]):
+                colours[cell] = best
+                changed = True
+        if not changed:
+            break
+
+
+@njit(**OPTIONS)
+def match_triangles(edges: Any, begins: Any, edge_faces: Any, over: Any) -> None:
+    """Pair triangles over the ``edges`` in their order: ``over`` (T,) of -1 takes the common edge of each pair.
+
+    Of the edges from one of ``begins`` to the next none comes before another: two that want one triangle both lose it.
+    """
+    wanted = np.zeros(over.size, np.int64)
+    for group in range(begins.size - 1):
+        for turn in range(3):
+            for place in range(begins[group], begins[group + 1]):
+                edge = edges[place]
+                first, second = edge_faces[edge, 0], edge_faces[edge, 1]
+                if turn == 0 and over[first] < 0 and over[second] < 0 and first != second:
+                    wanted[first] += 1
+                    wanted[second] += 1
+                elif turn == 1 and wanted[first] == 1 and wanted[second] == 1:
+                    over[first] = over[second] = edge
+                elif turn == 2:
+                    wanted[first] = wanted[second] = 0
+
+
+@njit(**OPTIONS)
+def solve_factorised(starts: Any, rows: Any, values: Any, pivots: Any, order: Any, right: Any, out: Any) -> None:
+    """Solve ``P^T L D L^T P out = right`` for every row (k, m), L below its unit diagonal by columns."""
+    size = pivots.size
+    work = np.empty(size)
+    for column in range(right.shape[0]):
+        for j in range(size):
+            work[j] = right[column, order[j]]
+        for j in range(size):
+            y = work[j]
+            for entry in range(starts[j], starts[j + 1]):
+                work[rows[entry]] -= values[entry] * y
+        for j in range(size - 1, -1, -1):
+            y = work[j] / pivots[j]
+            for entry in range(starts[j], starts[j + 1]):
+                y -= values[entry] * work[rows[entry]]
+            work[j] = y
+            out[column, order[j]] = y
+
+
+@njit(**OPTIONS)
+def fold_angles(x: Any, hinges: Any, rest: Any, change: Any, slopes: Any) -> None:
+    """Write theta - theta0 in (-pi, pi] into ``change`` (H,) and d theta / d x_1, x_2, x_3 into ``slopes`` (H, 9)."""
+    for hinge in range(hinges.shape[0]):
+        change[hinge] = principal(first_derivatives(*relative(x, hinges, hinge), slopes[hinge]) - rest[hinge])
+
+
+@njit(**OPTIONS)
+def add_fold_forces(hinges: Any, slopes: Any, couples: Any, gradient: Any) -> None:
+    """Add ``sum couple grad theta`` to ``gradient``."""
+    for hinge in range(hinges.shape[0]):
+        add_forces(hinges, hinge, VERTICES, couples[hinge], slopes[hinge], gradient)
+
+
+@njit(**OPTIONS)
+def fold_rates(step: Any, hinges: Any, slopes: Any, rates: Any) -> None:
+    """Write ``grad theta . step`` into ``rates`` (H,)."""
+    for hinge in range(hinges.shape[0]):
+        rates[hinge] = add_change(hinges, hinge, VERTICES, 0.0, slopes[hinge], step)
+
+
+@njit(**OPTIONS)
+def add_fold_curvatures(x: Any, hinges: Any, couples: Any, projected: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add ``sum couple Hess theta`` to the CSR values ``data``, or its positive semi-definite part if ``projected``."""
+    local, none = np.empty(UNKNOWNS), np.zeros(UNKNOWNS)
+    packed = np.empty(UNKNOWNS * (UNKNOWNS + 1) // 2)
+    block = np.empty((3 * VERTICES, 3 * VERTICES))
+    factors, squares = np.empty(0), np.empty((0, UNKNOWNS))
+    firsts, seconds, rows = (
+        np.empty((PRODUCTS, UNKNOWNS)),
+        np.empty((PRODUCTS, UNKNOWNS)),
+        np.empty((PRODUCTS, UNKNOWNS)),
+    )
+    for hinge in range(hinges.shape[0]):
+        couple = couples[hinge]
+        if couple == 0.0:
+            continue
+        unknowns = relative(x, hinges, hinge)
+        if projected:
+            sign = 1.0 if couple > 0.0 else -1.0
+            convex_rows(*unknowns, sign, factors, squares, firsts, seconds, rows)
+            pack_products(rows, PRODUCTS, UNKNOWNS, packed)
+            couple = abs(couple)
+        else:
+            second_derivatives(*unknowns, local, packed)
+        fill_block(VERTICES, 0.0, none, couple, packed, block)
+        add_block(hinges, hinge, VERTICES, block, slots, strides, data)
+
+
+@njit(**OPTIONS)
+def add_bending(
+    slopes: Any,
+    stencils: Any,
+    folds: Any,
+    places: Any,
+    shares: Any,
+    moments: Any,
+    slots: Any,
+    share_slots: Any,
+    strides: Any,
+    data: Any,
+) -> None:
+    """Add ``sum J^T K J`` over pairs of triangles, and its coupling to the fold shares, to ``data``.
+
+    ``stencils`` (B, 8) holds the vertices of the pair and those across each edge but the common one, ``folds`` (B, 5)
+    the hinge at each edge (or -1), ``places`` (B, 5, 4) where its vertices stand among the eight, ``shares`` (B, 5) the
+    factors of the fold shares, ``moments`` (B, 5, 5) is K. Pairs without hinges are passed over.
+    """
+    rows = np.empty((5, 8, 3))
+    stressed = np.empty((5, 8, 3))
+    own = np.empty(5, np.int64)
+    for pair in range(stencils.shape[0]):
+        count = 0
+        rows[:] = 0.0
+        stressed[:] = 0.0
+        for k in range(5):
+            hinge = folds[pair, k]
+            if hinge < 0:
+                continue
+            own[count] = k
+            count += 1
+            for axis in range(3):
+                g1, g2, g3 = slopes[hinge, axis], slopes[hinge, 3 + axis], slopes[hinge, 6 + axis]
+                rows[k, places[pair, k, 0], axis] = -(g1 + g2 + g3)
+                rows[k, places[pair, k, 1], axis] = g1
+                rows[k, places[pair, k, 2], axis] = g2
+                rows[k, places[pair, k, 3], axis] = g3
+        for place in range(count):
+            fold = own[place]
+            for corner in range(4):
+                vertex = places[pair, fold, corner]
+                a, b, c = rows[fold, vertex, 0], rows[fold, vertex, 1], rows[fold, vertex, 2]
+                for k in range(5):
+                    moment = moments[pair, k, fold]
+                    stressed[k, vertex, 0] += moment * a
+                    stressed[k, vertex, 1] += moment * b
+                    stressed[k, vertex, 2] += moment * c
+        for place in range(count):
+            fold = own[place]
+            for corner in range(4):
+                first = places[pair, fold, corner]
+                if slots[pair, first, first] < 0:  # a ghost has no rows
+                    continue
+                a, b, c = rows[fold, first, 0], rows[fold, first, 1], rows[fold, first, 2]
+                stride = strides[stencils[pair, first]]
+                for second in range(8):
+                    slot = slots[pair, first, second]
+                    if slot < 0:
+                        continue
+                    for axis in range(3):
+                        entry = stressed[fold, second, axis]
+                        data[slot + axis] += a * entry
+                        data[slot + stride + axis] += b * entry
+                        data[slot + 2 * stride + axis] += c * entry
+        if count == 0:
+            continue
+        for k in range(5):
+            share = shares[pair, k]
+            if share == 0.0:
+                continue
+            for vertex in range(8):
+                slot = share_slots[pair, k, vertex]
+                if slot >= 0:
+                    for axis in range(3):
+                        data[slot + axis] += share * stressed[k, vertex, axis]
+
+
+@njit(**OPTIONS)
+def half_squares(x: Any, edges: Any, rest: Any, out: Any) -> None:
+    """Write ``l^2 / 2 - rest`` of every edge into ``out`` (E,)."""
+    for edge in range(edges.shape[0]):
+        total = 0.0
+        for axis in range(3):
+            d = x[edges[edge, 1], axis] - x[edges[edge, 0], axis]
+            total += d * d
+        out[edge] = 0.5 * total - rest[edge]
+
+
+@njit(**OPTIONS)
+def half_square_rates(x: Any, step: Any, edges: Any, rates: Any) -> None:
+    """Write the derivative of ``l^2 / 2`` along ``step`` into ``rates`` (E,)."""
+    for edge in range(edges.shape[0]):
+        a, b = edges[edge, 0], edges[edge, 1]
+        total = 0.0
+        for axis in range(3):
+            total += (x[b, axis] - x[a, axis]) * (step[b, axis] - step[a, axis])
+        rates[edge] = total
+
+
+@njit(**OPTIONS)
+def add_edge_forces(x: Any, edges: Any, tensions: Any, gradient: Any) -> None:
+    """Add ``sum tension grad (l^2 / 2)`` to ``gradient``."""
+    for edge in range(edges.shape[0]):
+        a, b = edges[edge, 0], edges[edge, 1]
+        for axis in range(3):
+            force = tensions[edge] * (x[b, axis] - x[a, axis])
+            gradient[a, axis] -= force
+            gradient[b, axis] += force
+
+
+@njit(**OPTIONS)
+def add_edge_curvatures(edges: Any, tensions: Any, positive: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add ``sum tension Hess (l^2 / 2)`` to ``data``; of edges in tension alone if ``positive``."""
+    for edge in range(edges.shape[0]):
+        tension = tensions[edge]
+        if positive and tension < 0.0:
+            continue
+        for first in range(2):
+            stride = strides[edges[edge, first]] + 1
+            for second in range(2):
+                value = tension if first == second else -tension
+                for axis in range(3):
+                    data[slots[edge, first, second] + axis * stride] += value
+
+
+@njit(**OPTIONS)
+def add_membrane(x: Any, stencils: Any, pairs: Any, matrices: Any, slots: Any, strides: Any, data: Any) -> None:
+    """Add ``sum J^T Q J`` to ``data``, J the derivatives of half squared lengths of the stencil's edges ``pairs``."""
+    count, size = pairs.shape[0], stencils.shape[1]
+    edge = np.empty((count, 3))
+    stressed = np.empty((count, size, 3))
+    block = np.empty((size, 3, size, 3))
+    for element in range(stencils.shape[0]):
+        for p in range(count):
+            a, b = stencils[element, pairs[p, 0]], stencils[element, pairs[p, 1]]
+            for axis in range(3):
+                edge[p, axis] = x[b, axis] - x[a, axis]
+        stressed[:] = 0.0
+        for p in range(count):
+            for q in range(count):
+                factor = matrices[element, p, q]
+                for axis in range(3):
+                    entry = factor * edge[q, axis]
+                    stressed[p, pairs[q, 0], axis] -= entry
+                    stressed[p, pairs[q, 1], axis] += entry
+        block[:] = 0.0
+        for p in range(count):
+            for row in range(3):
+                for vertex in range(size):
+                    for axis in range(3):
+                        entry = edge[p, row] * stressed[p, vertex, axis]
+                        block[pairs[p, 0], row, vertex, axis] -= entry
+                        block[pairs[p, 1], row, vertex, axis] += entry
+        add_block(stencils, element, size, block.reshape(3 * size, 3 * size), slots, strides, data)

@@ -1,0 +1,1 @@
+"""Kernels of springs: grids, blocks of particles, ranks and devices."""

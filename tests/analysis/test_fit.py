@@ -1,0 +1,187 @@
+"""Constants recovered from measured positions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scenes import PLAIN
+
+import modalshell as ms
+from modalshell.analysis.nearby import KnownEquilibrium
+from modalshell.core import cost as work
+
+SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
+GRAVITY = (0.0, 0.0, -2.0)
+
+
+@pytest.fixture(scope="module")
+def strip():
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(24, 2))
+    return ms.Shell(mesh, SHEET, mesh.vertices[:, 0] < 0.01)
+
+
+@pytest.fixture(scope="module")
+def measured(strip):
+    answer = ms.DiscreteShell(strip).equilibrium(gravity=GRAVITY)
+    assert answer.converged
+    return answer.positions
+
+
+def test_young_is_found_from_exact_positions(strip, measured):
+    found = ms.fit(strip.with_material(replace(SHEET, young=4e6)), "young", measured, gravity=GRAVITY)
+    assert found.converged
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+    assert found.residual < 1e-8
+    assert found.material.young == found.values["young"]
+    low, high = found.intervals["young"]
+    assert low <= found.values["young"] <= high
+    assert found.evaluations < 15
+
+
+def test_a_noisy_tip_curve_gives_young_within_its_interval(strip, measured):
+    drop = np.abs(measured[:, 2]).max()
+    guess = strip.with_material(replace(SHEET, young=3e6))
+    hits = 0
+    for seed in range(12):
+        edge = np.abs(strip.rest_positions[:, 1]) < 1e-9
+        seen = np.full((edge.sum(), 3), np.nan)
+        noise = 0.01 * drop * np.random.default_rng(seed).standard_normal(len(seen))
+        seen[:, 2] = measured[edge, 2] + noise
+        found = ms.fit(guess, "young", seen, where=edge, gravity=GRAVITY)
+        low, high = found.intervals["young"]
+        assert found.converged
+        hits += low < 1e6 < high
+    assert hits >= 9  # of 12 intervals of 95 %
+
+
+def test_two_constants_are_told_apart():
+    """Weight and stiffness by where the shell is, Poisson's ratio by how it bends across."""
+    mesh = ms.sheet(length=1.0, width=0.8, cells=(8, 8))
+    shell = ms.Shell(mesh, SHEET, mesh.vertices[:, 0] < 0.01)
+    load = [ms.PointForce([len(mesh.vertices) - 1], (0.0, 0.0, 0.02))]
+    measured = ms.DiscreteShell(shell).equilibrium(loads=load).positions
+    guess = shell.with_material(replace(SHEET, young=2e6, poisson=0.1))
+    found = ms.fit(guess, ["young", "poisson"], measured, loads=load)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-4)
+    assert found.values["poisson"] == pytest.approx(0.3, abs=1e-4)
+
+
+def test_a_tip_curve_along_the_load_gives_young_from_loads_of_all_kinds(strip):
+    tip, factors = strip.rest_positions[:, 0] > 0.999, (0.5, 1.5)
+    push = np.zeros_like(strip.rest_positions)
+    push[tip, 2] = -1e-4
+    answers = [
+        ms.DiscreteShell(strip).equilibrium(
+            gravity=(0.0, 0.0, -1.0 * share), force=share * push, loads=[ms.Pressure(0.02 * share)]
+        )
+        for share in factors
+    ]
+    seen = [answer.positions[tip].mean(axis=0) for answer in answers]
+    found = ms.fit(
+        strip.with_material(replace(SHEET, young=2e6)), "young", seen, where=tip, average=True, factors=factors,
+        gravity=(0.0, 0.0, -1.0), force=push, loads=[ms.Pressure(0.02)],
+    )  # fmt: skip
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_frequencies_give_young_and_thickness_goes_with_it(free):
+    """On a strip so wide that twist does not change places with bending as Poisson's ratio moves."""
+    mesh = ms.flat_beam(length=1.0, width=0.15, cells=(24, 4))
+    shell = ms.Shell(mesh, SHEET, None if free else mesh.vertices[:, 0] < 0.01)
+    basis = ms.solve_modes(shell, 10)
+    seen = basis.frequencies[basis.rigid_modes :][:4].copy()
+    seen[1] = np.nan
+    guess = shell.with_material(replace(SHEET, young=2e6, poisson=0.2))
+    found = ms.fit(guess, ["young", "poisson"], frequencies=seen)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-4)
+    assert found.values["poisson"] == pytest.approx(0.3, rel=1e-3)
+    assert found.state is None
+    assert found.residual < 1e-6
+
+
+def test_a_load_curve_takes_few_factorisations(strip):
+    """Predicted equilibria take two Newton steps or fewer, and share the factor that shows them stable."""
+    tip, factors = strip.rest_positions[:, 0] > 0.999, np.arange(1, 7) / 6.0
+    body = ms.DiscreteShell(strip)
+    seen = [body.equilibrium(gravity=share * np.array(GRAVITY)).positions[tip].mean(axis=0) for share in factors]
+    given = {"where": tip, "average": True, "factors": factors, "gravity": GRAVITY}
+    with work.counted() as counts:
+        found = ms.fit(strip.with_material(replace(SHEET, young=2e6)), "young", seen, **given)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-9)
+    assert counts.factorisations <= 3 * found.evaluations * factors.size
+    exact = ms.DiscreteShell(strip.with_material(found.material)).equilibrium(gravity=GRAVITY)
+    np.testing.assert_allclose(found.state.positions, exact.positions, atol=1e-7)
+    assert found.state.residual <= 1e-7
+    np.testing.assert_array_equal(found.state.gravity, GRAVITY)
+
+
+def test_where_no_equilibrium_is_near_the_model_finds_it(strip, measured, monkeypatch):
+    monkeypatch.setattr(KnownEquilibrium, "near", lambda *_: None)
+    observed = np.stack([ms.DiscreteShell(strip).equilibrium(gravity=(0.0, 0.0, -1.0)).positions, measured])
+    guess = strip.with_material(replace(SHEET, young=2e6))
+    found = ms.fit(guess, "young", observed, factors=[0.5, 1.0], gravity=GRAVITY)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+
+
+def test_what_the_load_cannot_tell_is_refused(strip):
+    """Without a load nothing moves, whatever the modulus."""
+    with pytest.raises(ms.SolverError, match="do not determine 1 constants"):
+        ms.fit(strip, "young", strip.rest_positions)
+
+
+def test_a_selection_of_the_mesh_says_where(strip, measured):
+    rim = np.unique(strip.mesh.edges[strip.mesh.edge_faces[:, 1] < 0])
+    guess = strip.with_material(replace(SHEET, young=2e6))
+    found = ms.fit(guess, "young", measured[rim], where="boundary", gravity=GRAVITY)
+    assert found.values["young"] == pytest.approx(1e6, rel=1e-5)
+
+
+def test_constants_that_act_alike_are_refused_at_the_guess(strip):
+    """Under its weight a sheet tells the quotient of modulus and density alone, also with another constant wrong."""
+    factors = (0.3, 0.6, 1.0)
+    seen = [ms.DiscreteShell(strip).equilibrium(gravity=np.multiply(share, GRAVITY)).positions for share in factors]
+    for poisson in (SHEET.poisson, 0.2):
+        guess = strip.with_material(replace(SHEET, young=2e6, poisson=poisson))
+        for names in (["young", "density"], ["density", "poisson", "young"]):
+            with pytest.raises(ms.SolverError, match=f"do not determine {len(names)} constants"):
+                ms.fit(guess, names, seen, factors=factors, gravity=GRAVITY)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"wrt": "stretch"}, "constants above 0 among young"),
+        ({"wrt": []}, "each constant once"),
+        ({"wrt": np.nan}, "the name of a constant"),
+        ({"wrt": [1]}, "the name of a constant"),
+        ({"wrt": ["young", "young"]}, "each constant once"),
+        ({"observed": np.zeros((2, 3))}, "observed must have shape"),
+        ({"observed": np.full((75, 3), np.nan)}, "at least one measured coordinate"),
+        ({"observed": np.full((75, 3), np.inf)}, "observed must be finite"),
+        ({"observed": "x"}, "observed must be"),
+        ({"observed": None}, "one of the two"),
+        ({"frequencies": [1.0]}, "one of the two"),
+        ({"observed": None, "frequencies": [1.0]}, "leave where, average, factors and loads out"),
+        ({"observed": None, "gravity": None, "frequencies": [2.0, 1.0]}, "must ascend"),
+        ({"observed": None, "gravity": None, "frequencies": [np.nan]}, "at least one measured value"),
+        ({"observed": None, "gravity": None, "frequencies": [0.0]}, "must be positive"),
+        ({"factors": [1.0, 2.0]}, "observed must have shape"),
+        ({"factors": [np.nan]}, "factors must be finite"),
+        ({"average": 1}, "average"),
+        ({"confidence": 2.0}, "confidence must be"),
+        ({"gravity": (0.0, np.nan, 0.0)}, "gravity must be finite"),
+    ],
+)
+def test_wrong_input_is_refused(strip, measured, options, message):
+    given = {"wrt": "young", "observed": measured, "gravity": GRAVITY} | options
+    with pytest.raises(ms.ModalShellError, match=message):
+        ms.fit(strip, given.pop("wrt"), given.pop("observed"), **given)
+
+
+def test_constants_of_hinges_are_found_too():
+    mesh = ms.flat_beam(length=1.0, width=0.1, cells=(12, 2))
+    shell = ms.Shell(mesh, PLAIN, mesh.vertices[:, 0] < 0.1)
+    seen = ms.DiscreteShell(shell).equilibrium(gravity=GRAVITY).positions
+    found = ms.fit(shell.with_material(replace(PLAIN, flexure=0.2)), "flexure", seen, gravity=GRAVITY)
+    assert found.values["flexure"] == pytest.approx(PLAIN.flexure, rel=1e-4)

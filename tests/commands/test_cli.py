@@ -1,0 +1,136 @@
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.commands.cli import main
+
+BAD = sorted(path for path in (Path(__file__).parents[1] / "data" / "bad").iterdir() if path.suffix in (".obj", ".ply"))
+
+
+@pytest.fixture(autouse=True)
+def _without_opengl(monkeypatch):
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+
+
+@pytest.fixture(scope="module")
+def leaf(tmp_path_factory):
+    path = tmp_path_factory.mktemp("mesh") / "leaf.obj"
+    ms.save_mesh(ms.leaf(cells=(16, 6)), path)
+    return str(path)
+
+
+def run(capsys, *arguments):
+    status = 0
+    try:
+        main(list(arguments))
+    except SystemExit as exit_:
+        status = exit_.code
+    captured = capsys.readouterr()
+    return status or 0, captured.out, captured.err
+
+
+@pytest.mark.parametrize("model", ["lma", "mwts", "ds"])
+def test_simulate_writes_a_film_and_the_positions(capsys, tmp_path, leaf, model):
+    options = ["--clamp", "x < 0.08", "--gravity", "0", "0", "-9.81", "--model", model, "--duration", "0.2"]
+    status, out, err = run(capsys, "simulate", leaf, *options, "--out", str(tmp_path))
+    assert status == 0, err
+    assert "completed" in out
+    with np.load(tmp_path / f"leaf_{model}.npz", allow_pickle=False) as stored:
+        assert stored["positions"].shape[0] == stored["times"].size == 7
+        assert np.isfinite(stored["positions"]).all()
+        assert stored["positions"][-1, :, 2].mean() < stored["rest"][:, 2].mean()
+    assert (tmp_path / f"leaf_{model}.mp4").stat().st_size > 1000
+
+
+def test_simulate_static_writes_a_picture(capsys, tmp_path, leaf):
+    status, out, _ = run(capsys, "simulate", leaf, "--clamp", "x < 0.08", "--static", "--out", str(tmp_path))
+    assert status == 0
+    assert "converged" in out
+    assert (tmp_path / "leaf_mwts.png").exists()
+
+
+@pytest.mark.parametrize("static", [True, False])
+def test_work_that_does_not_succeed_ends_with_status_1(capsys, tmp_path, leaf, static):
+    options = ["--clamp", "x < 0.08", "--gravity", "0", "0", "-1e6", "--thickness", "1e-4", "--out", str(tmp_path)]
+    status, out, err = run(capsys, "simulate", leaf, *options, *(["--static"] if static else ["--duration", "0.5"]))
+    assert status == 1, out + err
+    assert "no fixed point" in out or "wound up" in out
+    assert (tmp_path / "leaf_mwts.npz").exists()
+
+
+def test_export_takes_the_folder_of_one_run(capsys, tmp_path, scene_file):
+    ms.run_scene(scene_file(), out=tmp_path / "run")
+    status, _, err = run(capsys, "export", str(tmp_path / "run"), "--to", "pc2")
+    assert status == 0, err
+    assert len(list((tmp_path / "run").glob("*.pc2"))) == 1
+    status, _, err = run(capsys, "export", str(tmp_path), "--to", "pc2")
+    assert status == 2
+    assert "must hold one .npz file (got none)" in err
+
+
+def test_modes_prints_frequencies_and_draws_shapes(capsys, tmp_path, leaf):
+    status, out, _ = run(capsys, "modes", leaf, "--count", "8", "--out", str(tmp_path))
+    assert status == 0
+    assert out.count("rigid") == 6
+    assert out.count("elastic") == 2
+    assert (tmp_path / "leaf_modes.png").exists()
+    assert ms.Basis.load(tmp_path / "leaf_basis.npz").rigid_modes == 6
+
+
+def test_bench_prints_and_saves_its_rows(capsys, tmp_path):
+    status, out, _ = run(capsys, "bench", "--only", "assembly", "--out", str(tmp_path))
+    assert status == 0
+    assert "10000" in out
+    document = json.loads((tmp_path / "benchmarks_assembly.json").read_text())
+    assert document["rows"]["assembly"][0]["faces"] == 19602
+    assert (tmp_path / "benchmarks_assembly.md").read_text().startswith("# Benchmarks")
+
+
+@pytest.mark.parametrize("path", BAD, ids=lambda path: path.name)
+def test_bad_meshes_give_one_line_and_status_2(capsys, path):
+    status, out, err = run(capsys, "simulate", str(path))
+    assert status == 2
+    assert out == ""
+    assert err.startswith("modalshell: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        (("simulate", "no_such_file.obj"), "no_such_file"),
+        (("simulate", "LEAF", "--clamp", "x <"), "selection"),
+        (("simulate", "LEAF", "--clamp", "x < -99"), "--clamp selects no vertex"),
+        (("simulate", "LEAF", "--clamp", "x < 99"), "holds all"),
+        (("simulate", "LEAF", "--young", "-3"), "young"),
+        (("simulate", "LEAF", "--model", "magic"), "magic"),
+        (("simulate", "LEAF", "--duration", "0"), "duration"),
+        (("simulate", "LEAF", "--modes", "0"), "count"),
+        (("simulate", "LEAF", "--gravity", "0", "0"), "gravity"),
+        (("reproduce", "--only", "nothing"), "nothing"),
+        (("bench", "--only", "nothing"), "nothing"),
+        (("fly",), "fly"),
+    ],
+)
+def test_bad_options_give_one_line_and_status_2(capsys, tmp_path, leaf, arguments, match):
+    given = [leaf if argument == "LEAF" else argument for argument in arguments]
+    status, _, err = run(capsys, *given, *(["--out", str(tmp_path)] if arguments[0] != "fly" else []))
+    assert status == 2
+    assert match in err
+    assert err.startswith("modalshell: ")
+    assert err.count("\n") == 1
+
+
+def test_debug_shows_the_traceback():
+    command = [sys.executable, "-m", "modalshell", "simulate", "no_such_file.obj"]
+    plain, debug = (
+        subprocess.Popen([*command, *more], stderr=subprocess.PIPE, text=True) for more in ([], ["--debug"])
+    )
+    assert "Traceback" not in plain.communicate()[1]
+    assert "Traceback" in debug.communicate()[1]
+    assert plain.returncode == 2

@@ -1,0 +1,192 @@
+"""Models are shared by threads, pickled and copied with the same answers; nobody can write into them from outside."""
+
+import copy
+import inspect
+import pickle
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from fuzzing.calls import world
+
+import modalshell as ms
+from modalshell import springs
+from modalshell.core.thread_safety import PerThread, read_only_copy
+from modalshell.models.base.model import Model
+from modalshell.models.reduction.warp_frame import WarpFrame
+
+GRAVITIES = [(0.0, 0.0, -2.0), (0.0, 1.5, -0.5), (0.3, 0.0, 1.0)]
+
+
+def models():
+    """Every rung on a small shell, by name."""
+    return dict(world()["models"])
+
+
+def answers(model, gravity):
+    """Bits of an answer at rest and of one in motion."""
+    still = model.equilibrium(gravity=gravity)
+    moved = ms.simulate(model, duration=0.1, gravity=gravity)
+    return still.positions.tobytes(), str(still.status), moved.positions.tobytes(), moved.status
+
+
+def test_every_model_is_tried():
+    kinds = {type(model) for model in models().values()}
+    public = {value for value in vars(ms).values() if isinstance(value, type) and issubclass(value, Model)}
+    assert kinds == {value for value in public if not inspect.isabstract(value)}
+
+
+@pytest.fixture
+def restless():
+    """Threads that take turns as often as Python lets them."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.parametrize("name", models())
+@pytest.mark.usefixtures("restless")
+def test_threads_share_a_model(name):
+    model = models()[name]
+    alone = [answers(model, gravity) for gravity in GRAVITIES]
+    with ThreadPoolExecutor(len(GRAVITIES)) as pool:
+        together = list(pool.map(lambda gravity: [answers(model, gravity) for _ in range(4)], GRAVITIES))
+    for expected, found in zip(alone, together, strict=True):
+        assert all(answer == expected for answer in found)
+
+
+@pytest.mark.usefixtures("restless")
+def test_threads_share_frames_patches_and_loads():
+    basis, model = world()["basis"], world()["models"]["rsw"]
+    frame, loads = WarpFrame(basis), [world()["shell"].gravity_force(gravity) for gravity in GRAVITIES]
+    coordinates = np.random.default_rng(0).standard_normal((3, basis.count)) * 0.1
+
+    def work(q):
+        at = [model.patch_position(q, np.array([vertex]))[0].tobytes() for vertex in range(8, 14)]
+        forces = [model.modal_force(q, load).tobytes() for load in loads]
+        return frame.positions(q).tobytes(), at, model.displacement(q).tobytes(), forces
+
+    alone = [work(q) for q in coordinates]
+    with ThreadPoolExecutor(3) as pool:
+        together = list(pool.map(lambda q: [work(q) for _ in range(200)], coordinates))
+    for expected, found in zip(alone, together, strict=True):
+        assert all(answer == expected for answer in found)
+
+
+@pytest.mark.parametrize("again", [lambda model: pickle.loads(pickle.dumps(model)), copy.deepcopy])
+@pytest.mark.parametrize("name", models())
+def test_copies_answer_alike(name, again):
+    model = models()[name]
+    model.equilibrium(gravity=GRAVITIES[0])  # with whatever is made at first use
+    assert answers(again(model), GRAVITIES[1]) == answers(model, GRAVITIES[1])
+
+
+def parts():
+    """What the user builds models from."""
+    found = world()
+    return [found["mesh"], found["material"], found["shell"], found["basis"]]
+
+
+@pytest.mark.parametrize("again", [lambda part: part, lambda part: pickle.loads(pickle.dumps(part)), copy.deepcopy])
+@pytest.mark.parametrize("part", parts(), ids=lambda part: type(part).__name__)
+def test_public_arrays_are_read_only_and_stay_so_in_copies(part, again):
+    part = again(part)
+    arrays = {name: value for name in dir(part) if isinstance(value := getattr(part, name), np.ndarray)}
+    for name in ("frequencies", "participation_factors", "effective_masses"):  # made anew for each caller
+        arrays.pop(name, None)
+    assert not [name for name, value in arrays.items() if value.flags.writeable]
+
+
+def test_a_stiffness_matrix_is_the_callers_own():
+    shell = world()["shell"]
+    before = shell.stiffness()
+    taken = shell.stiffness()
+    taken.indices[:] = 0
+    taken.data[:] = 0.0
+    assert (shell.stiffness() != before).nnz == 0
+
+
+def _implicit(mass, positions):
+    stepper = springs.ImplicitSprings(springs.shell_springs(world()["shell"]), mass, None, threads=1)
+    stepper.place(positions, np.zeros_like(positions))
+    return stepper
+
+
+COUNT = len(world()["mesh"].vertices)
+BUILDERS = {
+    "mesh": (ms.TriangleMesh, {"vertices": world()["mesh"].vertices, "faces": world()["mesh"].faces}),
+    "material": (
+        lambda stretch: ms.Material(stretch, 20.0, 0.05, 0.2),
+        {"stretch": np.full(len(world()["mesh"].faces), 20.0)},
+    ),
+    "shell": (
+        lambda clamped: ms.Shell(world()["mesh"], world()["material"], clamped),
+        {"clamped": world()["shell"].clamped},
+    ),
+    "position": (ms.PositionConstraint, {"vertices": np.array([8, 9]), "target": np.array([1.0, 0.0, -0.1])}),
+    "orientation": (ms.OrientationConstraint, {"vertices": np.array([8, 9]), "target": np.array([0.1, 0.0, 0.0])}),
+    "path": (
+        lambda **keys: ms.SupportPath(**keys),
+        {"times": np.array([0.0, 1.0]), "translations": np.zeros((2, 3)), "pivot": np.zeros(3)},
+    ),
+    "flock": (
+        lambda **keys: ms.Flock(directions=np.eye(3), **keys),
+        {
+            "positions": np.eye(3),
+            "target": np.ones(3),
+            "flock_position": np.zeros(3),
+            "bounds": np.array([[-9.0] * 3, [9.0] * 3]),
+        },
+    ),
+    "springs": (_implicit, {"mass": np.full(COUNT, 0.01), "positions": world()["mesh"].vertices}),
+}
+
+
+def sharing(value, array, seen, place):
+    """Places inside ``value`` whose memory ``array`` shares."""
+    if id(value) in seen:
+        return
+    seen.add(id(value))
+    if isinstance(value, np.ndarray):
+        if np.shares_memory(value, array):
+            yield place
+    elif isinstance(value, list | tuple):
+        for index, inner in enumerate(value):
+            yield from sharing(inner, array, seen, f"{place}[{index}]")
+    elif type(value).__module__.startswith("modalshell") and hasattr(value, "__dict__"):
+        for name, inner in vars(value).items():
+            yield from sharing(inner, array, seen, f"{place}.{name}")
+
+
+@pytest.mark.parametrize("name", BUILDERS)
+def test_nothing_keeps_the_callers_arrays(name):
+    build, arguments = BUILDERS[name]
+    given = {key: np.array(value) for key, value in arguments.items()}
+    made = build(**given)
+    assert not [place for key, array in given.items() for place in sharing(made, array, set(), key)]
+
+
+def test_a_callables_own_buffer_is_copied():
+    buffer = np.zeros(3)
+    found = ms.PositionConstraint(0, lambda _: buffer).at(0.5)
+    buffer[:] = 1.0
+    assert not found.any()
+
+
+def test_values_per_thread():
+    made = PerThread(object)
+    with ThreadPoolExecutor(1) as pool:
+        other = pool.submit(made).result()
+    assert made() is made()
+    assert other is not made()
+    assert copy.deepcopy(made)() is not made()
+
+
+def test_read_only_copies():
+    mine = np.zeros(3)
+    kept = read_only_copy(mine)
+    assert kept is not mine
+    assert mine.flags.writeable
+    assert read_only_copy(kept) is kept
