@@ -79,9 +79,10 @@ SCENES = """
 modalshell run studies/scenes/leaf_wind.toml
 ```
 
-runs one. `modalshell reproduce --pages` writes the web pages. Download a page and open it: it moves without a
-server or a network, in any browser with WebGL2. The flock's run makes [a film](../paper_figures/flock.mp4) and reports
-the largest error of its levels of detail in pixels.
+runs one. `modalshell reproduce --pages` writes the web pages into `results/pages`. Those up to 500 kB are committed; of
+each larger one the table has the command. Download or make a page and open it: it moves without a server or a network,
+in any browser with WebGL2. The flock's run makes [a film](../paper_figures/flock.mp4) and reports the largest error of
+its levels of detail in pixels.
 
 | scene | page | what it is |
 |---|---|---|
@@ -107,11 +108,13 @@ def row(name: str) -> str:
 
 
 def scenes() -> str:
-    """The scenes, with the web page of each."""
+    """The scenes, with the web page of each, or the command that makes it where it is not committed."""
     lines = []
     for file in sorted((FOLDER / "scenes").glob("*.toml")):
         about = file.read_text(encoding="utf-8").splitlines()[0].lstrip("# ")
-        moving = f"[moving](scenes/{file.stem}.html)" if file.with_suffix(".html").is_file() else ""
+        committed = file.with_suffix(".html").is_file()
+        command = f"`modalshell page studies/scenes/{file.name} --out {file.stem}.html`"
+        moving = f"[moving](scenes/{file.stem}.html)" if committed else command
         lines.append(f"| [{file.stem}](scenes/{file.name}) | {moving} | {about} |\n")
     return SCENES + "".join(lines)
 

@@ -1,11 +1,14 @@
-"""Files are short, and studies keep to what other studies make public."""
+"""Files are short, pages small, and studies keep to what other studies make public."""
 
 import ast
+import subprocess
 
 import pytest
 from test_layering import REPOSITORY, ROOT, files_of, layer, package_graph
 
 LINE_LIMITS = {ROOT: 400, "studies": 400, "paper_figures": 400, "meshes": 400, "tests": 500}
+LARGEST_PAGE = 500_000
+"""Bytes of the largest web page that is committed; of others studies/README.md has the command."""
 
 
 def private_names(source: str) -> set[str]:
@@ -35,6 +38,16 @@ def test_files_are_short(folder):
     limit = LINE_LIMITS[folder]
     long = [path.name for path in files if len(path.read_text(encoding="utf-8").splitlines()) > limit]
     assert long == []
+
+
+def test_web_pages_are_small():
+    listed = subprocess.run(["git", "ls-files", "-z", "*.html"], cwd=REPOSITORY, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("no checkout of git")
+    pages = [REPOSITORY / name for name in listed.stdout.split("\0") if name]
+    assert pages
+    large = [page.name for page in pages if page.exists() and page.stat().st_size > LARGEST_PAGE]
+    assert large == []
 
 
 def test_the_checker_sees_private_names_of_studies():

@@ -24,6 +24,15 @@ def test_readme_is_what_the_command_writes():
     assert written == readme.page(), "a page, a picture or a finding has changed: python -m studies.readme"
 
 
+def test_every_scene_has_its_page_or_the_command_that_makes_it():
+    text = readme.scenes()
+    for file in (readme.FOLDER / "scenes").glob("*.toml"):
+        command = f"`modalshell page studies/scenes/{file.name} --out {file.stem}.html`"
+        page = f"[moving](scenes/{file.stem}.html)"
+        assert (page in text) == file.with_suffix(".html").is_file()
+        assert (page in text) != (command in text)
+
+
 @pytest.mark.parametrize("name", studies())
 def test_every_study_has_a_page_and_a_finding_with_numbers(name):
     row = readme.row(name)
