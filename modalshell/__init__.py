@@ -68,6 +68,7 @@ from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, BasisSensitivity, LoadedModes, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
+from modalshell.plot import plot
 from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
@@ -166,6 +167,7 @@ __all__ = [
     "measure",
     "models",
     "paper_bird",
+    "plot",
     "remesh",
     "repair",
     "run_scene",

@@ -99,6 +99,7 @@ def test_pictures_are_drawn_shown_and_saved(v_basis, tmp_path):
         shown = one._repr_html_()
         assert shown.count("data:image/png;base64,") == 1
         assert type(one).__name__ in shown
+        assert ms.plot(one).data == drawn.data
     assert "converged" in answer._repr_html_()
     assert f"{v_basis.frequencies[0]:.4g}" in v_basis._repr_html_()
     assert v_basis.plot(count=1).data != v_basis.plot().data
@@ -110,6 +111,8 @@ def test_pictures_are_drawn_shown_and_saved(v_basis, tmp_path):
         dataclasses.replace(run, faces=run.faces[:0]).plot()
     with pytest.raises(ms.OptionError, match=r"\.png"):
         drawn.save(tmp_path / "a.jpg")
+    with pytest.raises(ms.OptionError, match=r"draw a shell by shell\.mesh"):
+        ms.plot(v_basis.shell)
 
 
 def test_a_trajectory_saves_itself(v_basis, tmp_path):

@@ -8,20 +8,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.checks import checked_vectors
+from modalshell.core.drawn import Drawn
 from modalshell.core.errors import MeshError
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.mesh import validation
 from modalshell.mesh.area_vectors import area_vectors
 from modalshell.mesh.topology import FloatArray, IntArray, connected_parts, faces_of_edges, hinges_of_edges
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces
-from modalshell.render import Picture, ShadedSurface, View, html_of
-from modalshell.render.picture import SMALL
-
-_EDGES_SHOWN = 3000
-"""Triangles up to which a small picture shows their sides."""
 
 
-class TriangleMesh(ReadOnlyArrays):
+class TriangleMesh(ReadOnlyArrays, Drawn):
     """An immutable, validated triangle mesh: a manifold surface with consistent winding, with or without boundary.
 
     Parameters
@@ -165,27 +161,6 @@ class TriangleMesh(ReadOnlyArrays):
         """
         vertices, faces, _ = weld_arrays(self.vertices, self.faces, tolerance)
         return TriangleMesh(vertices, faces)
-
-    def plot(self, *, size: tuple[int, int] = (960, 600), edges: bool = True) -> Picture:
-        """Draw the mesh at rest; a notebook shows the picture, and its ``save(path)`` writes it.
-
-        Parameters
-        ----------
-        size : tuple of int
-            Width and height [pixels].
-        edges : bool
-            Draw the sides of every triangle.
-        """
-        return Picture.of_views([View([ShadedSurface(self.vertices, self.faces, edges=edges)])], size=size)
-
-    def _repr_html_(self) -> str:
-        numbers = {
-            "vertices": f"{len(self.vertices):,}",
-            "faces": f"{len(self.faces):,}",
-            "extents [m]": " x ".join(f"{extent:.4g}" for extent in np.ptp(self.vertices, axis=0)),
-            "area [m²]": f"{self.area:.4g}",
-        }
-        return html_of("TriangleMesh", numbers, self.plot(size=SMALL, edges=len(self.faces) <= _EDGES_SHOWN))
 
     def __repr__(self) -> str:
         return (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 import scipy.linalg
@@ -21,7 +21,6 @@ from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import ModalPush
 from modalshell.models.rotation_strain import RotationStrain, tiled
 from modalshell.modes import Basis
-from modalshell.page import ReducedWarp
 
 _CANDIDATES = 2000
 """Largest number of candidate triangles; a sample by area of more."""
@@ -31,6 +30,26 @@ _RESOLVED = 1e-7
 """Size of a principal component, relative to the first, below which it is rounding."""
 _MIXED = 1.5
 """Largest factor of a coordinate in a mixture of training."""
+
+
+class ReducedWarp(NamedTuple):
+    """The rotation-strain warp in reduced form: ``u = Phi q + U M (F(q) - I - L q)``, F of T sampled triangles.
+
+    F = exp([w]) (I + S) of a triangle has six numbers, in its own frame; L q is the part that is linear in q.
+
+    Attributes
+    ----------
+    shapes : ndarray, shape (3n, r)
+        U [m].
+    amounts : ndarray, shape (6 T, r)
+        Transposed M: the six numbers of all triangles one after another.
+    turns : ndarray, shape (6 T, m)
+        Turn w and strain S (aa, bb, ab) of the triangles in every mode.
+    """
+
+    shapes: Array
+    amounts: Array
+    turns: Array
 
 
 @final
@@ -174,7 +193,7 @@ class ReducedRotationStrain(TurnedTriangles):
         return cls(model, np.vstack([answers, mixed.reshape(-1, answers.shape[1])]), rank=rank, samples=samples)
 
     def on_page(self) -> ReducedWarp:
-        """What a page needs to move by this model."""
+        """The model as arrays, from which a web page moves by it."""
         count, modes = len(self.triangles), self.basis.count
         return ReducedWarp(
             self._expansion[:, modes:],

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
+from modalshell.core.drawn import Paged
 from modalshell.core.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
 from modalshell.core.plugins import load_plugins
@@ -31,16 +32,10 @@ from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
-from modalshell.page import Page, ReducedWarp, modal_page
-from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
 from modalshell.supports import SUPPORTS, Clamp, Support
 
-_SHOWN_SHARE = 0.15
-"""Largest displacement in a picture of a mode, over the shell's size."""
-_STRIP = 8
-"""Mode shapes that a notebook shows of a basis."""
 _FORMAT = 1
 """Version of the saved file."""
 _UNITS = {"vertices": "m", "eigenvalues": "1/s^2", "modes": "1/sqrt(kg)", "rotations": "1/(m sqrt(kg))"}
@@ -55,7 +50,7 @@ _COPIES, _RIGID_COPIES = 6, 6
 
 @brief
 @dataclass(frozen=True)
-class Basis(ReadOnlyArrays):
+class Basis(ReadOnlyArrays, Paged):
     """What the modal models need of a shell.
 
     Attributes
@@ -151,75 +146,6 @@ class Basis(ReadOnlyArrays):
             backend=np.array(self.backend),
             units=SI.array(_UNITS | _CONSTANTS[type(material)]),
         )
-
-    def page(
-        self,
-        path: str | os.PathLike[str] | None = None,
-        *,
-        title: str = "modalshell",
-        gravity: Sequence[float] = (0.0, 0.0, -9.81),
-        force: ArrayLike | None = None,
-        damping: tuple[float, float] = (0.5, 0.001),
-        dt: float = 1.0 / 60.0,
-        reduced: ReducedWarp | None = None,
-    ) -> Page:
-        """A self-contained web page on which the shell moves by LMA and MWTS; notebooks show it live.
-
-        Parameters
-        ----------
-        path : str or path, optional
-            HTML file to write.
-        title, gravity, force, damping, dt, reduced : optional
-            See :func:`modalshell.page.modal_page`.
-
-        Raises
-        ------
-        OptionError
-            If there are more modes than a browser's shader takes, or an option is out of range.
-        """
-        page = modal_page(
-            self.shell.mesh,
-            eigenvalues=self.eigenvalues,
-            modes=self.modes,
-            rotations=self.rotations,
-            mass=self.shell.mass,
-            held=np.flatnonzero(self.shell.clamped),
-            title=title,
-            gravity=gravity,
-            force=force,
-            damping=damping,
-            dt=dt,
-            reduced=reduced,
-        )
-        if path is not None:
-            page.save(path)
-        return page
-
-    def plot(self, *, count: int | None = None, size: tuple[int, int] = (1600, 900)) -> Picture:
-        """Draw the first ``count`` mode shapes (by default all), coloured by displacement, with frequencies.
-
-        A notebook shows the picture, and its ``save(path)`` writes it.
-        """
-        shown = self.count if count is None else checked_count("count", count, at_most=self.count)
-        views = [self._view(k) for k in range(shown)]
-        return Picture.of_views(views, size=size, scalar_label="relative displacement")
-
-    def _view(self, mode: int) -> View:
-        """A mode shape, its largest displacement a set share of the shell's size."""
-        shape = self.modes[:, mode].reshape(-1, 3)
-        length = np.linalg.norm(shape, axis=1)
-        moved = self.shell.rest_positions + shape * (_SHOWN_SHARE * self.shell.size / length.max())
-        told = "rigid" if mode < self.rigid_modes else f"{self.frequencies[mode]:.4g} Hz"
-        surface = ShadedSurface(moved, self.shell.mesh.faces, scalars=length / length.max(), smooth=True)
-        return View([surface], title=f"mode {mode + 1}: {told}")
-
-    def _repr_html_(self) -> str:
-        numbers = {
-            "shell": repr(self.shell),
-            "modes": f"{self.count}, {self.rigid_modes} rigid",
-            "frequencies [Hz]": ", ".join(f"{value:.4g}" for value in self.frequencies[:_STRIP]),
-        }
-        return html_of("Basis", numbers, self.plot(count=min(self.count, _STRIP), size=(960, 400)))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Basis:

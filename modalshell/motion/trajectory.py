@@ -11,7 +11,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from modalshell.core.checks import checked_count
+from modalshell.core.drawn import Drawn
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import brief
@@ -19,19 +19,16 @@ from modalshell.core.typing import Array, Progress
 from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Loading
 from modalshell.models import Equilibrium
-from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.shell import Shell
 
 WRITERS: dict[str, Callable[[Any, Path, Progress | None], Path]] = {}
 """What writes a trajectory, by the suffix of the file; the package ``export`` fills it."""
-_STRIP = 4
-"""Frames that a picture of a motion shows."""
 
 
 @final
 @brief
 @dataclass(frozen=True, kw_only=True)
-class Trajectory:
+class Trajectory(Drawn):
     """A simulated motion; made by keywords only.
 
     Attributes
@@ -110,40 +107,3 @@ class Trajectory:
         if target.suffix not in WRITERS:
             raise OptionError(f"a trajectory is saved as {', '.join(WRITERS)} (got {target.name!r})")
         return WRITERS[target.suffix](self, target, on_frame)
-
-    def plot(self, *, frames: int = _STRIP, size: tuple[int, int] = (1600, 450)) -> Picture:
-        """Draw ``frames`` frames from the first to the last over the outline at rest, coloured by displacement.
-
-        A notebook shows the picture, and its ``save(path)`` writes it.
-
-        Raises
-        ------
-        OptionError
-            If the trajectory has no faces.
-        """
-        if not len(self.faces):
-            raise OptionError("a picture needs the triangles: give the trajectory its faces (simulate does)")
-        count = min(checked_count("frames", frames), len(self.times))
-        rest = ShadedSurface(self.rest_positions, self.faces, color="#999999", style="outline")
-        views = []
-        for frame in np.linspace(0, len(self.times) - 1, count).round().astype(int):
-            moved = np.linalg.norm(self.positions[frame] - self.rest_positions, axis=1)
-            shape = ShadedSurface(
-                self.positions[frame],
-                self.faces,
-                scalars=moved,
-                label=f"displacement [{self.units.of('m')}]",
-                smooth=True,
-            )
-            views.append(View([shape, rest], title=f"{self.times[frame]:.4g} s"))
-        return Picture.of_views(views, size=size)
-
-    def _repr_html_(self) -> str:
-        numbers = {
-            "outcome": self.outcome.with_message(self.message),
-            "frames": f"{len(self.times)} from {self.times[0]:.4g} to {self.times[-1]:.4g} s",
-            "vertices": f"{self.positions.shape[1]:,}",
-            "steps whose solver did not converge": str(self.unconverged_steps),
-            "time": f"{self.seconds:.3g} s",
-        }
-        return html_of("Trajectory", numbers, self.plot(size=(960, 300)) if len(self.faces) else None)

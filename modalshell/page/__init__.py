@@ -3,7 +3,7 @@
 from modalshell.page.clip_page import clip_page
 from modalshell.page.flock_page import flock_page
 from modalshell.page.html import Page
-from modalshell.page.modal_page import ReducedWarp, modal_page
+from modalshell.page.modal_page import modal_page
 from modalshell.page.sheet_page import sheet_page
 
-__all__ = ["Page", "ReducedWarp", "clip_page", "flock_page", "modal_page", "sheet_page"]
+__all__ = ["Page", "clip_page", "flock_page", "modal_page", "sheet_page"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,26 +20,6 @@ _PULL = 20.0
 """Force of the pointer at a distance of the shell's size, in weights of the shell on Earth."""
 
 
-class ReducedWarp(NamedTuple):
-    """The rotation-strain warp in reduced form: ``u = Phi q + U M (F(q) - I - L q)``, F of T sampled triangles.
-
-    F = exp([w]) (I + S) of a triangle has six numbers, in its own frame; L q is the part that is linear in q.
-
-    Attributes
-    ----------
-    shapes : ndarray, shape (3n, r)
-        U [m].
-    amounts : ndarray, shape (6 T, r)
-        Transposed M: the six numbers of all triangles one after another.
-    turns : ndarray, shape (6 T, m)
-        Turn w and strain S (aa, bb, ab) of the triangles in every mode.
-    """
-
-    shapes: Array
-    amounts: Array
-    turns: Array
-
-
 def modal_page(
     mesh: TriangleMesh,
     *,
@@ -53,7 +33,7 @@ def modal_page(
     force: ArrayLike | None = None,
     damping: tuple[float, float] = (0.5, 0.001),
     dt: float = 1.0 / 60.0,
-    reduced: ReducedWarp | None = None,
+    reduced: tuple[Array, Array, Array] | None = None,
 ) -> Page:
     """The page of a modal basis.
 
@@ -83,8 +63,9 @@ def modal_page(
         Rayleigh factors of mass [1/s] and stiffness [s].
     dt : float
         Time step [s].
-    reduced : ReducedWarp, optional
-        RSW in reduced form, which the page then offers as a third model.
+    reduced : (ndarray, ndarray, ndarray), optional
+        RSW in reduced form, which the page then offers as a third model: shapes (3n, r), amounts (6 T, r) and turns
+        (6 T, m) of :class:`modalshell.models.reduced_rotation_strain.ReducedWarp`.
 
     Raises
     ------
@@ -117,5 +98,5 @@ def modal_page(
         "pull": _PULL * 9.81 * float(mass.sum()) / float(mesh.size),
     }
     if reduced is not None:
-        data["reduced"] = {name: encoded_columns(part) for name, part in reduced._asdict().items()}
+        data["reduced"] = dict(zip(("shapes", "amounts", "turns"), map(encoded_columns, reduced), strict=True))
     return filled_page("shell", title, data, mesh.vertices, mesh.faces)

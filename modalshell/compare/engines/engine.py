@@ -71,7 +71,7 @@ ENGINES = (
     Engine(
         "mujoco_flex",
         "MuJoCo flex",
-        "pip install mujoco",
+        "pip install 'mujoco>=4.0'",
         limits="its bending has a stiffness of its own at the modulus that its documents name",
         options=_FLEX,
         color="#b8a9d9",
@@ -80,7 +80,7 @@ ENGINES = (
     Engine(
         "mujoco_flex",
         "MuJoCo flex, calibrated modulus",
-        "pip install mujoco",
+        "pip install 'mujoco>=4.0'",
         options=_FLEX,
         calibrated=True,
         color="#8c6d4f",

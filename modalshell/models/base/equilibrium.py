@@ -8,14 +8,12 @@ from typing import final
 import numpy as np
 
 from modalshell.core.checks import finite_answer
-from modalshell.core.errors import OptionError
+from modalshell.core.drawn import Drawn
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import brief
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.mesh import TriangleMesh
-from modalshell.render import Picture, ShadedSurface, View, html_of
-from modalshell.render.picture import SMALL
 from modalshell.shell.pattern import SparsePattern
 from modalshell.statics.live_loads import LiveLoads
 
@@ -23,7 +21,7 @@ from modalshell.statics.live_loads import LiveLoads
 @final
 @brief
 @dataclass(frozen=True)
-class Equilibrium:
+class Equilibrium(Drawn):
     """A static solution with its outcome and solver statistics.
 
     Attributes
@@ -96,29 +94,3 @@ class Equilibrium:
     def status(self) -> str:
         """The outcome as text."""
         return str(self.outcome)
-
-    def plot(self, *, size: tuple[int, int] = (960, 600)) -> Picture:
-        """Draw the shell coloured by its displacement, over its outline at rest.
-
-        A notebook shows the picture, and its ``save(path)`` writes it.
-
-        Raises
-        ------
-        OptionError
-            If the mesh is unknown.
-        """
-        if self.mesh is None:
-            raise OptionError("this equilibrium came without its mesh: draw that of a model's equilibrium()")
-        moved = np.linalg.norm(self.positions - self.mesh.vertices, axis=1)
-        shape = ShadedSurface(self.positions, self.mesh.faces, scalars=moved, label="displacement [m]", smooth=True)
-        rest = ShadedSurface(self.mesh.vertices, self.mesh.faces, color="#999999", style="outline")
-        return Picture.of_views([View([shape, rest])], size=size)
-
-    def _repr_html_(self) -> str:
-        numbers = {
-            "outcome": self.outcome.with_message(self.message),
-            "residual": f"{self.residual:.2g} after {self.iterations} iterations",
-            "stable": "not known" if self.stable is None else ("yes" if self.stable else "no"),
-            "time": f"{self.seconds:.3g} s",
-        }
-        return html_of("Equilibrium", numbers, None if self.mesh is None else self.plot(size=SMALL))
