@@ -1,11 +1,13 @@
 """Thin shells: a ladder of models from modal warping to discrete shells, and measures of their error and cost."""
 
+from modalshell.core import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
+
+# isort: split
 from modalshell import measure
 from modalshell.analysis.fit import Fit, fit
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
 from modalshell.compare import Advice, Tradeoff, advise, tradeoff
 from modalshell.constraints import OrientationConstraint, PositionConstraint
-from modalshell.core import interruption as _interruption  # noqa: F401 (first, for it acts while the others load)
 from modalshell.core.errors import (
     FileFormatError,
     LoadError,
@@ -21,7 +23,7 @@ from modalshell.core.errors import (
 )
 from modalshell.core.outcome import Outcome
 from modalshell.core.units import UnitSystem
-from modalshell.crowd import Crowd, Flock
+from modalshell.crowd import Crowd, FlightResult, Flock
 from modalshell.export import load_clip, load_trajectory, save_trajectory
 from modalshell.integrators.state import Damping
 from modalshell.loads import (
@@ -61,7 +63,6 @@ from modalshell.models import (
     ReducedRotationStrain,
     RigidShell,
     RotationStrain,
-    SpringSheet,
     coarse_shell,
 )
 from modalshell.models.reduction.warp_frame import WarpFrame
@@ -69,9 +70,10 @@ from modalshell.models.registry import ModelSpec, models
 from modalshell.modes import Basis, BasisSensitivity, LoadedModes, solve_modes
 from modalshell.motion import SupportPath, Trajectory, simulate
 from modalshell.plot import plot
-from modalshell.run import FlightResult, RunFollower, SceneResult, run_scene
+from modalshell.run import RunFollower, SceneResult, run_scene
 from modalshell.scene import Scene, load_scene
 from modalshell.shell import Isotropic, Material, Shell, ShellFields
+from modalshell.springs import SpringSheet
 from modalshell.statics.bifurcation import PathEvent
 from modalshell.statics.buckling import Buckling, buckling_factors
 from modalshell.statics.dense import EnergyFunction

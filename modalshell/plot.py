@@ -1,7 +1,7 @@
 """Pictures, notebook views and web pages of meshes, modes, equilibria and motions.
 
-Nothing that is drawn imports this module: the methods ``plot``, ``page`` and ``_repr_html_`` of
-:class:`modalshell.core.drawn.Drawn` load it when they are called.
+Nothing that is drawn imports this module: it enters its functions where the methods ``plot``, ``page`` and
+``_repr_html_`` of :class:`modalshell.core.drawn.Drawn` find them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, shown
+from modalshell.core.drawn import DRAWING
 from modalshell.core.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium
@@ -201,3 +202,6 @@ def basis_page(
         dt=dt,
         reduced=reduced,
     )
+
+
+DRAWING.update(plot=plot, as_html=as_html, basis_page=basis_page)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from modalshell.core.typing import Array
 from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from paper_figures.glyphs import GlyphMesh, joined, rod, sphere
@@ -68,10 +67,10 @@ def draw(results: Path, folder: Path) -> list[Path]:
     return [picture, film]
 
 
-def scene(result: StudyResult) -> tuple[list[ShadedSurface], list[Array | None]]:
+def scene(result: StudyResult) -> tuple[list[ShadedSurface], list[NDArray[np.float64] | None]]:
     """Floor, shadow, body and shells; and how each moves."""
     arrays = result.arrays
-    parts: list[tuple[str, Array, NDArray[np.int64]]] = [
+    parts: list[tuple[str, NDArray[np.float64], NDArray[np.int64]]] = [
         (color, arrays[f"{name}_positions"].astype(np.float64), arrays[f"{name}_faces"].astype(np.int64))
         for name, color in COLORS.items()
     ]
@@ -94,7 +93,7 @@ def scene(result: StudyResult) -> tuple[list[ShadedSurface], list[Array | None]]
     return surfaces, [None, None, shadow, *(motion for _, motion, _ in parts)]
 
 
-def body(result: StudyResult) -> dict[str, tuple[Array, NDArray[np.int64]]]:
+def body(result: StudyResult) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
     """The rigid parts of each colour: positions in every frame, and faces."""
     names = result.findings["joints"]
     places = dict(zip(names, np.moveaxis(result.arrays["joints"], 1, 0), strict=True))
@@ -105,7 +104,7 @@ def body(result: StudyResult) -> dict[str, tuple[Array, NDArray[np.int64]]]:
         mirror = np.array([-1.0, 1.0, 1.0])
         pieces.append((color, joint.replace("left", "right"), rod(mirror * start, mirror * end, radii)))
     rest = dict(zip(names, result.arrays["rest_joints"], strict=True))
-    gathered: dict[str, list[tuple[Array, NDArray[np.int64]]]] = {}
+    gathered: dict[str, list[tuple[NDArray[np.float64], NDArray[np.int64]]]] = {}
     for color, joint, (vertices, faces) in pieces:
         turned = Rotation.from_rotvec(turns[joint]).as_matrix()
         motion = np.einsum("fij,nj->fni", turned, vertices - rest[joint]) + places[joint][:, None]

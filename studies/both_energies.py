@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 
 import modalshell as ms
-from modalshell.core.errors import ModalShellWarning
 from modalshell.supports import Support
 
 FAMILIES = ("union-jack", "equilateral", "delaunay")
@@ -48,7 +47,7 @@ def flat_shell(
         return ms.Shell(mesh, ms.Isotropic(**sheet), clamped=held, supports=supports)
     with warnings.catch_warnings():
         # Obtuse triangles change the membrane alone, and these sheets hardly stretch.
-        warnings.simplefilter("ignore", ModalShellWarning)
+        warnings.simplefilter("ignore", ms.ModalShellWarning)
         material = ms.Material.from_physical(**sheet, mesh=mesh, direction=direction)
         if held is not None:
             mesh, held = with_mirrored_triangles(mesh, held)

@@ -26,7 +26,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
 from studies.pages import number
 
@@ -126,7 +126,7 @@ def solved(stepper: ImplicitSprings) -> dict[str, float]:
 def factored(shell: ms.Shell, springs: Any, stepper: ImplicitSprings) -> dict[str, float]:
     """A solved step on one thread, by a factorisation and by iterations from the same motion: CPU seconds."""
     model = ms.SpringSheet(shell, springs, integrator="linear_implicit")
-    damping, load = Damping(DRAG), shell.gravity_force(GRAVITY)
+    damping, load = ms.Damping(DRAG), shell.gravity_force(GRAVITY)
     state, seconds = MotionState(stepper.positions, stepper.velocities), []
     for _ in range(2):
         begin = process_time()
@@ -140,7 +140,7 @@ def factored(shell: ms.Shell, springs: Any, stepper: ImplicitSprings) -> dict[st
 def explicit(shell: ms.Shell, springs: Any) -> dict[str, float]:
     """An explicit Euler step of the same springs on one thread, and a frame of as many as are stable."""
     model = ms.SpringSheet(shell, springs, integrator="explicit")
-    damping, load = Damping(DRAG), shell.gravity_force(GRAVITY)
+    damping, load = ms.Damping(DRAG), shell.gravity_force(GRAVITY)
     dt = model.stable_step(damping)
     state = model.start_motion()
     spent = np.inf

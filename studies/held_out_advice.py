@@ -23,8 +23,6 @@ from modalshell.compare.path import Marks
 from modalshell.compare.runs import Measurement
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
-from modalshell.integrators.state import Damping
-from modalshell.mesh import TriangleMesh
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from studies.pages import number
@@ -71,7 +69,7 @@ def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tuple
         shape["fold"] = float(rng.uniform(140.0, 175.0))
     make = getattr(ms, kind)
 
-    def mesh(cells: tuple[int, int]) -> TriangleMesh:
+    def mesh(cells: tuple[int, int]) -> ms.TriangleMesh:
         return make(**shape, cells=cells)
 
     membrane = 10.0 ** rng.uniform(1.3, 3.0)
@@ -91,7 +89,7 @@ def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tuple
         for cells in ((along // 2, 4), (along // 3, 2))
     ]
     details = f"{kind}, {len(x)} vertices, membrane {membrane:.0f}, linear answer {size:.2f} L"
-    case = Case(name, shell, load, damping=Damping(0.5, 0.001), coarse=coarse, note=details)
+    case = Case(name, shell, load, damping=ms.Damping(0.5, 0.001), coarse=coarse, note=details)
     return case, float(rng.choice(ERRORS)), HELD_OUT
 
 
@@ -104,7 +102,7 @@ def snapping_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tup
     if not folded:
         shape = {"angle": float(rng.uniform(30.0, 45.0))}
 
-    def mesh(cells: tuple[int, int]) -> TriangleMesh:
+    def mesh(cells: tuple[int, int]) -> ms.TriangleMesh:
         return ms.v_beam(length=1.0, cells=cells, **shape) if folded else ms.cylinder_panel(cells=cells, **shape)
 
     fine = mesh((along, across))
@@ -121,7 +119,7 @@ def snapping_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tup
     coarse = [CoarseMesh(drawn_to_supports(shell, mesh(cells)), f"{cells[0]}x{cells[1]}") for cells in sizes]
     kind = f"v_beam of {shape['fold']:.0f}°" if folded else f"cylinder_panel of {shape['angle']:.0f}°"
     details = f"{kind}, {len(x)} vertices, membrane {membrane:.0f}, snaps at a gravity of {snap:.3g}"
-    case = Case(name, shell, load, damping=Damping(0.5, 0.001), coarse=coarse, note=details)
+    case = Case(name, shell, load, damping=ms.Damping(0.5, 0.001), coarse=coarse, note=details)
     return case, float(rng.choice(ERRORS)), (*HELD_OUT, *around)
 
 

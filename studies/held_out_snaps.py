@@ -22,7 +22,7 @@ import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
-from modalshell.models.coarse.coarse_shell import coarse_shell, drawn_to_supports
+from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
 from studies.pages import number
 from studies.snap import v_beam
@@ -50,7 +50,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     """Train, and measure all motions; ``quick`` takes coarser meshes and fewer loads."""
     fine, cells, count, motions = ((32, 8), (16, 4), 4, 12) if quick else ((80, 16), (40, 8), LOADS, 40)
     shell = v_beam(150.0, fine)
-    coarse = coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, cells).mesh))
+    coarse = ms.coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, cells).mesh))
     began = time.process_time()
     hybrid = ms.HybridStress.trained(shell, gravity=(0, 0, -GRAVITY), coarse=coarse, motions=motions)
     seconds = time.process_time() - began

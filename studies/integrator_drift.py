@@ -20,12 +20,10 @@ from typing import Any, final
 import numpy as np
 
 import modalshell as ms
-from modalshell.core.errors import OptionError, SolverError
-from modalshell.core.outcome import Outcome
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
 from modalshell.motion import Motion
@@ -109,7 +107,7 @@ class SummedWarp(ModalModel):
         return MotionState(state.coordinates, state.rates, {"sum": self.raw_displacement(state.coordinates)})
 
     def step(
-        self, state: MotionState, dt: float, load: np.ndarray, damping: Damping, held: np.ndarray | None = None
+        self, state: MotionState, dt: float, load: np.ndarray, damping: ms.Damping, held: np.ndarray | None = None
     ) -> tuple[MotionState, bool]:
         """One step of the integrator, and of the sum."""
         after, solved = super().step(state, dt, load, damping, held)
@@ -126,12 +124,12 @@ class SummedWarp(ModalModel):
         """Vertex positions (n, 3) [m] of a state: the sum so far."""
         return np.asarray(self.shell.rest_positions + state.memory["sum"])
 
-    def fault(self, state: MotionState, positions: np.ndarray) -> Outcome | None:
+    def fault(self, state: MotionState, positions: np.ndarray) -> ms.Outcome | None:
         """Say where the state has wound up, as the closed form does."""
         return self.closed.fault(state, positions)
 
     def _free_statics(self, load: np.ndarray, start: np.ndarray | None) -> Statics:  # noqa: ARG002
-        raise OptionError("the summed warp depends on the path, so it has no statics: ask its closed form")
+        raise ms.OptionError("the summed warp depends on the path, so it has no statics: ask its closed form")
 
 
 def scene_basis(scene: str, cells: tuple[int, int]) -> ms.Basis:
@@ -158,7 +156,7 @@ def equilibrium_path(basis: ms.Basis, forces: list[np.ndarray], factors: np.ndar
     for row, pair in zip(path, factors, strict=True):
         answer = model.equilibrium(force=pair[0] * forces[0] + pair[1] * forces[1])
         if not answer.converged or answer.coordinates is None:
-            raise SolverError(f"no equilibrium at load factors {pair}: {answer.status}")
+            raise ms.SolverError(f"no equilibrium at load factors {pair}: {answer.status}")
         row[:] = answer.coordinates
     return path
 

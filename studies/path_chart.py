@@ -29,7 +29,7 @@ import numpy as np
 import modalshell as ms
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
-from modalshell.models.coarse.coarse_shell import coarse_shell, drawn_to_supports
+from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from studies.pages import number
 from studies.path_coordinates import Atlas, PathChart, make_chart
 from studies.progress import counted
@@ -112,7 +112,7 @@ def made(shell: ms.Shell, small: tuple[int, int], quick: bool) -> tuple[dict[str
         return exact.equilibrium(force=load, start=first(four)(load)).positions
 
     answers |= {"1 chart": first(one), FOUR: first(four), f"{FOUR}, then DS": polished}
-    coarse = coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, small).mesh))
+    coarse = ms.coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, small).mesh))
     motions = 12 if quick else 40
     known = ms.models()
     models = {
@@ -120,7 +120,7 @@ def made(shell: ms.Shell, small: tuple[int, int], quick: bool) -> tuple[dict[str
             shell, gravity=(0, 0, -70.0), coarse=coarse, motions=motions
         ),
         known["coarse-ds"].name: lambda: ms.CoarseDiscreteShell(
-            shell, coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, small).mesh))
+            shell, ms.coarse_shell(shell, drawn_to_supports(shell, v_beam(150.0, small).mesh))
         ),
         "MD-ROM 8": lambda: ms.ModalDerivatives(shell, 8),
         "RSW 8": lambda: ms.RotationStrain(ms.solve_modes(shell, 8)),

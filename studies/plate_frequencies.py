@@ -24,7 +24,6 @@ from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 
 import modalshell as ms
-from modalshell.core.errors import ModalShellWarning
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
@@ -177,7 +176,7 @@ def matched_frequencies(
     rigid = 6 if supports == "FFFF" else 0
     with warnings.catch_warnings():
         # The last candidate may be one of two with the same frequency: that is far beyond the modes compared.
-        warnings.simplefilter("ignore", ModalShellWarning)
+        warnings.simplefilter("ignore", ms.ModalShellWarning)
         basis = ms.solve_modes(shell, rigid + CANDIDATES)
     unit = np.sqrt(SHEET["young"] * SHEET["thickness"] ** 2 / (12.0 * (1.0 - SHEET["poisson"] ** 2) * SHEET["density"]))
     measured = np.sqrt(basis.eigenvalues[rigid:]) / unit

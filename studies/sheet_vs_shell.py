@@ -24,8 +24,6 @@ import numpy as np
 import modalshell as ms
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
-from modalshell.integrators.state import Damping
-from modalshell.measure import displacement_error
 from modalshell.models.base.full import FullModel
 from modalshell.models.registry import TRUTH
 from modalshell.springs import shell_springs
@@ -120,7 +118,7 @@ def compared(
             {
                 "fold": fold,
                 "status": own.status,
-                "error": displacement_error(own.positions, answer.positions, shell) if known else None,
+                "error": ms.measure.displacement_error(own.positions, answer.positions, shell) if known else None,
                 "seconds": own.seconds,
                 "step": step_seconds(sheet, own, gravity),
             }
@@ -134,7 +132,7 @@ def step_seconds(model: FullModel, answer: Any, gravity: float) -> float:
     load = model.shell.gravity_force((0.0, 0.0, -1.1 * gravity))
     for _ in range(STEPS):
         begin = perf_counter()
-        state, _ = model.step(state, DT, load, Damping(1.0))
+        state, _ = model.step(state, DT, load, ms.Damping(1.0))
         times.append(perf_counter() - begin)
     return float(np.median(times))
 

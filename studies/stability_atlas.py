@@ -32,17 +32,13 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.core.errors import ModalShellError
-from modalshell.core.outcome import Outcome
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
 from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
-from modalshell.integrators.state import Damping
-from modalshell.models import Model
 from modalshell.models.base.full import FullModel
 from modalshell.models.base.modal import ModalModel, as_modal
 from modalshell.modes import largest_eigenvalue
-from modalshell.motion import Motion, Trajectory
+from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder
 from studies import modal_steps
 from studies import stability_limits as limits
@@ -60,14 +56,14 @@ PATIENCE = 6
 LEFT = 1.0 / 200.0
 AGREES = "agrees with half the step"
 OUTCOMES = (
-    Outcome.CONVERGED.value,
+    ms.Outcome.CONVERGED.value,
     AGREES,
-    Outcome.INACCURATE.value,
-    Outcome.CYCLING.value,
-    Outcome.WOUND_UP.value,
-    Outcome.STEPS_NOT_CONVERGED.value,
-    Outcome.DIVERGED.value,
-    Outcome.REFUSED.value,
+    ms.Outcome.INACCURATE.value,
+    ms.Outcome.CYCLING.value,
+    ms.Outcome.WOUND_UP.value,
+    ms.Outcome.STEPS_NOT_CONVERGED.value,
+    ms.Outcome.DIVERGED.value,
+    ms.Outcome.REFUSED.value,
 )
 ADDED_DAMPING, FREQUENCY_SHIFT = 0.05, 0.05
 """Numerical damping ratio, and relative shift of frequency, of the first mode from which motion is coloured by it."""
@@ -97,24 +93,26 @@ SLICES = {
 }  # fmt: skip
 
 
-def classify(trajectory: Trajectory, truth: np.ndarray | None, static: bool = True) -> str:
+def classify(trajectory: ms.Trajectory, truth: np.ndarray | None, static: bool = True) -> str:
     """Outcome of a motion whose tip ought to have moved by ``truth`` (3,) [m]; without a truth nothing is accurate.
 
     ``static`` says whether the truth is the static answer of DS, not the model's own at half the step.
     """
-    if trajectory.outcome in (Outcome.DIVERGED, Outcome.RUNS_AWAY):
-        return str(Outcome.DIVERGED)
-    if trajectory.outcome in (Outcome.WOUND_UP, Outcome.CYCLING):
+    if trajectory.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
+        return str(ms.Outcome.DIVERGED)
+    if trajectory.outcome in (ms.Outcome.WOUND_UP, ms.Outcome.CYCLING):
         return str(trajectory.outcome)
     if trajectory.unconverged_steps >= PATIENCE:
-        return str(Outcome.STEPS_NOT_CONVERGED)
+        return str(ms.Outcome.STEPS_NOT_CONVERGED)
     moved = models.tip_displacement(trajectory.positions[-1], trajectory.rest_positions)
     if truth is not None and np.linalg.norm(moved - truth) <= TOLERANCE * np.linalg.norm(truth):
-        return str(Outcome.CONVERGED) if static else AGREES
-    return str(Outcome.STEPS_NOT_CONVERGED if trajectory.unconverged_steps else Outcome.INACCURATE)
+        return str(ms.Outcome.CONVERGED) if static else AGREES
+    return str(ms.Outcome.STEPS_NOT_CONVERGED if trajectory.unconverged_steps else ms.Outcome.INACCURATE)
 
 
-def follow(row: models.IntegratedModel, model: Model, scene: models.StripScene, dt: float, count: int) -> Trajectory:
+def follow(
+    row: models.IntegratedModel, model: ms.Model, scene: models.StripScene, dt: float, count: int
+) -> ms.Trajectory:
     """A run of ``count`` steps; aborted once a few steps have not converged. ModalShellError where it is refused."""
     damping = scene.rayleigh
     spins = row.kind == "rigid"
@@ -135,7 +133,7 @@ def outcome(row: models.IntegratedModel, scene: models.StripScene) -> str:
     """Class of one cell."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
-        return str(Outcome.REFUSED)
+        return str(ms.Outcome.REFUSED)
     ratio, omega = scene.damping, models.first_frequency(scene.ratio, scene.fold)
     decay = omega * (ratio if ratio <= 1.0 else ratio - float(np.sqrt(ratio**2 - 1.0)))
     settled = -np.log(LEFT) / decay if decay > 0.0 else np.inf
@@ -146,12 +144,12 @@ def outcome(row: models.IntegratedModel, scene: models.StripScene) -> str:
         if count * scene.step >= settled and row.kind != "rigid":
             truth = models.static_tip(scene.ratio, scene.gamma, scene.fold)
         static = truth is not None
-        if not static and classify(run, truth) in (Outcome.INACCURATE, Outcome.STEPS_NOT_CONVERGED):
+        if not static and classify(run, truth) in (ms.Outcome.INACCURATE, ms.Outcome.STEPS_NOT_CONVERGED):
             finer = follow(row, model, scene, 0.5 * scene.step, 2 * count)
-            if finer.outcome.succeeded or finer.outcome is Outcome.DISTORTED:
+            if finer.outcome.succeeded or finer.outcome is ms.Outcome.DISTORTED:
                 truth = models.tip_displacement(finer.positions[-1], finer.rest_positions)
-    except ModalShellError:
-        return str(Outcome.REFUSED)
+    except ms.ModalShellError:
+        return str(ms.Outcome.REFUSED)
     return classify(run, truth, static)
 
 
@@ -257,7 +255,7 @@ def linear_limits(row: models.IntegratedModel, model: ms.LinearModal, quick: boo
     """What a rule does to one mode: its damping or its frequency."""
     omega = models.first_frequency(models.BASE.ratio, models.BASE.fold)
     if row.theory == "implicit":
-        theory, measured = limits.numerical_damping(model, models.BASE.step, 0, Damping(0.2 * omega, 0.01))
+        theory, measured = limits.numerical_damping(model, models.BASE.step, 0, ms.Damping(0.2 * omega, 0.01))
         return [limits.entry(row.name, "shrinking of mode 1 stepped at 30 Hz", "1", theory, measured)]
     theory, measured = limits.oscillation(model, models.BASE.step, 1, 1000)
     return [limits.entry(row.name, "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, measured)]
@@ -290,7 +288,7 @@ def modal_limits(row: models.IntegratedModel, model: ModalModel, quick: bool) ->
     return found
 
 
-def settles_from_rest(model: ModalModel, unit: np.ndarray, damping: Damping, factor: float) -> bool:
+def settles_from_rest(model: ModalModel, unit: np.ndarray, damping: ms.Damping, factor: float) -> bool:
     """Whether motion from rest at the base point's step settles under ``factor`` times a gravity."""
     return limits.settles_from_rest(model, factor * unit, models.BASE.step, damping)
 
@@ -299,12 +297,12 @@ def full_limits(row: models.IntegratedModel, model: FullModel, quick: bool) -> l
     """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
     omega = float(np.sqrt(largest_eigenvalue(model.shell)))
     if row.theory == "implicit":
-        pair = limits.stiffest_mode(model, 1.0 / omega, Damping(0.1 * omega, 0.2 / omega))
+        pair = limits.stiffest_mode(model, 1.0 / omega, ms.Damping(0.1 * omega, 0.2 / omega))
         return [limits.entry(row.name, "shrinking of the stiffest mode at h omega = 1", "1", *pair)]
     cases = {
-        "undamped": Damping(),
-        "xi = omega_max": Damping(omega, 0.0),
-        "zeta omega_max = 1": Damping(0.0, 1.0 / omega),
+        "undamped": ms.Damping(),
+        "xi = omega_max": ms.Damping(omega, 0.0),
+        "zeta omega_max = 1": ms.Damping(0.0, 1.0 / omega),
     }
     return [
         limits.entry(

@@ -22,7 +22,7 @@ from scipy.linalg import eigh
 
 import modalshell as ms
 from modalshell.integrators.modal import ImplicitEuler
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import MotionState
 from modalshell.models.base.full import FullModel
 from modalshell.models.base.modal import ModalModel
 from modalshell.springs import GridVerlet, SheetGrid
@@ -79,7 +79,7 @@ def at_rest(model: ModalModel, gravity: np.ndarray) -> np.ndarray | None:
     return answer.coordinates if answer.residual < 1e-6 else None
 
 
-def settles(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping, count: int) -> bool:
+def settles(model: ModalModel, gravity: np.ndarray, dt: float, damping: ms.Damping, count: int) -> bool:
     """Whether steps of the model bring a small disturbance of its equilibrium back."""
     q = at_rest(model, gravity)
     if q is None:
@@ -96,7 +96,7 @@ def settles(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping,
     return dies_out(step, disturbed, count)
 
 
-def grows(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping) -> float:
+def grows(model: ModalModel, gravity: np.ndarray, dt: float, damping: ms.Damping) -> float:
     """Rate [1/s] at which theory has small motion about the equilibrium grow; infinite if there is none."""
     q = at_rest(model, gravity)
     if q is None:
@@ -104,7 +104,7 @@ def grows(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping) -
     return float(np.log(modal_steps.step_radius(model, q, model.shell.gravity_force(gravity), dt, damping)) / dt)
 
 
-def longest_step(model: ModalModel, gravity: np.ndarray, damping: Damping, count: int) -> tuple[float | None, ...]:
+def longest_step(model: ModalModel, gravity: np.ndarray, damping: ms.Damping, count: int) -> tuple[float | None, ...]:
     """Longest stable step [s] up to 10 s at one load, by theory and by measurement."""
     shortest = 1e-3
     theory = bisect(lambda dt: grows(model, gravity, dt, damping) <= 0.0, shortest, 10.0)
@@ -112,7 +112,7 @@ def longest_step(model: ModalModel, gravity: np.ndarray, damping: Damping, count
 
 
 def largest_load(
-    model: ModalModel, unit: np.ndarray, dt: float, damping: Damping, count: int, bounds: tuple[float, float]
+    model: ModalModel, unit: np.ndarray, dt: float, damping: ms.Damping, count: int, bounds: tuple[float, float]
 ) -> tuple[float | None, ...]:
     """Largest multiple of the gravity ``unit`` (3,) whose equilibrium holds, by theory and by measurement."""
     theory = bisect(lambda factor: grows(model, factor * unit, dt, damping) <= 0.0, *bounds)
@@ -140,14 +140,14 @@ def iteration_load(model: ModalModel, unit: np.ndarray, bounds: tuple[float, flo
     return bisect(theory, *bounds), bisect(measured, *bounds)
 
 
-def settles_from_rest(model: ModalModel, gravity: np.ndarray, dt: float, damping: Damping) -> bool:
+def settles_from_rest(model: ModalModel, gravity: np.ndarray, dt: float, damping: ms.Damping) -> bool:
     """Whether damped motion from the rest shape ends at the static answer, and not in a cycle or wound up."""
     factors = (damping.mass_factor, damping.stiffness_factor)
     run = ms.simulate(model, duration=2000 * dt, dt=dt, gravity=gravity, damping=factors, store_every=4)
     return run.outcome.succeeded
 
 
-def numerical_damping(model: ms.LinearModal, dt: float, mode: int, damping: Damping) -> tuple[float, float]:
+def numerical_damping(model: ms.LinearModal, dt: float, mode: int, damping: ms.Damping) -> tuple[float, float]:
     """Factor by which one mode shrinks in a step of implicit Euler: theory, and the determinant's root of two steps."""
     stiffness = float(model.basis.eigenvalues[mode])
     damp = damping.mass_factor + damping.stiffness_factor * stiffness
@@ -185,7 +185,7 @@ def oscillation(model: ms.LinearModal, dt: float, mode: int, count: int) -> tupl
     state.coordinates[mode] = 1.0
     values = np.empty(count)
     for place in range(count):
-        state, _ = model.step(state, dt, load, Damping())
+        state, _ = model.step(state, dt, load, ms.Damping())
         values[place] = state.coordinates[mode]
     before = np.flatnonzero(values[:-1] * values[1:] < 0.0)
     crossings = before + values[before] / (values[before] - values[before + 1])
@@ -196,7 +196,7 @@ def oscillation(model: ms.LinearModal, dt: float, mode: int, count: int) -> tupl
 # ---- full models
 
 
-def explicit_step(model: FullModel, damping: Damping, count: int) -> tuple[float, float | None]:
+def explicit_step(model: FullModel, damping: ms.Damping, count: int) -> tuple[float, float | None]:
     """Longest stable step [s] of explicit Euler or Verlet at rest: theory, and by disturbing the rest shape."""
     theory, shell = model.stable_step(damping), model.shell
     rest = shell.rest_positions
@@ -217,7 +217,7 @@ def explicit_step(model: FullModel, damping: Damping, count: int) -> tuple[float
     return theory, bisect(stable, 0.5 * theory, 2.0 * theory)
 
 
-def stiffest_mode(model: FullModel, dt: float, damping: Damping) -> tuple[float, float]:
+def stiffest_mode(model: FullModel, dt: float, damping: ms.Damping) -> tuple[float, float]:
     """Factor by which a step of implicit Euler shrinks small motion of the stiffest mode: theory, and measured."""
     shell = model.shell
     rest, free = shell.rest_positions, shell.free_unknowns
@@ -287,6 +287,6 @@ def spin_step(model: ms.RigidShell, spin: float) -> tuple[float, float | None]:
     def solved(dt: float) -> bool:
         state = model.start_motion()
         state.rates[3] = spin
-        return model.step(state, dt, np.zeros_like(model.shell.rest_positions), Damping())[1]
+        return model.step(state, dt, np.zeros_like(model.shell.rest_positions), ms.Damping())[1]
 
     return 1.0 / spin, bisect(solved, 0.1 / spin, 10.0 / spin)

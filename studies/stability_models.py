@@ -11,11 +11,9 @@ from typing import Any, Literal
 import numpy as np
 
 import modalshell as ms
-from modalshell.core.errors import ModalShellError
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import Damping
-from modalshell.models import CoarseMesh, Model
+from modalshell.models import CoarseMesh
 from modalshell.models.factory import ModelFactory
 from modalshell.scene.models import model_tables
 from studies.integrator_drift import SummedWarp
@@ -44,9 +42,9 @@ class StripScene:
         return np.array([0.0, 0.0, -self.gamma * RIGIDITY / (DENSITY * LENGTH**3)])
 
     @property
-    def rayleigh(self) -> Damping:
+    def rayleigh(self) -> ms.Damping:
         """Damping of the mass that gives the first mode of the strip without needles its damping ratio."""
-        return Damping(2.0 * self.damping * first_frequency(self.ratio, self.fold), 0.0)
+        return ms.Damping(2.0 * self.damping * first_frequency(self.ratio, self.fold), 0.0)
 
 
 BASE = StripScene()
@@ -75,14 +73,14 @@ class IntegratedModel:
     """
 
     name: str
-    make: Callable[[ms.Shell], Model]
+    make: Callable[[ms.Shell], ms.Model]
     theory: str = "implicit"
     kind: Kind = "other"
     bends: bool = True
     coordinates: str = ""
 
 
-def built(spec: ms.ModelSpec, options: dict[str, Any], shell: ms.Shell) -> Model:
+def built(spec: ms.ModelSpec, options: dict[str, Any], shell: ms.Shell) -> ms.Model:
     """The model of a record on a strip, allowed to go beyond its stable step.
 
     It is trained up to Gamma = 30; on motions, which fail on soft strips under such a load, about the base point.
@@ -100,7 +98,7 @@ def built(spec: ms.ModelSpec, options: dict[str, Any], shell: ms.Shell) -> Model
         return factory.build(spec, {name: value for name, value in common.items() if name in known} | options)
 
 
-def summed(shell: ms.Shell, integrator: str) -> Model:
+def summed(shell: ms.Shell, integrator: str) -> ms.Model:
     """MWTS with the summed warp, which no scene knows."""
     return SummedWarp(ms.solve_modes(shell, MODES), integrator=integrator)
 
@@ -193,12 +191,12 @@ def static_tip(ratio: float, gamma: float, fold: float) -> np.ndarray | None:
 
 
 @cache
-def model_of(row: str, ratio: float, aspect: float, fold: float) -> Model | str:
+def model_of(row: str, ratio: float, aspect: float, fold: float) -> ms.Model | str:
     """A row's model of a strip, or the words in which it was refused."""
     row_of = next(one for one in ROWS if one.name == row)
     try:
         return row_of.make(shell_of(ratio, aspect, fold, held=row_of.theory != "rigid"))
-    except ModalShellError as error:
+    except ms.ModalShellError as error:
         return str(error)
 
 

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 import modalshell as ms
-from modalshell.core.errors import ModalShellWarning
 from modalshell.supports import Support
 from studies.mapped_sheets import near, quarter_cylinder, spread, square
 
@@ -57,7 +56,7 @@ def annulus(family: str, cells: tuple[int, int]) -> Problem:
     radius, angle = 6.0 * (10.0 / 6.0) ** v, 2.0 * np.pi * u
     points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * u])
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)  # the slit is meant
+        warnings.simplefilter("ignore", ms.ModalShellWarning)  # the slit is meant
         mesh = ms.TriangleMesh(points, plain.faces[:, ::-1])
     shell = ms.Shell(mesh, ms.Isotropic(21e6, 0.0, 0.03, 1.0), clamped=u < 1e-9)
     end = np.isclose(u, 1.0)

@@ -21,10 +21,9 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.core.outcome import Outcome
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
-from modalshell.models import CoarseMesh, Model
+from modalshell.models import CoarseMesh
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.scene.models import model_tables
@@ -95,7 +94,7 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     gravity = 0.0
     factory = ModelFactory(shell, lambda: gravity * unit, coarse=lambda *_: coarse)
 
-    def built(spec: ms.ModelSpec) -> Model:
+    def built(spec: ms.ModelSpec) -> ms.Model:
         if spec.needs == "coarse training":
             with warnings.catch_warnings():  # training warns of the errors that the map shows
                 warnings.simplefilter("ignore", ms.ModalShellWarning)
@@ -143,7 +142,9 @@ def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
     names = []
     for place, status in enumerate(found["ds_statuses"]):
         good = [rung for rung in LADDER if (error := found["errors"][rung][place]) is not None and error <= tolerance]
-        names.append("no answer" if status != Outcome.CONVERGED.value else good[0] if good else ms.DiscreteShell.name)
+        names.append(
+            "no answer" if status != ms.Outcome.CONVERGED.value else good[0] if good else ms.DiscreteShell.name
+        )
     return names
 
 

@@ -59,8 +59,8 @@ def test_its_table_is_checked_as_others_are(scene_file, old, new, message):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"key": "lma"}, "there is a model 'lma'"),
-        ({"name": "DS"}, "there is"),
+        ({"key": "lma"}, "model 'lma' exists already"),
+        ({"name": "DS"}, "is named 'DS' already"),
         ({"key": "A b"}, "key must be"),
         ({"needs": "x"}, "needs must be"),
     ],

@@ -41,8 +41,8 @@ REPLACED = {
 }
 """Old word -> what to write."""
 ONLY_IN = {
-    r"flexion": ("modalshell/springs", "modalshell/page/sheet_page", "modalshell/kernels", "studies"),
-    r"pinned": ("modalshell/springs", "modalshell/supports", "modalshell/kernels", "modalshell/page/sheet_page"),
+    r"flexion": ("modalshell/springs", "modalshell/kernels", "studies"),
+    r"pinned": ("modalshell/springs", "modalshell/supports", "modalshell/kernels"),
 }
 """Words of one place: springs across second neighbours and masses that do not move, as their public names are."""
 ELSEWHERE = {"flexion": "flexure", "pinned": "clamped; Pin"}

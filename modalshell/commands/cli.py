@@ -16,6 +16,7 @@ from rich.table import Table
 import modalshell as ms
 from modalshell.commands import meshes, results, scenes
 from modalshell.commands.doctor import examine
+from modalshell.commands.pages import write_pages
 from modalshell.commands.terminal import CONSOLE, progress
 from modalshell.compare import MODES
 from modalshell.core.checks import shortened
@@ -23,7 +24,6 @@ from modalshell.core.errors import ModalShellError
 from modalshell.core.memory import available_memory, gigabytes
 from modalshell.files.atomic_io import make_folder
 from modalshell.files.provenance import repository_module
-from modalshell.scene.page import write_pages
 
 _HELP = """Simulate thin shells: leaves, paper, sheet metal, cloth.
 

@@ -9,11 +9,11 @@ from cyclopts import App, Parameter
 
 import modalshell as ms
 from modalshell.commands.measurements import read_measurements
+from modalshell.commands.pages import scene_page
 from modalshell.commands.terminal import end_with, progress
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import make_folder, write_record
 from modalshell.run.path_files import write_path
-from modalshell.scene.page import scene_page
 from modalshell.scene.paths import scene_path
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture

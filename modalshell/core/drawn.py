@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
-from types import ModuleType
+from collections.abc import Callable
 from typing import Any
 
-
-def _drawing() -> ModuleType:
-    """The module that draws, imported at the first picture: nothing that is drawn depends on it."""
-    return import_module("modalshell.plot")
+DRAWING: dict[str, Callable[..., Any]] = {}
+"""The functions ``plot``, ``as_html`` and ``basis_page`` of :mod:`modalshell.plot`, which enters them here."""
 
 
 class Drawn:
@@ -21,10 +18,10 @@ class Drawn:
 
         A notebook shows the :class:`modalshell.render.Picture`, and its ``save(path)`` writes it.
         """
-        return _drawing().plot(self, **options)
+        return DRAWING["plot"](self, **options)
 
     def _repr_html_(self) -> str:
-        shown: str = _drawing().as_html(self)
+        shown: str = DRAWING["as_html"](self)
         return shown
 
 
@@ -36,7 +33,7 @@ class Paged(Drawn):
 
         See :func:`modalshell.plot.basis_page` for the options.
         """
-        page = _drawing().basis_page(self, **options)
+        page = DRAWING["basis_page"](self, **options)
         if path is not None:
             page.save(path)
         return page

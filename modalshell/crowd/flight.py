@@ -14,8 +14,9 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
+from modalshell.crowd.page import flock_page
 from modalshell.crowd.shell_crowd import ShellCrowd
-from modalshell.page import Page, flock_page
+from modalshell.page import Page
 
 _FLOCK = ("positions", "directions", "velocities", "accelerations")
 _SAMPLE = 1.0 / 30.0

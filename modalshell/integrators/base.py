@@ -6,7 +6,7 @@ from abc import ABC
 from typing import Any, ClassVar, Self
 
 from modalshell.core.checks import checked_choice
-from modalshell.core.errors import OptionError
+from modalshell.core.registry import Registry
 
 
 class Integrator(ABC):
@@ -18,19 +18,16 @@ class Integrator(ABC):
         As written in ``integrator=`` and in scenes.
     name : str
         For tables and messages.
-    known : dict
+    known : Registry
         Every rule of the same kind by its key.
     """
 
     key: ClassVar[str]
     name: ClassVar[str]
-    known: ClassVar[dict[str, type[Any]]]
+    known: ClassVar[Registry[type[Any]]]
 
     def __init_subclass__(cls, *, key: str = "") -> None:
         if key:
-            other = cls.known.setdefault(key, cls)
-            if (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
-                raise OptionError(f"integrator {key!r} exists already, as {other.__module__}.{other.__qualname__}")
             cls.key, cls.known[key] = key, cls
 
     @classmethod

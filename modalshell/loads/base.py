@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
+from modalshell.core.registry import Registry
 from modalshell.core.typing import Array
 from modalshell.loads.applied import AppliedLoad
 from modalshell.mesh import TriangleMesh
@@ -49,5 +50,5 @@ class LiveLoad(Load):
         return applied.force(mesh.vertices)
 
 
-LOADS: dict[str, type[Load]] = {}
+LOADS: Registry[type[Load]] = Registry("load")
 """Every load by its key."""

@@ -1,6 +1,5 @@
 """Models of a shell, from cheap to accurate; all answer the same scene."""
 
-from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model
 from modalshell.models.coarse.coarse_shell import CoarseMesh, coarse_shell
@@ -12,13 +11,11 @@ from modalshell.models.modal_derivatives import ModalDerivatives
 from modalshell.models.reduced_rotation_strain import ReducedRotationStrain
 from modalshell.models.rigid import RigidShell
 from modalshell.models.rotation_strain import RotationStrain
-from modalshell.models.spring_sheet import SpringSheet
 from modalshell.models.warping import ModalWarping
 
 __all__ = [
     "CoarseDiscreteShell",
     "CoarseMesh",
-    "Damping",
     "DiscreteShell",
     "Equilibrium",
     "HybridStress",
@@ -26,10 +23,8 @@ __all__ = [
     "ModalDerivatives",
     "ModalWarping",
     "Model",
-    "MotionState",
     "ReducedRotationStrain",
     "RigidShell",
     "RotationStrain",
-    "SpringSheet",
     "coarse_shell",
 ]

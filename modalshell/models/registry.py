@@ -10,6 +10,7 @@ from typing import Literal, final, get_args
 
 from modalshell.core.errors import OptionError
 from modalshell.core.plugins import load_plugins
+from modalshell.core.registry import Registry
 from modalshell.models.base.model import Model
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.discrete_shell import DiscreteShell
@@ -19,7 +20,6 @@ from modalshell.models.modal_derivatives import ModalDerivatives
 from modalshell.models.reduced_rotation_strain import trained_on_loads
 from modalshell.models.rigid import RigidShell
 from modalshell.models.rotation_strain import RotationStrain
-from modalshell.models.spring_sheet import SpringSheet
 from modalshell.models.warping import ModalWarping, consistent_warping
 
 Needs = Literal["shell", "basis", "training", "coarse mesh", "coarse training"]
@@ -95,7 +95,7 @@ class ModelSpec:
         return self.needs in ("basis", "training")
 
 
-MODELS: dict[str, ModelSpec] = {}
+MODELS: Registry[ModelSpec] = Registry("model")
 """Every model that is registered, by its key; :func:`models` also looks for those of other packages."""
 TRUTH = "ds"
 """Key of the reference model."""
@@ -114,8 +114,8 @@ def register(spec: ModelSpec) -> ModelSpec:
     if spec.needs not in get_args(Needs):
         raise OptionError(f"needs must be one of {', '.join(get_args(Needs))} (got {spec.needs!r:.60})")
     for other in MODELS.values():
-        if spec.key == other.key or spec.name == other.name:
-            raise OptionError(f"there is a model {other.key!r} ({other.name}) already: take another key and name")
+        if spec.name == other.name and spec.key != other.key:
+            raise OptionError(f"model {other.key!r} is named {other.name!r} already: give {spec.key!r} another name")
     MODELS[spec.key] = spec
     return spec
 
@@ -141,9 +141,6 @@ for _spec in (
     ModelSpec("md-rom", "MD-ROM", ModalDerivatives, "shell", 60, color="#d98200", marker="P", most_modes=8),
     ModelSpec("hybrid", "hybrid", trained_on_load, "coarse training", 65, color="#e7298a", marker="p"),
     ModelSpec("coarse-ds", "coarse DS", CoarseDiscreteShell, "coarse mesh", 70, color="#66c2a5"),
-    ModelSpec(
-        "springs", "springs", SpringSheet, "shell", 80, constraints=True, color="#a6761d", marker="*", bends=False
-    ),
     ModelSpec(TRUTH, "DS", DiscreteShell, "shell", 100, constraints=True, color="#2f9e44"),
 ):  # fmt: skip
     register(_spec)

@@ -49,15 +49,20 @@ class Page:
         )
 
 
-def filled_page(kind: str, title: str, data: Mapping[str, Any], vertices: Array, faces: NDArray[Any]) -> Page:
-    """A page with the controls and the script of its ``kind``, and a picture for browsers without WebGL2."""
+def filled_page(
+    kind: str, title: str, data: Mapping[str, Any], vertices: Array, faces: NDArray[Any], folder: str = __package__
+) -> Page:
+    """A page with the controls and the script of its ``kind``, and a picture for browsers without WebGL2.
+
+    ``KIND.html`` and ``KIND.js`` are in the ``folder`` of that package; ``page.html`` and ``common.js`` are here.
+    """
     picture = Picture.of_views([View([ShadedSurface(vertices, np.asarray(faces))])], size=(640, 400)).base64
-    room = files("modalshell.page")
+    own, common = files(folder), files(__package__)
     controls, *scripts = (
-        room.joinpath(name).read_text(encoding="utf-8") for name in (f"{kind}.html", "common.js", f"{kind}.js")
+        path.read_text(encoding="utf-8") for path in (own / f"{kind}.html", common / "common.js", own / f"{kind}.js")
     )
     parts = {"controls": controls, "script": "\n".join(scripts), "picture": picture}
-    template = Template(room.joinpath("page.html").read_text(encoding="utf-8"))
+    template = Template(common.joinpath("page.html").read_text(encoding="utf-8"))
     return Page(template.substitute(parts, title=html.escape(title), data=json.dumps(data)))
 
 

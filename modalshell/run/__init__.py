@@ -4,11 +4,9 @@ A resumed run ends with the same arrays as an uninterrupted one, to the last bit
 its stored frames without affecting it (:class:`RunFollower`, ``modalshell view --attach RUN``).
 """
 
-from modalshell.run.flight_film import FlightReport
 from modalshell.run.follow import RunFollower
 from modalshell.run.results import Look, write_results
-from modalshell.run.run_flock import FlightResult
 from modalshell.run.run_scene import run_scene
 from modalshell.run.run_shell import SceneResult
 
-__all__ = ["FlightReport", "FlightResult", "Look", "RunFollower", "SceneResult", "run_scene", "write_results"]
+__all__ = ["Look", "RunFollower", "SceneResult", "run_scene", "write_results"]

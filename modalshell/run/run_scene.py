@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from functools import singledispatch
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from modalshell.core.checks import checked_choice
 from modalshell.core.typing import Progress
 from modalshell.export import check_formats
-from modalshell.run.run_flock import FlightResult, FlockRun
-from modalshell.run.run_shell import SceneResult, ShellRun
-from modalshell.scene import FlockScene, Scene, load_scene
+from modalshell.run.protocol import RunResult, SceneRun
+from modalshell.run.run_shell import ShellRun
+from modalshell.scene import Scene, load_scene
 from modalshell.scene.tables import Format
+from modalshell.shell import Shell
 from modalshell.shell.fields import FIELDS
 
 
@@ -25,7 +28,7 @@ def run_scene(
     color: str | None = None,
     restart: bool = False,
     on_step: Progress | None = None,
-) -> SceneResult | FlightResult:
+) -> Any:
     """Run a scene and write its results; a stopped or killed run resumes after its last stored frame.
 
     Stored frames are kept in ``NAME.frames`` until the results are complete; :class:`RunFollower` shows them to other
@@ -66,9 +69,14 @@ def run_scene(
     check_formats(declared.output.formats)
     folder = Path(declared.output.folder if out is None else out)
     shell = declared.build_shell()
-    if isinstance(declared, FlockScene):
-        return FlockRun(declared, shell, folder).run(restart, on_step)
-    return ShellRun(declared.require_shell(), shell, folder).run(restart, on_step)
+    result: RunResult = new_run(declared, shell, folder).run(restart, on_step)
+    return result
+
+
+@singledispatch
+def new_run(scene: Scene, shell: Shell, folder: Path) -> SceneRun[Any]:
+    """The run of a scene, by its kind; other kinds of scenes register theirs."""
+    return ShellRun(scene.require_shell(), shell, folder)
 
 
 def _coloured(scene: Scene, color: str) -> Scene:

@@ -5,8 +5,7 @@ required; ``[supports]``, ``[loads]``, ``[[constraints]]``, ``[motion]``, ``[pat
 ``[output]`` are optional. Without ``[motion]`` a scene asks for the equilibrium.
 """
 
-from modalshell.scene.flock import FlockScene
 from modalshell.scene.load import load_scene, parse_scene
 from modalshell.scene.scene import BuiltScene, Scene, ShellScene
 
-__all__ = ["BuiltScene", "FlockScene", "Scene", "ShellScene", "load_scene", "parse_scene"]
+__all__ = ["BuiltScene", "Scene", "ShellScene", "load_scene", "parse_scene"]

@@ -9,8 +9,8 @@ from typing import Any
 from modalshell.core.errors import SceneError
 from modalshell.core.plugins import load_plugins
 from modalshell.scene import tables
-from modalshell.scene.flock import FlockScene, FlockTable
 from modalshell.scene.index_files import with_index_files
+from modalshell.scene.kinds import KINDS
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import SHAPES, Shape
 from modalshell.scene.read import checked_name, checked_table, chosen, read_toml, refuse_unknown_keys
@@ -18,8 +18,7 @@ from modalshell.scene.scene import Scene, ShellScene
 from modalshell.scene.signatures import energies_table, loads_table, support_tables
 
 _REQUIRED = ("mesh", "material", "model")
-_OPTIONAL = ("supports", "energies", "loads", "constraints", "motion", "path", "flock", "output", "units")
-_TABLES = ("name", *_REQUIRED, *_OPTIONAL)
+_OPTIONAL = ("supports", "energies", "loads", "constraints", "motion", "path", "output", "units")
 
 
 def load_scene(path: str | os.PathLike[str]) -> Scene:
@@ -33,7 +32,7 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
     Returns
     -------
     Scene
-        A scene of one shell, or of a flock.
+        A scene of one shell, or of another kind, as a flock is.
 
     Raises
     ------
@@ -52,7 +51,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     """
     load_plugins()
     raw = with_index_files(file, raw)
-    refuse_unknown_keys(file, "", raw, _TABLES)
+    refuse_unknown_keys(file, "", raw, ("name", *_REQUIRED, *_OPTIONAL, *KINDS))
     for name in _REQUIRED:
         if name not in raw:
             raise SceneError(f"{file}: {name}: missing; every scene needs the tables {', '.join(_REQUIRED)}")
@@ -60,6 +59,7 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     entries = raw.get("constraints", [])
     if not isinstance(entries, list):
         raise SceneError(f"{file}: constraints: must be a list of tables, [[constraints]] (got {entries!r:.60})")
+    further: tuple[tuple[str, Any], ...] = tuple((key, kind.table) for key, kind in KINDS.items())
     optional: dict[str, Any] = {
         key: checked_table(file, key, raw[key], kind)
         for key, kind in (
@@ -68,8 +68,8 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
             ("motion", tables.MotionTable),
             ("units", tables.Units),
             ("path", tables.PathTable),
-            ("flock", FlockTable),
             ("output", tables.Output),
+            *further,
         )
         if key in raw
     }
@@ -89,18 +89,11 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
         "material": checked_table(file, "material", sheet, tables.PhysicalSheet if physical else tables.Stiffnesses),
         "model": checked_table(file, "model", raw["model"], model),
     }
-    constraints = tuple(
+    declared["constraints"] = tuple(
         checked_table(file, f"constraints[{index}]", entry, tables.Constrained) for index, entry in enumerate(entries)
     )
-    if "flock" not in declared:
-        return ShellScene(**declared, constraints=constraints)
-    if motion is None:
-        raise SceneError(f"{file}: motion: missing; a flight needs it")
-    if constraints:
-        raise SceneError(f"{file}: constraints: a flock takes none")
-    if "path" in declared:
-        raise SceneError(f"{file}: path: a flock has none; leave the table out")
-    return FlockScene(**declared)
+    own = next((kind for key, kind in KINDS.items() if key in declared), None)
+    return ShellScene(**declared) if own is None else own.builder(declared)
 
 
 def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:

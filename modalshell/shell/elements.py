@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.cost import count_elements
 from modalshell.core.errors import OptionError, SupportError
+from modalshell.core.registry import Registry
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import clamp_line_hinges, hinge_weights
@@ -97,7 +98,7 @@ class Energy(ABC):
         """The elements on a mesh; :meth:`ElementSet.at_rest` takes their rest state from it."""
 
 
-ENERGIES: dict[str, type[Energy]] = {}
+ENERGIES: Registry[type[Energy]] = Registry("energy")
 """Every further energy by its key."""
 
 

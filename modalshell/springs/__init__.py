@@ -3,6 +3,7 @@
 from modalshell.springs.implicit import TASKS, ImplicitSprings, ImplicitStep
 from modalshell.springs.mesh_springs import REFERENCE_FOLD, mesh_springs, shell_springs
 from modalshell.springs.sheet_grid import SheetGrid
+from modalshell.springs.spring_sheet import SpringSheet
 from modalshell.springs.springs import Springs
 from modalshell.springs.verlet import GridVerlet
 
@@ -13,6 +14,7 @@ __all__ = [
     "ImplicitSprings",
     "ImplicitStep",
     "SheetGrid",
+    "SpringSheet",
     "Springs",
     "mesh_springs",
     "shell_springs",

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from modalshell.core.checks import checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.core.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
 from modalshell.core.short_repr import brief
-from modalshell.page import Page, sheet_page
+from modalshell.page import Page
+from modalshell.springs.page import sheet_page
 from modalshell.springs.springs import Springs
 
 FAMILIES = {"structural": ((0, 1), (1, 0)), "shear": ((1, 1), (1, -1)), "flexion": ((0, 2), (2, 0))}

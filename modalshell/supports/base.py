@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_kind, checked_vectors, shown
 from modalshell.core.errors import SupportError
+from modalshell.core.registry import Registry
 from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array, Vector
 from modalshell.mesh import TriangleMesh
@@ -63,7 +64,7 @@ class Support(ABC):
         return selected("sel", self.sel, mesh)
 
 
-SUPPORTS: dict[str, type[Support]] = {}
+SUPPORTS: Registry[type[Support]] = Registry("support")
 """Every support by its key."""
 
 

@@ -21,14 +21,13 @@ from modalshell.crowd.shell_crowd import ShellCrowd
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.device import devices, warp
 from modalshell.kernels.packed import BYTES, load, store
-from modalshell.modes import Basis
 from studies.benchmarks.timing import interleaved, one_blas_thread
 
 ROTATION = {8: 34, 4: 29}
 """Packed multiplications of a warped vertex in a crowd, by bytes of a number, without its modes: up to half a turn."""
 
 
-def bird_basis(modes: int = 8, cells: tuple[int, int] = (16, 14)) -> Basis:
+def bird_basis(modes: int = 8, cells: tuple[int, int] = (16, 14)) -> ms.Basis:
     """Modes of a paper bird, of 493 vertices without other ``cells``, held along its body."""
     mesh = ms.paper_bird(cells=cells)
     material = ms.Material(stretch=2000.0, shear=2000.0, flexure=2e-3, density=0.08)
@@ -37,7 +36,7 @@ def bird_basis(modes: int = 8, cells: tuple[int, int] = (16, 14)) -> Basis:
 
 def reconstruction(
     instances: int = 4096,
-    basis: Basis | None = None,
+    basis: ms.Basis | None = None,
     repeats: int = 15,
     precisions: Iterable[DTypeLike] = (np.float64, np.float32),
 ) -> list[dict[str, Any]]:
@@ -119,7 +118,7 @@ def multiply(q: Any, matrices: Iterable[Any], products: Iterable[Any]) -> None:
         np.matmul(q, matrix, out=product)
 
 
-def bent(instances: int, basis: Basis, random: np.random.Generator) -> Any:
+def bent(instances: int, basis: ms.Basis, random: np.random.Generator) -> Any:
     """Coordinates (B, m) by which no vertex turns more than 1.5 rad."""
     q = random.standard_normal((instances, basis.count))
     return q * (1.5 / np.linalg.norm((q @ basis.rotations.T).reshape(-1, 3), axis=1).max())
@@ -169,7 +168,7 @@ def left_there(crowd: DeviceCrowd, moves: Any) -> None:
     warp().synchronize_device(crowd.device)
 
 
-def on_devices(boids: int, instances: int, basis: Basis, repeats: int = 15) -> list[dict[str, Any]]:
+def on_devices(boids: int, instances: int, basis: ms.Basis, repeats: int = 15) -> list[dict[str, Any]]:
     """What every device does of a flock's sums, a crowd's placed MWTS and its steps; the best of ``repeats`` turns.
 
     Against one thread of the kernels: by the processor's clock on the processor, by the wall's on a GPU. Positions are

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.integrators.state import Damping
 from modalshell.modes import BACKENDS
 from modalshell.shell import EXACT, PROJECTED
 from studies.benchmarks.timing import interleaved
@@ -83,7 +82,7 @@ def energy_error(shell: ms.Shell, backend: str, run: ms.Trajectory) -> float:
         state = model.start_motion(run.positions[-1])
         state.rates = (run.positions[-1] - run.positions[-2]) / STEP
         energies.append([_energy(shell, load, state.coordinates, state.rates)])
-        after, _ = model.step(state, STEP, load, Damping(*DAMPING))
+        after, _ = model.step(state, STEP, load, ms.Damping(*DAMPING))
         energies[-1].append(_energy(shell, load, after.coordinates, after.rates))
     return float(abs(energies[0][1] - energies[1][1]) / abs(energies[1][1] - energies[1][0]))
 

@@ -15,15 +15,13 @@ from numba import njit
 from numpy.typing import DTypeLike, NDArray
 
 import modalshell as ms
-from modalshell.models.reduction.warp_frame import WarpFrame
-from modalshell.modes import Basis
 from modalshell.shell.kernels.generated import flexure
 from studies.benchmarks.timing import interleaved
 
 Array = NDArray[Any]
 
 
-def random_basis(n: int, m: int, seed: int = 0) -> tuple[Basis, Array]:
+def random_basis(n: int, m: int, seed: int = 0) -> tuple[ms.Basis, Array]:
     """A sheet of exactly n vertices with m random modes, and a q that turns its vertices by up to pi."""
     rows = max(d for d in range(1, int(n**0.5) + 1) if n % d == 0)
     if rows == 1:
@@ -35,7 +33,7 @@ def random_basis(n: int, m: int, seed: int = 0) -> tuple[Basis, Array]:
     q = random.standard_normal(m)
     q *= np.pi / np.linalg.norm((rotations @ q).reshape(-1, 3), axis=1).max()
     modes /= np.linalg.norm((modes @ q).reshape(-1, 3), axis=1).max()
-    return Basis(shell, np.ones(m), modes, rotations, 0, 0.0, "random"), q
+    return ms.Basis(shell, np.ones(m), modes, rotations, 0, 0.0, "random"), q
 
 
 def numpy_frame(rest: Array, modes: Array, rotations: Array, q: Array) -> Array:
@@ -90,7 +88,7 @@ def benchmark(
                 plain = [np.asarray(a, dtype=precision) for a in (rest, basis.modes, basis.rotations, q)]
                 out = np.empty((n, 3), precision)
                 for parts in threads:
-                    frame = WarpFrame(basis, dtype=precision, threads=parts)
+                    frame = ms.WarpFrame(basis, dtype=precision, threads=parts)
                     stream = np.ravel(frame.modal_data)
                     times = interleaved(
                         {
@@ -130,11 +128,11 @@ def scaling(
     """
     sizes = list(sizes)
     functions: dict[str, Callable[[], object]] = {}
-    shells: dict[int, list[WarpFrame]] = {}
+    shells: dict[int, list[ms.WarpFrame]] = {}
     for n in sizes:
         basis, q = random_basis(n, m)
         q = q.astype(precision)
-        shells[n] = [WarpFrame(basis, dtype=precision) for _ in range(-(-max(sizes) // n))]
+        shells[n] = [ms.WarpFrame(basis, dtype=precision) for _ in range(-(-max(sizes) // n))]
         outs = [np.empty((n, 3), precision) for _ in shells[n]]
         functions[f"turn {n}"] = partial(in_turn, shells[n], outs, q)
         functions[f"one {n}"] = partial(shells[n][0].positions, q, outs[0])
@@ -157,7 +155,7 @@ def scaling(
     ]
 
 
-def in_turn(frames: list[WarpFrame], outs: list[Array], q: Array) -> None:
+def in_turn(frames: list[ms.WarpFrame], outs: list[Array], q: Array) -> None:
     """One frame of each shell."""
     for frame, out in zip(frames, outs, strict=True):
         frame.positions(q, out)

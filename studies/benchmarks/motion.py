@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.integrators.state import Damping
 from modalshell.models.base.modal import ModalModel
 from studies.benchmarks.timing import interleaved, one_blas_thread
 
@@ -51,7 +50,7 @@ def measured(model: ModalModel, count: int, repeats: int) -> dict[str, Any]:
 
     calls: dict[str, Callable[[], object]] = {
         "simulate": partial(ms.simulate, model, duration=count * STEP, dt=STEP, gravity=GRAVITY),
-        "step": partial(model.step, moving, STEP, load, Damping()),
+        "step": partial(model.step, moving, STEP, load, ms.Damping()),
         "positions": partial(model.positions, moving),
         "store": store,
     }

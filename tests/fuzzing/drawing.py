@@ -41,6 +41,6 @@ def without_pictures() -> Iterator[None]:
     """Draw nothing, but look at what should be drawn."""
     with (
         mock.patch.multiple("modalshell.run.results", draw_views=_views, write_film=_film),
-        mock.patch.multiple("modalshell.run.run_flock", draw_surfaces=_surfaces, write_film=_film),
+        mock.patch.multiple("modalshell.crowd.run", draw_surfaces=_surfaces, write_film=_film),
     ):
         yield

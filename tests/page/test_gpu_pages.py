@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.commands.pages import scene_page
 from modalshell.crowd import Crowd, Flap, Flight, Flock
 from modalshell.files.provenance import repository_file
-from modalshell.scene.page import scene_page
 from modalshell.springs import GridVerlet, SheetGrid
 
 

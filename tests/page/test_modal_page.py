@@ -11,11 +11,11 @@ from matplotlib.image import imread
 from scenes import cantilever, held
 
 import modalshell as ms
+from modalshell.commands.pages import scene_page, write_pages
 from modalshell.export import compress
 from modalshell.files.provenance import repository_file
 from modalshell.integrators.state import Damping
 from modalshell.page import clip_page
-from modalshell.scene.page import scene_page, write_pages
 
 GRAVITY = (0.0, 0.0, -3.0)
 

@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
+from modalshell.core.registry import Registry
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array
 from modalshell.integrators.base import Integrator
@@ -52,7 +53,7 @@ class FullIntegrator(Integrator):
         Whether it takes the loads ``body.live`` at the step's end; else ``load`` holds them as at its beginning.
     """
 
-    known: ClassVar[dict[str, type[FullIntegrator]]] = {}
+    known: ClassVar[Registry[type[FullIntegrator]]] = Registry("integrator")
     explicit: ClassVar[bool] = False
     takes_live: ClassVar[bool] = False
 

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modalshell.core.registry import Registry
 from modalshell.core.typing import Array
 from modalshell.integrators.base import Integrator
 
@@ -24,7 +25,7 @@ class ModalIntegrator(Integrator):
     stepping unit vectors: a new rule needs no more than :meth:`step`.
     """
 
-    known: ClassVar[dict[str, type[ModalIntegrator]]] = {}
+    known: ClassVar[Registry[type[ModalIntegrator]]] = Registry("integrator")
 
     @abstractmethod
     def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:

@@ -7,9 +7,11 @@ from typing import Literal, final
 from modalshell.core.checks import checked_choice, checked_count, checked_kind, checked_number
 from modalshell.core.errors import MeshError, OptionError
 from modalshell.core.typing import Index
-from modalshell.integrators.full import ConjugateGradientEuler, FullIntegrator, LinearImplicitEuler
+from modalshell.integrators.full import FullIntegrator, LinearImplicitEuler
 from modalshell.models.base.full import FullModel
+from modalshell.models.registry import ModelSpec, register
 from modalshell.shell import Shell
+from modalshell.springs.conjugate_gradients import ConjugateGradientEuler
 from modalshell.springs.mesh_springs import REFERENCE_FOLD, shell_springs
 from modalshell.springs.springs import Springs
 
@@ -104,3 +106,10 @@ class SpringSheet(FullModel):
             step_tolerance=self.step_tolerance,
             backend=self.factoriser.backend,
         )
+
+
+register(
+    ModelSpec(
+        "springs", "springs", SpringSheet, "shell", 80, constraints=True, color="#a6761d", marker="*", bends=False
+    )
+)

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modalshell.core.typing import Array
-from modalshell.crowd import LEVELS, Flight
+from modalshell.crowd.flight import Flight
+from modalshell.crowd.scene import FlockTable
+from modalshell.crowd.shell_crowd import LEVELS
 from modalshell.models import RotationStrain
-from modalshell.scene.flock import FlockTable
 
 
 @dataclass(frozen=True)

@@ -79,4 +79,4 @@ def sheet_page(
         "middle": middle,
     }
     picture = sheet(length=2.0 * middle[0], width=2.0 * middle[1], cells=(_PICTURE, _PICTURE))
-    return filled_page("sheet", title, data, picture.vertices, picture.faces)
+    return filled_page("sheet", title, data, picture.vertices, picture.faces, __package__)

@@ -19,17 +19,18 @@ from modalshell.core.short_repr import brief
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Progress
 from modalshell.core.units import SI
-from modalshell.crowd import Flight
+from modalshell.crowd.film import FlightFilm, FlightReport
+from modalshell.crowd.flight import Flight
+from modalshell.crowd.scene import FlockScene
+from modalshell.crowd.stage import FlightStage
 from modalshell.files.atomic_io import write_npz
 from modalshell.motion.recorder import step_count
 from modalshell.render import ShadedSurface, draw_surfaces, look_at, write_film
 from modalshell.render.camera import Camera
 from modalshell.render.content import checked_size, rgb
-from modalshell.run.flight_film import FlightFilm, FlightReport
-from modalshell.run.flight_stage import FlightStage
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.scene import FlockScene
+from modalshell.run.run_scene import new_run
 from modalshell.scene.read import located
 from modalshell.shell import Shell
 
@@ -219,3 +220,6 @@ def _camera(scene: FlockScene) -> Camera:
         checked_size(table.size, even="mp4" in scene.output.formats)
         rgb(table.color)
         return look_at(table.position, table.target, math.radians(table.view_angle), table.size[0] / table.size[1])
+
+
+new_run.register(FlockScene, FlockRun)

@@ -13,10 +13,13 @@ from scipy.interpolate import CubicSpline
 from modalshell.core.errors import SceneError
 from modalshell.core.short_repr import brief
 from modalshell.core.typing import Array
-from modalshell.crowd import Crowd, Flap, Flight, Flock
-from modalshell.crowd.flock import MOST, MOST_THREADS
+from modalshell.crowd.crowd import Crowd
+from modalshell.crowd.flap import Flap
+from modalshell.crowd.flight import Flight
+from modalshell.crowd.flock import MOST, MOST_THREADS, Flock
 from modalshell.modes import Basis, solve_modes
 from modalshell.scene import tables
+from modalshell.scene.kinds import KINDS, SceneKind
 from modalshell.scene.parts import checked_keyframes
 from modalshell.scene.read import located
 from modalshell.scene.scene import Scene, ShellScene
@@ -137,7 +140,7 @@ class FlockScene(Scene):
     motion : MotionTable
         Duration and steps of the flight.
     flock : FlockTable
-        The birds; see :mod:`modalshell.scene.flock`.
+        The birds; see :mod:`modalshell.crowd.scene`.
 
     Raises
     ------
@@ -182,3 +185,18 @@ class FlockScene(Scene):
         basis = solve_modes(shell, self.model.options["modes"])
         with located(self.file, "flock", self.flock):
             return self.flock.build(basis, gravity, self.motion.damping, self.output.positions)
+
+
+def declared_flock(declared: dict[str, Any]) -> FlockScene:
+    """The scene of checked tables; SceneError where one is missing that a flight needs, or is none of a flock's."""
+    file, tables_given = declared["file"], dict(declared)
+    if "motion" not in declared:
+        raise SceneError(f"{file}: motion: missing; a flight needs it")
+    if tables_given.pop("constraints"):
+        raise SceneError(f"{file}: constraints: a flock takes none")
+    if "path" in declared:
+        raise SceneError(f"{file}: path: a flock has none; leave the table out")
+    return FlockScene(**tables_given)
+
+
+KINDS["flock"] = SceneKind(FlockTable, declared_flock)

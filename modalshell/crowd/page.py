@@ -75,4 +75,4 @@ def flock_page(
         "elevation": float(np.arcsin(back[2] / distance)),
         **numbers,
     }
-    return filled_page("flock", title, data, rest_positions, faces)
+    return filled_page("flock", title, data, rest_positions, faces, __package__)

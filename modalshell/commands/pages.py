@@ -9,13 +9,13 @@ import numpy as np
 
 from modalshell.core.errors import ModalShellWarning
 from modalshell.core.typing import Array, Progress
+from modalshell.crowd.scene import FlockScene
 from modalshell.files.provenance import repository_file
 from modalshell.models import LinearModal, ModalWarping, ReducedRotationStrain, RotationStrain
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_loads
 from modalshell.modes import Basis, solve_modes
 from modalshell.page import Page
-from modalshell.scene.flock import FlockScene
 from modalshell.scene.load import load_scene
 from modalshell.scene.parts import build_damping
 from modalshell.scene.read import located

@@ -1,0 +1,43 @@
+"""Registry: what models, integrators, loads, energies, supports and scenes are known by; a taken key is refused."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar, final
+
+from modalshell.core.errors import OptionError
+
+T = TypeVar("T")
+
+
+@final
+class Registry(dict[str, T]):
+    """Classes, or records of them, by their keys.
+
+    Parameters
+    ----------
+    kind : str
+        What is registered, for messages: "load".
+    """
+
+    def __init__(self, kind: str) -> None:
+        super().__init__()
+        self.kind = kind
+
+    def __setitem__(self, key: str, value: T) -> None:
+        """Register ``value``.
+
+        Raises
+        ------
+        OptionError
+            If the key belongs to another class; names both. A class that is defined again, as by a notebook's cell
+            that runs twice, takes the place of the old one.
+        """
+        if key in self and (old := full_name(self[key])) != (new := full_name(value)):
+            raise OptionError(f"{self.kind} {key!r} exists already, as {old}: give {new} another key")
+        super().__setitem__(key, value)
+
+
+def full_name(value: Any) -> str:
+    """Module and name of a class or function, or of what a record builds."""
+    built = getattr(value, "builder", value)
+    return f"{built.__module__}.{built.__qualname__}"
