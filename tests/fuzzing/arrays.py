@@ -40,7 +40,7 @@ def _inputs(target: Target) -> st.SearchStrategy[Input]:
         name: scalars if np.ndim(value) == 0 else array_like(value) for name, value in target.values.items()
     }
     junk |= {name: st.sampled_from(choices) for name, choices in target.words.items()}
-    rare = dict.fromkeys(target.objects, strange)
+    rare, call = dict.fromkeys(target.objects, strange), target.call
 
     @st.composite
     def build(draw: st.DrawFn) -> Input:
@@ -54,6 +54,6 @@ def _inputs(target: Target) -> st.SearchStrategy[Input]:
         if "dtype" in target.words:
             given.setdefault("dtype", "float64")
         told = ", ".join(f"{name}={shown(given[name])}" for name in chosen)
-        return Input(f"{target.name}({told})", lambda: target.call(**given))
+        return Input(f"{target.name}({told})", lambda: call(**given))
 
     return build()
