@@ -352,9 +352,6 @@ def files_of(*packages: str) -> dict[str, Path]:
     return {module_name(path): path for package in packages for path in sorted((REPOSITORY / package).rglob("*.py"))}
 
 
-FILES = files_of(ROOT)
-
-
 def imports(name: str, source: str, is_package: bool, known: set[str]) -> set[str]:
     """Modules of the packages that ``source`` imports anywhere: at the top, in functions, through importlib."""
     found = set()
@@ -418,7 +415,7 @@ def cycle(graph: dict[str, set[str]]) -> list[str]:
 
 
 def test_every_top_level_module_has_a_row():
-    present = {layer(name) for name in FILES}
+    present = {layer(name) for name in files_of(ROOT)}
     assert present - set(MAY_IMPORT) == set(), "add the new module, and what it may import, to MAY_IMPORT"
     folders = {path.name for path in PACKAGE.iterdir() if path.is_dir() and any(path.rglob("*.py"))}
     assert folders - set(MAY_IMPORT) == set()
@@ -467,7 +464,7 @@ def test_figures_read_results_and_simulate_nothing():
 
 def test_only_symbolic_imports_sympy():
     users = set()
-    for name, path in FILES.items():
+    for name, path in files_of(ROOT).items():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
             names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
