@@ -10,7 +10,8 @@ import inspect
 
 import numpy as np
 import pytest
-from fuzzing.calls import Target, model, model_names, part, targets, world
+from fuzzing.calls import Target, targets
+from fuzzing.world import model, model_names, part, world
 
 import modalshell as ms
 from modalshell.errors import ModalShellError

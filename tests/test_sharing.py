@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from fuzzing.calls import model_names, part, resolved, world
+from fuzzing.world import model_names, part, resolved, world
 
 import modalshell as ms
 from modalshell import springs

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from fuzzing.calls import Target, targets, world
+from fuzzing.calls import Target, targets
 from fuzzing.harness import Input, LongWork
 from fuzzing.mutations import array_like, scalars
+from fuzzing.world import world
 from modalshell.checks import shown
 
 

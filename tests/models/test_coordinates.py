@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from fuzzing.calls import world
+from fuzzing.world import world
 
 import modalshell as ms
 
