@@ -9,21 +9,21 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import trimesh
+from modalshell.commands.cli import main
+from modalshell.core.checks import checked_count, checked_number, checked_vectors, shown
+from modalshell.files import atomic_io
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult
+from modalshell.mesh.selection import select_vertices, selected
 from scenes import PLAIN, TINY_BEAM, cantilever
 
 import modalshell as ms
-from modalshell import atomic_io
-from modalshell.checks import checked_count, checked_number, checked_vectors, shown
-from modalshell.cli import main
 from modalshell.crowd import Flight
-from modalshell.provenance import run_record
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import FrameFile
 from modalshell.scene.parts import checked_keyframes
-from modalshell.selection import select_vertices, selected
 from modalshell.springs import GridVerlet, ImplicitSprings, SheetGrid, Springs, mesh_springs
 from modalshell.statics.trust_region import minimise
-from modalshell.study import StudyResult
 from modalshell.sweep.cluster import connect
 
 GRID = {"spacing": 0.1, "particle_mass": 0.01, "structural": 20.0, "shear": 10.0, "flexion": 5.0}

@@ -28,14 +28,15 @@ from fuzzing.harness import (
     fuzz,
     outcome,
 )
+from modalshell.core.checks import as_array
+from modalshell.files import atomic_io
+from modalshell.files.study_result import StudyResult
 
 import modalshell as ms
-from modalshell import atomic_io, cli, selection
-from modalshell.checks import as_array
+from modalshell.commands import cli
 from modalshell.mesh import files as mesh_io
-from modalshell.mesh import polygon_files, validation
+from modalshell.mesh import polygon_files, selection, validation
 from modalshell.run.run_shell import ShellRun
-from modalshell.study import StudyResult
 
 SURFACES = {
     module.__name__.split(".")[-1]: module for module in (mesh_files, arrays, scenes, saved, command_line, properties)

@@ -5,8 +5,7 @@ import subprocess
 import sys
 
 import pytest
-
-from modalshell.interruption import is_command
+from modalshell.core.interruption import is_command
 
 
 def interrupted(folder, *command):

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from modalshell.commands.cli import main
+from modalshell.core import memory
+from modalshell.core.memory import available_memory, demand_memory
+from modalshell.files.atomic_io import read_npz, read_record
+from modalshell.files.lock import acquire_lock
+from modalshell.files.regular import open_regular, read_regular, read_text
+from modalshell.files.study_result import StudyResult
 
 import modalshell as ms
-from modalshell import memory
-from modalshell.atomic_io import read_npz, read_record
-from modalshell.cli import main
-from modalshell.lock import acquire_lock
-from modalshell.memory import available_memory, demand_memory
-from modalshell.reading import open_regular, read_regular, read_text
 from modalshell.run import RunFollower
-from modalshell.study import StudyResult
 from modalshell.sweep.store import CaseFolder
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
@@ -167,7 +167,7 @@ def test_long_work_is_announced():
 
 def test_packed_arrays_that_do_not_fit_are_refused(tmp_path, monkeypatch):
     np.savez_compressed(tmp_path / "a.npz", a=np.zeros(10**6))
-    monkeypatch.setattr("modalshell.atomic_io.available_memory", lambda: 10**6)
+    monkeypatch.setattr("modalshell.files.atomic_io.available_memory", lambda: 10**6)
     with pytest.raises(ValueError, match="a needs 8 MB, 1 MB are free"):
         read_npz(tmp_path / "a.npz")
 
@@ -192,7 +192,7 @@ def test_memory_that_runs_out_is_one_line(told, monkeypatch, capsys):
     def no_memory(_path):
         raise MemoryError(told)
 
-    monkeypatch.setattr("modalshell.cli.ms.load_mesh", no_memory)
+    monkeypatch.setattr("modalshell.commands.cli.ms.load_mesh", no_memory)
     with pytest.raises(SystemExit) as caught:
         main(["modes", "mesh.obj"])
     assert caught.value.code == 2

@@ -5,9 +5,9 @@ import pytest
 from scenes import PLAIN
 
 import modalshell as ms
-from modalshell.compare import engines
+from modalshell.compare import engine_runs as engines
 from modalshell.compare.draw import pareto_panel
-from modalshell.engines import EngineAnswer
+from modalshell.compare.engines import EngineAnswer
 
 SHEET = ms.Isotropic(young=1e7, poisson=0.0, thickness=3e-3, density=1000.0)
 

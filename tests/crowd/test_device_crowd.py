@@ -151,7 +151,7 @@ def test_bad_input(basis):
 
 def test_the_source_compiles_for_gpus(tmp_path):
     """By the compiler for GPUs that Warp brings, which needs none: all kernels, those of forces in float64."""
-    from modalshell.kernels import device_flock
+    from modalshell.crowd.kernels import device_flock
 
     architectures = warp().get_cuda_supported_archs()
     if not architectures:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import pyvista
+from modalshell.core.outcome import Outcome
 from scenes import cantilever
 
 import modalshell as ms
 from modalshell.export import check_formats
-from modalshell.outcome import Outcome
 from modalshell.shell.fields import FIELDS
 
 

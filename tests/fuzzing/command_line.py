@@ -15,14 +15,14 @@ from typing import Any
 from unittest import mock
 
 from hypothesis import strategies as st
+from modalshell.files.atomic_io import write_text
 
 import modalshell as ms
 from fuzzing.drawing import without_pictures
 from fuzzing.expressions import expressions
 from fuzzing.harness import FEW, DirtyExit, Escape, Input, LongWork, UncaughtException
 from fuzzing.scenes import BASE, BASES, SWEEPS, as_toml, files_of, in_this_process
-from modalshell import cli
-from modalshell.atomic_io import write_text
+from modalshell.commands import cli
 
 BAD_MESHES = Path(__file__).resolve().parents[1] / "data" / "bad"
 QUICK = ("simulate", "modes", "repair", "run", "view", "sweep", "reproduce", "bench", "tradeoff", "advise", "doctor")
@@ -112,7 +112,7 @@ def _without_windows() -> Iterator[None]:
         mock.patch("modalshell.viewer.web.demand_opengl", nothing["demand_opengl"]),
         mock.patch("modalshell.viewer.attached.time", clock),
         mock.patch("modalshell.run.follow.time", clock),
-        mock.patch("modalshell.doctor.choose_backend", return_value="built-in"),
+        mock.patch("modalshell.commands.doctor.choose_backend", return_value="built-in"),
         mock.patch.multiple("modalshell.sweep.driver", run_locally=in_this_process, connect=_no_scheduler),
     ):
         yield

@@ -9,8 +9,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-
-from modalshell.atomic_io import write_text
+from modalshell.files.atomic_io import write_text
 
 
 def _checked(surfaces: Any) -> None:
@@ -41,6 +40,6 @@ def without_pictures() -> Iterator[None]:
     """Draw nothing, but look at what should be drawn."""
     with (
         mock.patch.multiple("modalshell.run.results", draw_views=_views, write_film=_film),
-        mock.patch.multiple("modalshell.run.run_flock", draw_surfaces=_surfaces, write_film=_film),
+        mock.patch.multiple("modalshell.crowd.run", draw_surfaces=_surfaces, write_film=_film),
     ):
         yield

@@ -21,7 +21,7 @@ from fuzzing.harness import Contradiction, Input, Unsaid
 from fuzzing.mesh_files import seeds
 from fuzzing.mutations import damaged, text_damage
 from fuzzing.world import world
-from modalshell import cli
+from modalshell.commands import cli
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 
 MARK = b"\xef\xbb\xbf"

@@ -6,12 +6,12 @@ import sys
 import numpy as np
 import pytest
 from guide import source
+from modalshell.commands.cli import main
 
 import modalshell as ms
-from modalshell.cli import main
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.models import Damping
+from modalshell.integrators.state import Damping
 from studies import modal_steps
 
 MODULE = source("toy_rule.py")

@@ -20,7 +20,7 @@ import tempfile
 tempfile.tempdir = {temporary!r}
 import numpy as np
 from modalshell.kernels.compiler import cache_folder
-from modalshell.kernels.blocks import multiply
+from modalshell.models.reduction.blocks import multiply
 out = np.empty((3, 1))
 multiply(np.array([0, 3, 6, 9]), np.tile(np.arange(3), 3), np.ones(9), np.ones((3, 1)), out)
 assert out.sum() == 9.0

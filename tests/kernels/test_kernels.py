@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from modalshell.shell.kernels.generated import flexure, shear, stretch
 from scenes import folds, hinge_mesh, noisy
 from scipy.spatial.transform import Rotation
 
 from modalshell import Material, Shell, TriangleMesh, cylinder_panel, leaf, sheet, v_beam
-from modalshell.kernels.generated import flexure, shear, stretch
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
 
 KERNELS = {"stretch": stretch, "shear": shear, "flexure": flexure}

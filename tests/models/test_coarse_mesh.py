@@ -4,15 +4,15 @@ import importlib.util
 
 import numpy as np
 import pytest
+from modalshell.models.coarse import coarse_mesh
+from modalshell.models.coarse.coarse_mesh import remeshed_to_supports
+from modalshell.models.coarse.prolongation import Prolongation
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.models import coarse_mesh
-from modalshell.models.coarse_mesh import remeshed_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import models
 from modalshell.modes.rigid import rigid_motions
-from modalshell.reduction.prolongation import Prolongation
 
 MATERIAL = ms.Material(20.0, 20.0, 0.05, 0.2)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from modalshell.core.errors import OptionError
 from scenes import cantilever, held
 
 from modalshell import (
@@ -11,8 +12,7 @@ from modalshell import (
     sheet,
     simulate,
 )
-from modalshell.errors import OptionError
-from modalshell.models import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionState
 
 
 def v_scene():

@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 import pytest
+from modalshell.mesh.area_vectors import area_vectors
+from modalshell.models.base.distortion import Distortion
+from modalshell.models.base.distortion_kernels import surface_changes
 
 import modalshell as ms
-from modalshell.kernels.distortion import surface_changes
-from modalshell.models.distortion import Distortion
-from modalshell.triangles import area_vectors
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_every_modal_model_names_crumpled_motion(models):
 def test_every_modal_model_judges_its_answers_by_the_same_rule(models, monkeypatch):
     load = {"gravity": (0.0, 0.0, -10.0)}
     assert all(model.equilibrium(**load).outcome is ms.Outcome.CONVERGED for model in models)
-    monkeypatch.setattr(sys.modules["modalshell.models.distortion"], "_AREA", 1.0 + 1e-9)
+    monkeypatch.setattr(sys.modules["modalshell.models.base.distortion"], "_AREA", 1.0 + 1e-9)
     for model in models:
         answer = model.equilibrium(**load)
         assert answer.outcome is ms.Outcome.DISTORTED, model.name

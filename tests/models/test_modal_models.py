@@ -4,6 +4,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from modalshell.core.errors import LoadError, SolverError
 from scenes import leaf
 
 from modalshell import (
@@ -17,8 +18,7 @@ from modalshell import (
     simulate,
     solve_modes,
 )
-from modalshell.errors import LoadError, SolverError
-from modalshell.models import Damping
+from modalshell.integrators.state import Damping
 
 MODELS = [LinearModal, ModalWarping, RotationStrain]
 

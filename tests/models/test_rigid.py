@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.models import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionState
 
 
 @pytest.fixture(scope="module")

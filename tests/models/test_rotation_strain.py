@@ -23,7 +23,7 @@ from modalshell import (
     measure,
     solve_modes,
 )
-from modalshell.models import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.modes import BACKENDS
 
 

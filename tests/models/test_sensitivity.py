@@ -5,16 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from modalshell.core import cost as work
+from modalshell.core.timings import Timings
 from scenes import PLAIN, with_rest_angles
 
 import modalshell as ms
-from modalshell import work
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, constant_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy
 from modalshell.statics.newton import mixed_newton
 from modalshell.statics.potential import Potential
-from modalshell.timings import Timings
 
 GRAVITY = (0.0, 0.3, -2.0)
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)

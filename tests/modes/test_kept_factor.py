@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import scipy.sparse as sps
+from modalshell.core.cost import counted
 
 import modalshell as ms
 from modalshell.modes import Factoriser, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
-from modalshell.work import counted
 
 
 def step_matrix(stiffer=1.0, heavier=1.0):

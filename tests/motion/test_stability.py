@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from modalshell.core.outcome import Outcome
 from scenes import strip
 
 import modalshell as ms
-from modalshell.models import Damping
-from modalshell.outcome import Outcome
+from modalshell.integrators.state import Damping
 from studies.integrator_drift import SummedWarp
 
 STEP = 1.0 / 30.0

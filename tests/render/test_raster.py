@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from modalshell.mesh.area_vectors import area_vectors
+from modalshell.render.raster import shrink
 
 import modalshell as ms
-from modalshell.kernels.raster import shrink
 from modalshell.render import backend
 from modalshell.render.rasteriser_painter import Canvas, Triangles
 from modalshell.render.surfaces import normals
-from modalshell.triangles import area_vectors
 
 
 def flat_triangles(corners, nearness, shade, opacity=1.0):

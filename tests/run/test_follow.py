@@ -10,11 +10,11 @@ import time
 
 import numpy as np
 import pytest
+from modalshell.commands.cli import main
+from modalshell.core.outcome import Outcome
+from modalshell.files.atomic_io import read_record, write_record
 
 import modalshell as ms
-from modalshell.atomic_io import read_record, write_record
-from modalshell.cli import main
-from modalshell.outcome import Outcome
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import MAGIC, FrameFile
 
@@ -32,8 +32,8 @@ ms.run_scene(scene, out=out, on_step=on_step)
 """
 FOLLOWERS = """
 import os, sys, time
-from modalshell.cli import main
-from modalshell.outcome import Outcome
+from modalshell.commands.cli import main
+from modalshell.core.outcome import Outcome
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import MAGIC, FrameFile
 frames, count = sys.argv[1], int(sys.argv[2])

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from modalshell.core.errors import MaterialError, OptionError
 
 from modalshell import (
     Basis,
@@ -23,7 +24,6 @@ from modalshell import (
     solve_modes,
     v_beam,
 )
-from modalshell.errors import MaterialError, OptionError
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
 from modalshell.shell.bending import hinge_operator
 from modalshell.shell.slopes import HeldSlopes

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import scipy.sparse.linalg as spla
+from modalshell.shell.kernels import split_folds as kernels
 
 from modalshell import Clamp, Isotropic, Pin, Shell, TriangleMesh, sheet, v_beam
-from modalshell.kernels import split_folds as kernels
 from modalshell.shell import split_folds as split_folds_module
 from modalshell.shell.bending import hinge_operator
 from modalshell.shell.slopes import HeldSlopes

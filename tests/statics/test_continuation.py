@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from modalshell.core.cost import counted
+from modalshell.core.errors import SolverError
+from modalshell.core.timings import Timings
+from modalshell.models.reduction.derivatives import modal_derivatives
+from modalshell.models.reduction.reduced_energy import ReducedEnergy
+from modalshell.models.reduction.reduced_potential import ReducedPotential
 from scenes import cantilever
 
 from modalshell import DiscreteShell, Isotropic, ModalDerivatives, Shell, flat_beam, solve_modes
-from modalshell.errors import SolverError
 from modalshell.modes import Factoriser
-from modalshell.reduction.derivatives import modal_derivatives
-from modalshell.reduction.reduced_energy import ReducedEnergy
-from modalshell.reduction.reduced_potential import ReducedPotential
 from modalshell.shell import EXACT
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.newton import is_minimum, mixed_newton
 from modalshell.statics.potential import Potential
-from modalshell.timings import Timings
-from modalshell.work import counted
 
 
 def full(shell, load):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from modalshell.core.timings import Timings
 from scenes import cantilever
 
 from modalshell import DiscreteShell, Material, Shell, TriangleMesh, flat_beam, v_beam
@@ -9,7 +10,6 @@ from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON
 from modalshell.statics.newton import is_minimum, mixed_newton
 from modalshell.statics.potential import Potential, solve, warped_step
-from modalshell.timings import Timings
 
 STEPS = np.logspace(-1.5, -3.0, 6)
 

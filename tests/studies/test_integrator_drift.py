@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from modalshell.files.study_result import StudyResult
 
 import modalshell as ms
 from modalshell.kernels import rotations
-from modalshell.study import StudyResult
 from studies import integrator_drift as study
 
 

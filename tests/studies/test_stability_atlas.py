@@ -6,16 +6,16 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
 
 import modalshell as ms
-from modalshell.errors import OptionError
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.models import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.motion import Trajectory
-from modalshell.outcome import Outcome
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.scene.models import model_tables
 from studies import modal_steps

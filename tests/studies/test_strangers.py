@@ -6,10 +6,10 @@ from pathlib import PurePosixPath
 import numpy as np
 import pytest
 import trimesh
+from modalshell.files.study_result import StudyResult
 
 import modalshell as ms
 from modalshell.mesh.files import read_polygons
-from modalshell.study import StudyResult
 from studies import strangers, strangers_meshes
 from studies.pages import read_tables
 

@@ -4,12 +4,12 @@ import sys
 
 import numpy as np
 import pytest
+from modalshell.core.errors import FileFormatError, OptionError
+from modalshell.files.atomic_io import write_atomically
+from modalshell.files.provenance import repository_module, run_record
+from modalshell.files.study_result import StudyResult
 
-from modalshell.atomic_io import write_atomically
-from modalshell.errors import FileFormatError, OptionError
-from modalshell.provenance import repository_module, run_record
 from modalshell.render.curves import Curve, Panel, draw_curves
-from modalshell.study import StudyResult
 from studies.reproduce import chosen_studies, studies
 
 
