@@ -10,10 +10,10 @@ import collecting  # first, for nothing below may be built at import, either
 import numpy as np
 import pytest
 from hypothesis import settings
-from modalshell.core.plugins import load_plugins
 from scenes import beam_text, cantilever
 
 from modalshell import ModalShellWarning, solve_modes
+from modalshell.core.plugins import load_plugins
 from modalshell.render import choose_backend
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE
 from studies.reproduce import reproduce

@@ -6,9 +6,9 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from modalshell.shell.kernels.generated import flexure
 
 import modalshell as ms
+from modalshell.shell.kernels.generated import flexure
 from modalshell.springs import SheetGrid
 
 PLAIN = ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)

@@ -1,10 +1,10 @@
 """V-beams of stiff membrane, their motions through a snap and back, and the errors of these."""
 
 import numpy as np
-from modalshell.models.coarse.coarse_shell import coarse_shell, drawn_to_supports
 from scipy.spatial import cKDTree
 
 import modalshell as ms
+from modalshell.models.coarse.coarse_shell import coarse_shell, drawn_to_supports
 
 LOADED, RELEASED, DT = 30, 15, 1 / 30
 

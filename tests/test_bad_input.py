@@ -9,16 +9,16 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import trimesh
+from scenes import PLAIN, TINY_BEAM, cantilever
+
+import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.core.checks import checked_count, checked_number, checked_vectors, shown
+from modalshell.crowd import Flight
 from modalshell.files import atomic_io
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh.selection import select_vertices, selected
-from scenes import PLAIN, TINY_BEAM, cantilever
-
-import modalshell as ms
-from modalshell.crowd import Flight
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import FrameFile
 from modalshell.scene.parts import checked_keyframes

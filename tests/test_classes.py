@@ -7,11 +7,11 @@ import pkgutil
 from abc import ABC
 
 import msgspec
-from modalshell.core.thread_safety import ReadOnlyArrays
-from modalshell.models.base.model import Model
 
 import modalshell
 from modalshell.constraints.constraints import Constraint
+from modalshell.core.thread_safety import ReadOnlyArrays
+from modalshell.models.base.model import Model
 
 BARE = (Exception, msgspec.Struct)
 """Roots whose branches may themselves be made: errors, which are caught by their root, and tables of scenes."""

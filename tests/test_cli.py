@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 
 BAD = sorted(path for path in (Path(__file__).parent / "data" / "bad").iterdir() if path.suffix in (".obj", ".ply"))
 

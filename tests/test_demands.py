@@ -4,11 +4,11 @@ import shutil
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
-from modalshell.core import memory
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.commands.terminal import progress
+from modalshell.core import memory
 from modalshell.render.open_painter import open_painter
 from modalshell.sweep.grid import load_sweep
 from modalshell.sweep.plan import Plan

@@ -3,9 +3,9 @@ import re
 
 import pytest
 import scipy.sparse as sps
+
 from modalshell.commands.cli import main
 from modalshell.commands.doctor import examine
-
 from modalshell.modes import BACKENDS, Factoriser
 
 

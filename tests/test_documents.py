@@ -17,10 +17,10 @@ import warnings
 
 import pytest
 from guide import CONTRIBUTING, PAGES, ROOT, blocks, commands, source
-from modalshell.commands.cli import app, main
 
 import modalshell as ms
 from modalshell import springs
+from modalshell.commands.cli import app, main
 
 README = ROOT / "README.md"
 VIEW = "modalshell view studies/scenes/leaf.toml"

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from guide import source
-from modalshell.commands.cli import main
-from modalshell.core.plugins import load_plugins
 
 import modalshell as ms
+from modalshell.commands.cli import main
+from modalshell.core.plugins import load_plugins
 from modalshell.shell.elements import ENERGIES
 
 pytest.importorskip("sympy", reason="SymPy generates the toy's kernel: pip install 'modalshell[symbolic]'")

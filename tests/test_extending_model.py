@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from guide import source
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.models.registry import MODELS, register
 
 MODEL = source("toy_model.py")

@@ -28,12 +28,12 @@ from fuzzing.harness import (
     fuzz,
     outcome,
 )
-from modalshell.core.checks import as_array
-from modalshell.files import atomic_io
-from modalshell.files.study_result import StudyResult
 
 import modalshell as ms
 from modalshell.commands import cli
+from modalshell.core.checks import as_array
+from modalshell.files import atomic_io
+from modalshell.files.study_result import StudyResult
 from modalshell.mesh import files as mesh_io
 from modalshell.mesh import polygon_files, selection, validation
 from modalshell.run.run_shell import ShellRun

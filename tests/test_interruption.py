@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+
 from modalshell.core.interruption import is_command
 
 

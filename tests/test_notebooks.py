@@ -7,10 +7,10 @@ from io import BytesIO
 import numpy as np
 import pytest
 from fuzzing.world import world
-from modalshell.core.short_repr import brief
 
 import modalshell as ms
 from modalshell import springs
+from modalshell.core.short_repr import brief
 
 LONGEST = 300
 NO_INSTANCES = {"EnergyFunction", "Model"}

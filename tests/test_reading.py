@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.core import memory
 from modalshell.core.memory import available_memory, demand_memory
@@ -15,8 +17,6 @@ from modalshell.files.atomic_io import read_npz, read_record
 from modalshell.files.lock import acquire_lock
 from modalshell.files.regular import open_regular, read_regular, read_text
 from modalshell.files.study_result import StudyResult
-
-import modalshell as ms
 from modalshell.run import RunFollower
 from modalshell.sweep.store import CaseFolder
 

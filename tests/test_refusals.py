@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from fuzzing.calls import Target, targets
 from fuzzing.world import model, model_names, part, world
-from modalshell.core.errors import ModalShellError
 
 import modalshell as ms
+from modalshell.core.errors import ModalShellError
 
 EXCEPTIONS = {
     (

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from modalshell.core.errors import OptionError, SupportError
-from modalshell.mesh.selection import select_vertices, selected
 
 from modalshell import Material, Shell, TriangleMesh, cylinder_panel, sheet
+from modalshell.core.errors import OptionError, SupportError
+from modalshell.mesh.selection import select_vertices, selected
 
 POINTS = np.array([[0.0, 0.0, 0.0], [0.5, -1.0, 2.0], [1.0, 1.0, -3.0]])
 

@@ -9,12 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from fuzzing.world import model_names, part, resolved, world
-from modalshell.core.thread_safety import PerThread, read_only_copy
-from modalshell.models.base.model import Model
-from modalshell.models.reduction.warp_frame import WarpFrame
 
 import modalshell as ms
 from modalshell import springs
+from modalshell.core.thread_safety import PerThread, read_only_copy
+from modalshell.models.base.model import Model
+from modalshell.models.reduction.warp_frame import WarpFrame
 
 GRAVITIES = [(0.0, 0.0, -2.0), (0.0, 1.5, -0.5), (0.3, 0.0, 1.0)]
 

@@ -5,9 +5,9 @@ import re
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 
 SCENE = """
 [mesh]

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
-from modalshell.core.outcome import Outcome
 
 import modalshell as ms
 from modalshell.commands.choices import SAG, Timing, hold_one_end, motion_in_words, softening
+from modalshell.commands.cli import main
+from modalshell.core.outcome import Outcome
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

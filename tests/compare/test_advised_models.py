@@ -4,9 +4,9 @@ import tomllib
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.compare.advise import choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import make_case

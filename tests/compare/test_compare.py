@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from modalshell.commands.cli import main
-from modalshell.core.cost import counted
-from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from scenes import held, strip
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.path import NEXT_TO_SNAP, Marks, _SnapSearch, find_snap
 from modalshell.compare.runs import static_answers, turn_at
+from modalshell.core.cost import counted
+from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.modes import lowest_tangent_eigenvalue
 from modalshell.render.pareto import Mark, ParetoPanel, draw_pareto

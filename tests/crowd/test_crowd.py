@@ -9,13 +9,13 @@ import sys
 import llvmlite.binding
 import numpy as np
 import pytest
-from modalshell.crowd.kernels import instances as kernels
 from numba import njit
 from scenes import PLAIN
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.crowd import Flap
+from modalshell.crowd.kernels import instances as kernels
 from modalshell.kernels.packed import BYTES
 
 GRAVITY = np.array([0.0, 0.0, -9.81])

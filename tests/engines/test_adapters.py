@@ -4,15 +4,15 @@ import json
 
 import numpy as np
 import pytest
-from modalshell.compare.engines.adapters import in_time
-from modalshell.compare.engines.answer import CONSTANTS, MASS, SMALL, check, strip
-from modalshell.compare.engines.case import STEPS, engine_case, with_images
-from modalshell.compare.engines.engine import Engine, ask
 from scenes import PLAIN
 
 import modalshell as ms
 from modalshell.compare.engines import ENGINES, answered
 from modalshell.compare.engines import engine as engines
+from modalshell.compare.engines.adapters import in_time
+from modalshell.compare.engines.answer import CONSTANTS, MASS, SMALL, check, strip
+from modalshell.compare.engines.case import STEPS, engine_case, with_images
+from modalshell.compare.engines.engine import Engine, ask
 
 SHEET = ms.Isotropic(young=1e7, poisson=0.3, thickness=3e-3, density=1000.0)
 DOWN = np.array([0.0, 0.0, -1.0])

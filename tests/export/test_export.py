@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import pyvista
-from modalshell.core.outcome import Outcome
 from scenes import cantilever
 
 import modalshell as ms
+from modalshell.core.outcome import Outcome
 from modalshell.export import check_formats
 from modalshell.shell.fields import FIELDS
 

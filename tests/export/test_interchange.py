@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from modalshell.commands.cli import main
 from scenes import cantilever
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.export import compress, read_clip
 
 ADD_ON = Path(ms.__file__).parent / "export" / "blender_clip.py"

@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 from scenes import PLAIN
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.export import save_modal_body
 
 

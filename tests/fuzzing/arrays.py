@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
-from modalshell.core.checks import shown
 
 from fuzzing.calls import Target, targets
 from fuzzing.harness import Input, LongWork
 from fuzzing.mutations import array_like, scalars
 from fuzzing.world import world
+from modalshell.core.checks import shown
 
 
 def make(folder: Path) -> st.SearchStrategy[Input]:  # noqa: ARG001 (one signature for every surface)

@@ -15,7 +15,6 @@ from typing import Any
 from unittest import mock
 
 from hypothesis import strategies as st
-from modalshell.files.atomic_io import write_text
 
 import modalshell as ms
 from fuzzing.drawing import without_pictures
@@ -23,6 +22,7 @@ from fuzzing.expressions import expressions
 from fuzzing.harness import FEW, DirtyExit, Escape, Input, LongWork, UncaughtException
 from fuzzing.scenes import BASE, BASES, SWEEPS, as_toml, files_of, in_this_process
 from modalshell.commands import cli
+from modalshell.files.atomic_io import write_text
 
 BAD_MESHES = Path(__file__).resolve().parents[1] / "data" / "bad"
 QUICK = ("simulate", "modes", "repair", "run", "view", "sweep", "reproduce", "bench", "tradeoff", "advise", "doctor")

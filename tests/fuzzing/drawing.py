@@ -9,6 +9,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+
 from modalshell.files.atomic_io import write_text
 
 

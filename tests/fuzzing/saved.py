@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
-from modalshell.core.checks import shown
-from modalshell.files.atomic_io import read_npz
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult
 from scenes import TINY_BEAM, held
 
 import modalshell as ms
 from fuzzing.harness import HalfRead, Input
 from fuzzing.mutations import TOKENS, array_like, byte_damage, damaged, flips
 from modalshell.compare.tradeoff import outside_positions
+from modalshell.core.checks import shown
+from modalshell.files.atomic_io import read_npz
+from modalshell.files.provenance import run_record
+from modalshell.files.study_result import StudyResult
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import ALIGNMENT, CONSTANTS, LINE_CHECKSUM, MAGIC, line_checksum, record_dtype
 from modalshell.sweep import load_sweep

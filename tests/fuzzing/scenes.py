@@ -13,14 +13,14 @@ from unittest import mock
 
 import numpy as np
 from hypothesis import strategies as st
-from modalshell.crowd.scene import FlockScene
-from modalshell.mesh.selection import select_vertices
 
 import modalshell as ms
 from fuzzing.drawing import without_pictures
 from fuzzing.expressions import expressions
 from fuzzing.harness import FEW, Escape, Input, LongWork, UncaughtException, few_steps
 from fuzzing.mutations import damaged, text_damage
+from modalshell.crowd.scene import FlockScene
+from modalshell.mesh.selection import select_vertices
 from modalshell.scene import parse_scene
 from modalshell.sweep import Sweep, load_sweep
 from modalshell.sweep.case import CaseResult, Task, run_case

@@ -6,9 +6,9 @@ import sys
 import numpy as np
 import pytest
 from guide import source
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping

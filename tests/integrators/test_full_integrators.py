@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from modalshell.core.errors import OptionError
-from modalshell.springs.conjugate_gradients import ConjugateGradientEuler
 
 import modalshell as ms
+from modalshell.core.errors import OptionError
 from modalshell.integrators.full import FullIntegrator, Verlet
 from modalshell.integrators.state import Damping, MotionState
+from modalshell.springs.conjugate_gradients import ConjugateGradientEuler
 
 TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 

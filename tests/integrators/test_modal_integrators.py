@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from modalshell.core.errors import OptionError
 
 import modalshell as ms
+from modalshell.core.errors import OptionError
 from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint, ModalIntegrator
 
 STIFFNESS = np.array([1e-3, 0.5, 30.0, 4e4, 1e9])

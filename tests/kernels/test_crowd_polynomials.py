@@ -3,10 +3,10 @@
 import mpmath
 import numpy as np
 import pytest
-from modalshell.crowd.kernels import polynomials as kernels
 from mpmath import mpf
 from numba import njit
 
+from modalshell.crowd.kernels import polynomials as kernels
 from modalshell.kernels.packed import BYTES, load, store
 
 

@@ -5,8 +5,8 @@ import sys
 
 import numpy as np
 import pytest
-from modalshell.core.errors import LoadError, OptionError, SolverError
 
+from modalshell.core.errors import LoadError, OptionError, SolverError
 from modalshell.kernels.device import checked_device, devices, warp
 from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.device import DeviceVerlet

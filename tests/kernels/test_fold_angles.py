@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from modalshell.shell.kernels.generated import flexure
 from scenes import folds, hinge_mesh, noisy
 
 from modalshell import Material, Shell, TriangleMesh, leaf, v_beam
+from modalshell.shell.kernels.generated import flexure
 
 
 @settings(deadline=None)

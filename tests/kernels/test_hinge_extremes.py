@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from modalshell.shell.kernels.generated import flexure
 from scenes import cantilever
 
 from modalshell import DiscreteShell, LoadError, Material, ModalShellError, Shell, TriangleMesh
+from modalshell.shell.kernels.generated import flexure
 
 ENDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
 FACES = [[0, 1, 2], [1, 0, 3]]

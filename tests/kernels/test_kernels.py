@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from modalshell.shell.kernels.generated import flexure, shear, stretch
 from scenes import folds, hinge_mesh, noisy
 from scipy.spatial.transform import Rotation
 
 from modalshell import Material, Shell, TriangleMesh, cylinder_panel, leaf, sheet, v_beam
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
+from modalshell.shell.kernels.generated import flexure, shear, stretch
 
 KERNELS = {"stretch": stretch, "shear": shear, "flexure": flexure}
 ENERGIES = ("stretch", "shear", "flexure", "all")

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from modalshell.models.base.model import NO_POTENTIAL
 from scenes import PLAIN, held, leaf, strip
 
 import modalshell as ms
+from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.statics.live_loads import LiveLoads
 
 LOADS = {

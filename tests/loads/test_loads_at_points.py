@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from modalshell.models.reduction.load_points import LoadPoints
-from modalshell.models.reduction.patched_work import PatchedWork
 from scenes import leaf
 
 import modalshell as ms
 from modalshell.models.reduced_rotation_strain import ReducedRotationStrain
+from modalshell.models.reduction.load_points import LoadPoints
+from modalshell.models.reduction.patched_work import PatchedWork
 from modalshell.motion.stepping import Motion
 
 

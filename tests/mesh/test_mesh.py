@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from modalshell.core.errors import MeshError, ModalShellWarning
 
+from modalshell.core.errors import MeshError, ModalShellWarning
 from modalshell.mesh import TriangleMesh, flat_beam, sheet, v_beam
 from modalshell.mesh.triangulate import FAMILIES
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from modalshell.core.errors import MeshError, ModalShellWarning
 
+from modalshell.core.errors import MeshError, ModalShellWarning
 from modalshell.mesh import TriangleMesh, leaf, load_mesh, save_mesh, v_beam
 
 HERE = Path(__file__).resolve().parents[1]

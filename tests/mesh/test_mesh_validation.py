@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from modalshell.core.errors import MeshError, ModalShellError
 
+from modalshell.core.errors import MeshError, ModalShellError
 from modalshell.mesh import TriangleMesh
 
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]

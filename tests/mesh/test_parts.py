@@ -4,9 +4,9 @@ import re
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 
 

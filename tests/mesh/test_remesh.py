@@ -4,9 +4,9 @@ import importlib.util
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 
 
 def quality(mesh):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from modalshell.core.errors import OptionError
 
+from modalshell.core.errors import OptionError
 from modalshell.mesh import cylinder_panel, flat_beam, leaf, sheet, v_beam
 from modalshell.mesh.leaf_shape import half_outline
 from modalshell.mesh.lloyd import signed_areas

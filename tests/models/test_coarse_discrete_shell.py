@@ -3,12 +3,12 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from modalshell.models.coarse.coarse_shell import _small_displacements, coarse_shell, drawn_to_supports
-from modalshell.models.coarse.prolongation import Prolongation, closest_points
 from scipy.spatial.transform import Rotation
 from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snapping_loads
 
 import modalshell as ms
+from modalshell.models.coarse.coarse_shell import _small_displacements, coarse_shell, drawn_to_supports
+from modalshell.models.coarse.prolongation import Prolongation, closest_points
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 
 CLAMP = 0.0501

@@ -4,12 +4,12 @@ import importlib.util
 
 import numpy as np
 import pytest
-from modalshell.models.coarse import coarse_mesh
-from modalshell.models.coarse.coarse_mesh import remeshed_to_supports
-from modalshell.models.coarse.prolongation import Prolongation
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
+from modalshell.models.coarse import coarse_mesh
+from modalshell.models.coarse.coarse_mesh import remeshed_to_supports
+from modalshell.models.coarse.prolongation import Prolongation
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import models
 from modalshell.modes.rigid import rigid_motions

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from modalshell.core.errors import LoadError, ModalShellWarning, OptionError
 from scenes import PLAIN, cantilever, leaf
 
 from modalshell import (
@@ -19,6 +18,7 @@ from modalshell import (
     solve_modes,
     v_beam,
 )
+from modalshell.core.errors import LoadError, ModalShellWarning, OptionError
 
 with open(Path(__file__).resolve().parents[1] / "data" / "heavy_elastica.csv", encoding="utf-8") as _file:
     ELASTICA = {float(row["Gamma"]): row for row in csv.DictReader(line for line in _file if not line.startswith("#"))}

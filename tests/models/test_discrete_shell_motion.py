@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from modalshell.core.errors import OptionError
 from scenes import cantilever, held
 
 from modalshell import (
@@ -12,6 +11,7 @@ from modalshell import (
     sheet,
     simulate,
 )
+from modalshell.core.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
 
 

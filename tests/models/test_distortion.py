@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 import pytest
+
+import modalshell as ms
 from modalshell.mesh.area_vectors import area_vectors
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.distortion_kernels import surface_changes
-
-import modalshell as ms
 
 
 @pytest.fixture(scope="module")

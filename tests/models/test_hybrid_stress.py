@@ -5,14 +5,14 @@ import pickle
 
 import numpy as np
 import pytest
-from modalshell.models.hybrid import training as hybrid_training
-from modalshell.models.hybrid.assumed_stress import _edge_stresses, reduce_energy
-from modalshell.models.hybrid.assumed_stress_step import evaluate
-from modalshell.models.hybrid.training import GROWING, Trained
 from scipy.spatial.transform import Rotation
 from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snapping_loads
 
 import modalshell as ms
+from modalshell.models.hybrid import training as hybrid_training
+from modalshell.models.hybrid.assumed_stress import _edge_stresses, reduce_energy
+from modalshell.models.hybrid.assumed_stress_step import evaluate
+from modalshell.models.hybrid.training import GROWING, Trained
 
 DAMPING = (2.0, 0.0)
 

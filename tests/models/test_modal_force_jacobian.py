@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from modalshell.models.base.modal import ModalModel
 
 import modalshell as ms
+from modalshell.models.base.modal import ModalModel
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-from modalshell.core.errors import LoadError, SolverError
 from scenes import leaf
 
 from modalshell import (
@@ -18,6 +17,7 @@ from modalshell import (
     simulate,
     solve_modes,
 )
+from modalshell.core.errors import LoadError, SolverError
 from modalshell.integrators.state import Damping
 
 MODELS = [LinearModal, ModalWarping, RotationStrain]

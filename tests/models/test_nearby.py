@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from modalshell.analysis.nearby import KnownEquilibrium
-from modalshell.core import cost as work
 
 import modalshell as ms
+from modalshell.analysis.nearby import KnownEquilibrium
+from modalshell.core import cost as work
 
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
 GRAVITY = np.array([0.0, 0.3, -2.0])

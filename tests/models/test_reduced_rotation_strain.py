@@ -4,10 +4,10 @@ import time
 
 import numpy as np
 import pytest
-from modalshell.core.errors import OptionError
 from scenes import held
 
 from modalshell import ReducedRotationStrain, RotationStrain, leaf, measure, solve_modes
+from modalshell.core.errors import OptionError
 from modalshell.integrators.state import Damping, MotionState
 from studies.benchmarks.modes import large_shell
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from modalshell.models.base.reduced_sensitivity import ModalTangent
-from modalshell.models.reduction.reduced_energy import ReducedEnergy
 from scenes import PLAIN, with_rest_angles
 
 import modalshell as ms
+from modalshell.models.base.reduced_sensitivity import ModalTangent
+from modalshell.models.reduction.reduced_energy import ReducedEnergy
 
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
 GRAVITY = np.array([0.0, 0.3, -2.0])

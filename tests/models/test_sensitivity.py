@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from modalshell.core import cost as work
-from modalshell.core.timings import Timings
 from scenes import PLAIN, with_rest_angles
 
 import modalshell as ms
+from modalshell.core import cost as work
+from modalshell.core.timings import Timings
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, constant_slopes
 from modalshell.shell.split_fold_energy import SplitFoldEnergy

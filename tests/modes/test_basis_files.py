@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from modalshell.core.errors import FileFormatError, ModalShellError
 from scenes import SHELLS
 
 from modalshell import Basis, Material, Shell, flat_beam, solve_modes
+from modalshell.core.errors import FileFormatError, ModalShellError
 
 
 @pytest.mark.parametrize("name", SHELLS)

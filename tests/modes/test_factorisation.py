@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import scipy.sparse as sps
-from modalshell.core.errors import OptionError, SolverError
 from scenes import cantilever
 
+from modalshell.core.errors import OptionError, SolverError
 from modalshell.modes import BACKENDS, Factoriser
 from modalshell.shell import EXACT
 

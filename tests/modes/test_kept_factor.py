@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 import scipy.sparse as sps
-from modalshell.core.cost import counted
 
 import modalshell as ms
+from modalshell.core.cost import counted
 from modalshell.modes import Factoriser, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.sparse as sps
-from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from scenes import PLAIN, SHELLS, cantilever
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, leaf, sheet, solve_modes, v_beam
+from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.modes import BACKENDS, Factoriser, TangentStiffness, eigenpairs, lowest_modes
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.modes.rigid import rigid_motions

@@ -5,10 +5,10 @@ import warnings
 import numpy as np
 import pytest
 import scipy.linalg
-from modalshell.core.errors import ModalShellWarning
 from scenes import PLAIN
 
 from modalshell import Material, Shell, TriangleMesh, flat_beam, sheet, solve_modes
+from modalshell.core.errors import ModalShellWarning
 from modalshell.modes import BACKENDS, eigenpairs
 
 every_backend = pytest.mark.parametrize("backend", BACKENDS)

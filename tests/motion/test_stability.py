@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from modalshell.core.outcome import Outcome
 from scenes import strip
 
 import modalshell as ms
+from modalshell.core.outcome import Outcome
 from modalshell.integrators.state import Damping
 from studies.integrator_drift import SummedWarp
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from modalshell.commands.pages import scene_page
-from modalshell.files.provenance import repository_file
 
 import modalshell as ms
+from modalshell.commands.pages import scene_page
 from modalshell.crowd import Crowd, Flap, Flight, Flock
+from modalshell.files.provenance import repository_file
 from modalshell.springs import GridVerlet, SheetGrid
 
 

@@ -8,12 +8,12 @@ from io import BytesIO
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from modalshell.commands.pages import scene_page, write_pages
-from modalshell.files.provenance import repository_file
 from scenes import cantilever, held
 
 import modalshell as ms
+from modalshell.commands.pages import scene_page, write_pages
 from modalshell.export import compress
+from modalshell.files.provenance import repository_file
 from modalshell.integrators.state import Damping
 from modalshell.page import clip_page
 

@@ -9,7 +9,6 @@ import mpmath
 import numpy as np
 import pytest
 from bases import bare_basis
-from modalshell.models.reduction.warp_frame import WarpFrame
 from numba import jit, njit
 from scipy.integrate import fixed_quad
 from scipy.spatial.transform import Rotation
@@ -17,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from modalshell import ModalWarping, OptionError
 from modalshell.kernels import frame as kernels
 from modalshell.kernels.rotations import coefficients
+from modalshell.models.reduction.warp_frame import WarpFrame
 from studies.benchmarks import frame as benchmarks
 from studies.benchmarks.timing import interleaved
 

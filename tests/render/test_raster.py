@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from modalshell.mesh.area_vectors import area_vectors
-from modalshell.render.raster import shrink
 
 import modalshell as ms
+from modalshell.mesh.area_vectors import area_vectors
 from modalshell.render import backend
+from modalshell.render.raster import shrink
 from modalshell.render.rasteriser_painter import Canvas, Triangles
 from modalshell.render.surfaces import normals
 

@@ -11,8 +11,8 @@ import warnings
 
 import numpy as np
 import pytest
-from modalshell.core.errors import ModalShellWarning, OptionError
 
+from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.render import ShadedSurface, View, choose_backend, draw_views, look_at, write_film
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE, drawing_hint
 from modalshell.render.camera import frame_points

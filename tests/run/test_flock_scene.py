@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.render import look_at
 
 FILE = Path(__file__).resolve().parents[2] / "studies" / "scenes" / "flock.toml"

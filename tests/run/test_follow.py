@@ -10,11 +10,11 @@ import time
 
 import numpy as np
 import pytest
+
+import modalshell as ms
 from modalshell.commands.cli import main
 from modalshell.core.outcome import Outcome
 from modalshell.files.atomic_io import read_record, write_record
-
-import modalshell as ms
 from modalshell.run import RunFollower
 from modalshell.run.frame_file import MAGIC, FrameFile
 

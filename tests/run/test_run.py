@@ -14,11 +14,11 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
-from modalshell.core.outcome import Outcome
 from scenes import beam_text
 
 import modalshell as ms
+from modalshell.commands.cli import main
+from modalshell.core.outcome import Outcome
 from modalshell.run.frame_file import FrameFile
 
 _FOLDER = Path(__file__).resolve().parents[2] / "studies" / "scenes"

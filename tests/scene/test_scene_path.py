@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 from scenes import beam_text
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.render.load_paths import path_curves
 
 LOADED = """[loads]

@@ -6,7 +6,6 @@ import warnings
 import numpy as np
 import pytest
 import pyvista
-from modalshell.core.units import SI, UnitSystem
 
 from modalshell import (
     Basis,
@@ -21,6 +20,7 @@ from modalshell import (
     sheet,
     solve_modes,
 )
+from modalshell.core.units import SI, UnitSystem
 
 STIFFNESSES = "stretch = 20.0\nshear = 20.0\nflexure = 0.05\ndensity = 0.2\n"
 SHEET = "young = {young}\npoisson = 0.3\nthickness = {thickness}\ndensity = {density}\n"

@@ -5,9 +5,9 @@ import warnings
 
 import numpy as np
 import pytest
-from modalshell.core.errors import ModalShellWarning
 
 from modalshell import Isotropic, Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, v_beam
+from modalshell.core.errors import ModalShellWarning
 
 
 def calibrate(mesh, poisson=0.3, thickness=1e-3, **options):

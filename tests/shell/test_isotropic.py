@@ -5,7 +5,6 @@ import pickle
 
 import numpy as np
 import pytest
-from modalshell.core.errors import MaterialError, OptionError
 
 from modalshell import (
     Basis,
@@ -24,6 +23,7 @@ from modalshell import (
     solve_modes,
     v_beam,
 )
+from modalshell.core.errors import MaterialError, OptionError
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED, PROJECTED
 from modalshell.shell.bending import hinge_operator
 from modalshell.shell.slopes import HeldSlopes

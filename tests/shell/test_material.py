@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from modalshell.core.errors import MaterialError, ModalShellError, ModalShellWarning
 
 from modalshell import Material, Shell, TriangleMesh, cylinder_panel, flat_beam, leaf, sheet, v_beam
+from modalshell.core.errors import MaterialError, ModalShellError, ModalShellWarning
 from modalshell.mesh.triangulate import FAMILIES
 from modalshell.shell.bending import bending_constants
 from modalshell.shell.membrane import lowest_stable_stretch

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from modalshell.core.errors import LoadError, MaterialError, ModalShellError, SupportError
 from scenes import Made
 
 from modalshell import Material, Shell, TriangleMesh, cylinder_panel, leaf, sheet, v_beam
+from modalshell.core.errors import LoadError, MaterialError, ModalShellError, SupportError
 from modalshell.shell import EXACT
 
 MESHES = Made(

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import scipy.sparse.linalg as spla
-from modalshell.shell.kernels import split_folds as kernels
 
 from modalshell import Clamp, Isotropic, Pin, Shell, TriangleMesh, sheet, v_beam
 from modalshell.shell import split_folds as split_folds_module
 from modalshell.shell.bending import hinge_operator
+from modalshell.shell.kernels import split_folds as kernels
 from modalshell.shell.slopes import HeldSlopes
 from modalshell.shell.split_folds import split_folds
 from modalshell.shell.triangle_pairs import MEAN_WEIGHT, fold_moments, moments_of_triangles, paired_triangles

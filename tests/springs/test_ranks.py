@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from modalshell.core.errors import MeshError, OptionError
 
+from modalshell.core.errors import MeshError, OptionError
 from modalshell.springs import ImplicitSprings, Springs
 from modalshell.springs.partition import rank_block
 from modalshell.springs.ranks import petsc

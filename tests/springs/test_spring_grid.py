@@ -4,10 +4,10 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
-from modalshell.core.errors import OptionError, SolverError
 from scenes import grid_model, grid_of, shaken
 
 import modalshell as ms
+from modalshell.core.errors import OptionError, SolverError
 from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.threads import ThreadChoice
 

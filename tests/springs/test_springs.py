@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from modalshell.core.errors import MaterialError, MeshError, OptionError, SupportError
-from modalshell.models.base.model import Damping
 from scenes import grid_model, grid_of, shaken
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
+from modalshell.core.errors import MaterialError, MeshError, OptionError, SupportError
 from modalshell.integrators.state import MotionState
+from modalshell.models.base.model import Damping
 from modalshell.shell import EXACT, GAUSS_NEWTON, PROJECTED
 from modalshell.springs import GridVerlet, ImplicitSprings, Springs, mesh_springs, shell_springs
 

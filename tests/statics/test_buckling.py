@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
 
 import modalshell as ms
+from modalshell.commands.cli import main
 from modalshell.statics.buckling import buckles
 
 SCENE = """

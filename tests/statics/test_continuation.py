@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scenes import cantilever
+
+from modalshell import DiscreteShell, Isotropic, ModalDerivatives, Shell, flat_beam, solve_modes
 from modalshell.core.cost import counted
 from modalshell.core.errors import SolverError
 from modalshell.core.timings import Timings
 from modalshell.models.reduction.derivatives import modal_derivatives
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
 from modalshell.models.reduction.reduced_potential import ReducedPotential
-from scenes import cantilever
-
-from modalshell import DiscreteShell, Isotropic, ModalDerivatives, Shell, flat_beam, solve_modes
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT
 from modalshell.statics.continuation import equilibrium

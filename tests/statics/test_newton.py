@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from modalshell.core.timings import Timings
 from scenes import cantilever
 
 from modalshell import DiscreteShell, Material, Shell, TriangleMesh, flat_beam, v_beam
+from modalshell.core.timings import Timings
 from modalshell.modes import Factoriser
 from modalshell.shell import EXACT, GAUSS_NEWTON
 from modalshell.statics.newton import is_minimum, mixed_newton

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from modalshell.files.study_result import StudyResult
 
 import modalshell as ms
 from modalshell.compare.engines import EngineAnswer
+from modalshell.files.study_result import StudyResult
 from studies import engines
 
 

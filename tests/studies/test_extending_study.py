@@ -5,10 +5,10 @@ import sys
 
 import pytest
 from guide import source
-from modalshell.files.study_result import StudyResult
 
 import paper_figures
 import studies
+from modalshell.files.study_result import StudyResult
 from studies.pages import read_tables
 from studies.reproduce import reproduce
 from studies.reproduce import studies as known_studies

@@ -17,9 +17,9 @@ import math
 from pathlib import Path
 
 import pytest
+
 from modalshell.files.atomic_io import write_text
 from modalshell.files.study_result import StudyResult
-
 from studies.reproduce import studies
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"

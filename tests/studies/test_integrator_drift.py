@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from modalshell.files.study_result import StudyResult
 
 import modalshell as ms
+from modalshell.files.study_result import StudyResult
 from modalshell.kernels import rotations
 from studies import integrator_drift as study
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from modalshell.core.errors import OptionError
-from modalshell.files.study_result import StudyResult
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
+from modalshell.core.errors import OptionError
+from modalshell.files.study_result import StudyResult
 from modalshell.render import ShadedSurface, View, draw_views, write_film
 from paper_figures.glyphs import arrow, axes, joined, rod, sphere
 from studies import dancing_character as study

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from modalshell.files.study_result import StudyResult
 
 from modalshell import Isotropic, Shell, equilibrium_path, flat_beam
+from modalshell.files.study_result import StudyResult
 from studies import (
     both_energies,
     cantilever_master_curve,

@@ -6,10 +6,10 @@ from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
-from modalshell.core.errors import OptionError
-from modalshell.core.outcome import Outcome
 
 import modalshell as ms
+from modalshell.core.errors import OptionError
+from modalshell.core.outcome import Outcome
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping, MotionState

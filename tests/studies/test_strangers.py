@@ -6,9 +6,9 @@ from pathlib import PurePosixPath
 import numpy as np
 import pytest
 import trimesh
-from modalshell.files.study_result import StudyResult
 
 import modalshell as ms
+from modalshell.files.study_result import StudyResult
 from modalshell.mesh.files import read_polygons
 from studies import strangers, strangers_meshes
 from studies.pages import read_tables

@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 import pytest
+
 from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.files.atomic_io import write_atomically
 from modalshell.files.provenance import repository_module, run_record
 from modalshell.files.study_result import StudyResult
-
 from modalshell.render.curves import Curve, Panel, draw_curves
 from studies.reproduce import chosen_studies, studies
 

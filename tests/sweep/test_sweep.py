@@ -7,11 +7,11 @@ import os
 
 import numpy as np
 import pytest
-from modalshell.commands.cli import main
-from modalshell.files.lock import acquire_lock
 from scenes import LOADED_BEAM, SWEEP_AXES
 
 import modalshell as ms
+from modalshell.commands.cli import main
+from modalshell.files.lock import acquire_lock
 from modalshell.sweep.case import run_case
 from modalshell.sweep.store import CaseFolder
 

@@ -4,10 +4,10 @@ import shutil
 import subprocess
 
 import pytest
-from modalshell.commands.cli import main
 from scenes import SWEPT_BEAM
 
 import modalshell as ms
+from modalshell.commands.cli import main
 
 distributed = pytest.importorskip("distributed", reason="needs dask.distributed (extra 'cluster')")
 pytestmark = pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here to make certificates with")

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from modalshell.shell.kernels import generated
 
 _WHY = "SymPy generates the kernels: pip install 'modalshell[symbolic]'"

@@ -5,10 +5,10 @@ import sys
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from modalshell.commands.cli import main
-from modalshell.core.errors import LoadError, OptionError
 
 import modalshell as ms
+from modalshell.commands.cli import main
+from modalshell.core.errors import LoadError, OptionError
 from modalshell.models.registry import MODELS
 from modalshell.render.backend import RENDERER_VARIABLE
 from modalshell.run import RunFollower
