@@ -6,6 +6,7 @@ import shutil
 import sys
 import warnings
 
+import collecting  # first, for nothing below may be built at import, either
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -121,6 +122,10 @@ def pytest_collection_modifyitems(items):
         named = {parameters.get("name"), *(c for c in item.function.__code__.co_consts if isinstance(c, str))}
         if "quick_study" in item.fixturenames and named & SLOW_STUDIES:
             item.add_marker(pytest.mark.slow)
+
+
+def pytest_collection_finish():
+    collecting.allow()
 
 
 def pytest_addoption(parser):

@@ -1,7 +1,9 @@
 """Small scenes that many tests share: shells of one material, grids of springs, and the text of scene files."""
 
 import copy
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -10,6 +12,23 @@ from modalshell.shell.kernels.generated import flexure
 from modalshell.springs import SheetGrid
 
 PLAIN = ms.Material(stretch=20.0, shear=20.0, flexure=0.05, density=0.2)
+
+
+class Made(Mapping):
+    """Things by name, each made when it is first asked for and then kept: collecting the tests makes none."""
+
+    def __init__(self, makers):
+        self._makers = {name: cache(make) for name, make in makers.items()}
+
+    def __getitem__(self, name):
+        return self._makers[name]()
+
+    def __iter__(self):
+        return iter(self._makers)
+
+    def __len__(self):
+        return len(self._makers)
+
 
 # ---- shells
 
@@ -34,12 +53,14 @@ def leaf(cells=(8, 6), clamped=None):
     return ms.Shell(ms.leaf(cells=cells), PLAIN, clamped)
 
 
-SHELLS = {
-    "clamped v_beam": cantilever((10, 4)),
-    "free leaf": leaf(),
-    "free cylinder": held(ms.cylinder_panel(cells=(6, 5), angle=100.0)),
-    "hinged leaf": leaf(clamped=[0]),
-}
+SHELLS = Made(
+    {
+        "clamped v_beam": lambda: cantilever((10, 4)),
+        "free leaf": leaf,
+        "free cylinder": lambda: held(ms.cylinder_panel(cells=(6, 5), angle=100.0)),
+        "hinged leaf": lambda: leaf(clamped=[0]),
+    }
+)
 """Shells with none, six and three rigid modes."""
 
 # ---- hinges

@@ -6,7 +6,7 @@ from io import BytesIO
 
 import numpy as np
 import pytest
-from fuzzing.calls import world
+from fuzzing.world import world
 
 import modalshell as ms
 from modalshell import springs

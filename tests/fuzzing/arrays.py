@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from fuzzing.calls import Target, targets, world
+from fuzzing.calls import Target, targets
 from fuzzing.harness import Input, LongWork
 from fuzzing.mutations import array_like, scalars
+from fuzzing.world import world
 from modalshell.core.checks import shown
 
 
@@ -40,7 +41,7 @@ def _inputs(target: Target) -> st.SearchStrategy[Input]:
         name: scalars if np.ndim(value) == 0 else array_like(value) for name, value in target.values.items()
     }
     junk |= {name: st.sampled_from(choices) for name, choices in target.words.items()}
-    rare = dict.fromkeys(target.objects, strange)
+    rare, call = dict.fromkeys(target.objects, strange), target.call
 
     @st.composite
     def build(draw: st.DrawFn) -> Input:
@@ -54,6 +55,6 @@ def _inputs(target: Target) -> st.SearchStrategy[Input]:
         if "dtype" in target.words:
             given.setdefault("dtype", "float64")
         told = ", ".join(f"{name}={shown(given[name])}" for name in chosen)
-        return Input(f"{target.name}({told})", lambda: target.call(**given))
+        return Input(f"{target.name}({told})", lambda: call(**given))
 
     return build()

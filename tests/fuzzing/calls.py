@@ -5,10 +5,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import inspect
-import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -17,11 +14,9 @@ import numpy as np
 
 import modalshell as ms
 from fuzzing.harness import LongWork, few_steps
+from fuzzing.world import Later, model, model_names, part, resolved, world
 from modalshell import springs as masses
 from modalshell.crowd import Flap, Flight
-from modalshell.models import CoarseMesh
-from modalshell.models.factory import ModelFactory
-from modalshell.scene.models import model_tables
 from modalshell.sweep import load_sweep
 
 Build = Callable[..., Any]
@@ -49,41 +44,44 @@ SLOW = {"tradeoff", "advise"}
 """Minutes of work where they accept what they get: junk in every parameter that has a check."""
 
 
-@dataclass
 class Target:
-    """A call with valid arguments: numbers and arrays, choices among words, and objects of the package."""
+    """A call with valid arguments: numbers and arrays, choices among words, and objects of the package.
 
-    name: str
-    call: Build
-    values: dict[str, Any]
-    words: dict[str, tuple[Any, ...]] = field(default_factory=dict)
-    objects: dict[str, Any] = field(default_factory=dict)
-    always: tuple[str, ...] = ()
-    """Arguments one of which is always junk."""
+    The call, its numbers and its objects may be Later; the properties of these names make them.
+    """
 
+    def __init__(
+        self,
+        name: str,
+        call: Build | Later,
+        values: dict[str, Any],
+        words: dict[str, tuple[Any, ...]] | None = None,
+        objects: dict[str, Any] | None = None,
+        always: tuple[str, ...] = (),
+    ) -> None:
+        self.name, self.words, self.always = name, words or {}, always
+        """Of the arguments in ``always`` one is always junk."""
+        self._call, self._values, self._objects = call, values, objects or {}
 
-@cache
-def world() -> dict[str, Any]:
-    """A few small objects of the package."""
-    mesh = ms.v_beam(cells=(4, 2))
-    material = ms.Material(20.0, 20.0, 0.05, 0.2)
-    shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 0.3)
-    basis = ms.solve_modes(shell, 3)
-    free = ms.Shell(mesh, material)
-    path = ms.SupportPath([0.0, 0.1], [[0, 0, 0], [0, 0, 0.1]], [[0, 0, 0], [0, 0.2, 0]])
-    coarse = CoarseMesh(ms.v_beam(cells=(4, 2)), "4x2", material)
-    models = {
-        "rigid, free": ms.RigidShell(free),
-        "mwts, free": ms.ModalWarping(ms.solve_modes(free, 8)),
-        "springs, cg": ms.SpringSheet(shell, integrator="linear_implicit", solver="cg", iterations=30),
-    }
-    factory = ModelFactory(shell, lambda: shell.gravity_force((0.0, 0.0, -2.0)), lambda *_: coarse)
-    for key, table in model_tables().items():
-        few = {"modes": 2 if key == "md-rom" else 3, "rank": 4}
-        with warnings.catch_warnings():  # training warns that three modes are few
-            warnings.simplefilter("ignore", ms.ModalShellWarning)
-            models[key] = table(**{name: few[name] for name in table.__struct_fields__ if name in few}).build(factory)
-    return {"mesh": mesh, "material": material, "shell": shell, "basis": basis, "path": path, "models": models}
+    @functools.cached_property
+    def call(self) -> Build:
+        return resolved(self._call)
+
+    @functools.cached_property
+    def values(self) -> dict[str, Any]:
+        return {name: resolved(value) for name, value in self._values.items()}
+
+    @functools.cached_property
+    def objects(self) -> dict[str, Any]:
+        return {name: resolved(value) for name, value in self._objects.items()}
+
+    def numeric(self) -> list[str]:
+        """Names of the values that are numbers or arrays of them, as all are that are made later."""
+        return [
+            name
+            for name, value in self._values.items()
+            if isinstance(value, Later) or np.asarray(value).dtype.kind in "biuf"
+        ]
 
 
 def targets() -> list[Target]:
@@ -105,8 +103,8 @@ def targets() -> list[Target]:
 
 
 def _meshes() -> list[Target]:
-    mesh = world()["mesh"]
-    soup = {"vertices": np.array(mesh.vertices), "faces": np.array(mesh.faces)}
+    mesh = part("mesh")
+    soup = {name: part("mesh", name).then(np.array) for name in ("vertices", "faces")}
     size = {"length": 1.0, "width": 0.2, "cells": (2, 2)}
     panel = {"length": 1.0, "radius": 0.6, "angle": 90.0, "cells": (2, 2)}
     family = {"family": ("alternating", "equilateral", "union-jack", "lloyd", "delaunay", "right")}
@@ -116,7 +114,7 @@ def _meshes() -> list[Target]:
         Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup | {"tolerance": 1e-6}),
         *(anew if importlib.util.find_spec("pymeshlab") else []),
         Target("repair", _meshed(lambda **given: ms.repair(**given)[0]), soup | {"tolerance": 1e-6}),
-        Target("TriangleMesh.weld", mesh.weld, {"tolerance": 1e-6}),
+        Target("TriangleMesh.weld", part("mesh", "weld"), {"tolerance": 1e-6}),
         Target("flat_beam", ms.flat_beam, size, family),
         Target("sheet", ms.sheet, size, family),
         Target("v_beam", ms.v_beam, size | {"fold": 150.0}, family),
@@ -141,17 +139,16 @@ def _meshed(make: Build) -> Build:
 
 
 def _shells() -> list[Target]:
-    world_ = world()
-    mesh, shell = world_["mesh"], world_["shell"]
+    mesh, shell = part("mesh"), part("shell")
     stiffness = {"stretch": 20.0, "shear": 20.0, "flexure": 0.05, "density": 0.2}
     by_element = {
-        "stretch": np.full(len(mesh.faces), 20.0),
-        "shear": np.full(len(mesh.edges), 20.0),
-        "flexure": np.full(len(mesh.hinges), 0.05),
-        "density": np.full(len(mesh.faces), 0.2),
+        "stretch": _one_each("faces", 20.0),
+        "shear": _one_each("edges", 20.0),
+        "flexure": _one_each("hinges", 0.05),
+        "density": _one_each("faces", 0.2),
     }
 
-    def used(clamped: Any = None, mesh: Any = mesh, **material: Any) -> list[Any]:
+    def used(mesh: Any, clamped: Any = None, **material: Any) -> list[Any]:
         made = ms.Shell(mesh, ms.Material(**material), clamped)
         basis = ms.solve_modes(made, 2)
         return [made, basis, ms.LinearModal(basis).equilibrium(gravity=(0.0, 0.0, -9.81))]
@@ -160,60 +157,69 @@ def _shells() -> list[Target]:
         material = ms.Material.from_physical(mesh=mesh, **physical)
         return [material, ms.solve_modes(ms.Shell(mesh, material, world()["shell"].clamped), 2)]
 
-    def isotropic(clamped: Any = None, mesh: Any = mesh, **physical: Any) -> list[Any]:
+    def isotropic(mesh: Any, clamped: Any = None, **physical: Any) -> list[Any]:
         made = ms.Shell(mesh, ms.Isotropic(**physical), clamped)
         basis = ms.solve_modes(made, 2)
         load = 1e-3 * made.gravity_force((0.0, 0.0, -9.81))
-        return [made, basis, made.force(moved), ms.DiscreteShell(made).equilibrium(force=load)]
+        return [made, basis, made.force(moved.make()), ms.DiscreteShell(made).equilibrium(force=load)]
+
+    def on_mesh(make: Build) -> Later:
+        return mesh.then(lambda found: functools.partial(make, mesh=found))
 
     physical = {"young": 1e6, "poisson": 0.3, "thickness": 0.01, "density": 1e3}
-    held, moved = np.array(shell.clamped), np.array(shell.rest_positions) * 1.01
+    start = part("shell", "rest_positions").then(np.array)
+    held, moved = part("shell", "clamped").then(np.array), start.then(lambda positions: positions * 1.01)
     switch = {"correct_clamp": (False, True, None, 2)}
     positions = {"positions": moved}
     return [
         Target("Material", used, stiffness | {"clamped": held}, switch, {"mesh": mesh}),
-        Target("Material, by element", used, by_element | {"clamped": np.flatnonzero(held)}, switch),
+        Target("Material, by element", on_mesh(used), by_element | {"clamped": held.then(np.flatnonzero)}, switch),
         Target("Material.from_physical", calibrated, physical | {"direction": np.array([1.0, 0.0, 0.0])},
                {"narrow": (None, True, False)}, {"mesh": mesh}),
         Target("Isotropic", isotropic, physical | {"clamped": held}, {}, {"mesh": mesh}),
-        Target("Isotropic, by triangle", isotropic,
-               {name: np.full(len(mesh.faces), value) for name, value in physical.items()} | {"clamped": held}),
+        Target("Isotropic, by triangle", on_mesh(isotropic),
+               {name: _one_each("faces", value) for name, value in physical.items()} | {"clamped": held}),
         Target("Shell", lambda clamped, **given: ms.Shell(clamped=clamped, **given), {"clamped": held}, {},
-               {"mesh": mesh, "material": world_["material"]}),
-        Target("Shell.holding", shell.holding, {"vertices": np.array([8, 9])}),
-        Target("Shell.energy", shell.energy, positions),
-        Target("Shell.force", shell.force, positions),
-        Target("Shell.stiffness", shell.stiffness, positions),
-        Target("Shell.gravity_force", shell.gravity_force, {"gravity": np.array([0.0, 0.0, -9.81])}),
+               {"mesh": mesh, "material": part("material")}),
+        Target("Shell.holding", part("shell", "holding"), {"vertices": np.array([8, 9])}),
+        Target("Shell.energy", part("shell", "energy"), positions),
+        Target("Shell.force", part("shell", "force"), positions),
+        Target("Shell.stiffness", part("shell", "stiffness"), positions),
+        Target("Shell.gravity_force", part("shell", "gravity_force"), {"gravity": np.array([0.0, 0.0, -9.81])}),
         *(
-            Target(load.__name__, lambda sel, force, load=load: load(sel, force).force(mesh),
-                   {"sel": np.array(held), "force": np.array([0.0, 0.0, -1.0])})
+            Target(load.__name__, lambda sel, force, load=load: load(sel, force).force(world()["mesh"]),
+                   {"sel": held, "force": np.array([0.0, 0.0, -1.0])})
             for load in (ms.PointForce, ms.LineForce, ms.FollowerForce)
         ),
-        Target("EdgeMoment", lambda sel, m: ms.EdgeMoment(sel, m).force(mesh), {"sel": np.array(held), "m": 0.1}),
-        Target("Pressure", lambda p, sel, follower=True: ms.Pressure(p, follower, sel).force(mesh),
-               {"p": 2.0, "sel": np.array(held)}, {"follower": (False, True)}),
-        Target("Wind", lambda sel, **given: ms.Wind(sel=sel, **given).force(mesh),
+        Target("EdgeMoment", lambda sel, m: ms.EdgeMoment(sel, m).force(world()["mesh"]), {"sel": held, "m": 0.1}),
+        Target("Pressure", lambda p, sel, follower=True: ms.Pressure(p, follower, sel).force(world()["mesh"]),
+               {"p": 2.0, "sel": held}, {"follower": (False, True)}),
+        Target("Wind", lambda sel, **given: ms.Wind(sel=sel, **given).force(world()["mesh"]),
                {"velocity": np.array([1.0, 0.0, 2.0]), "density": 1.2, "normal": 1.0, "tangential": 0.01,
-                "sel": np.array(held)}),
-        Target("SelfWeight", lambda gravity: shell.total_load(loads=[ms.SelfWeight(gravity)]),
+                "sel": held}),
+        Target("SelfWeight", lambda gravity: world()["shell"].total_load(loads=[ms.SelfWeight(gravity)]),
                {"gravity": np.array([0.0, 0.0, -9.81])}),
-        Target("FrameInertia", lambda **given: shell.total_load(loads=[ms.FrameInertia(**given)]),
+        Target("FrameInertia", lambda **given: world()["shell"].total_load(loads=[ms.FrameInertia(**given)]),
                {name: np.array([0.0, 1.0, 0.5])
                 for name in ("acceleration", "angular_velocity", "angular_acceleration", "origin")}),
-        Target("Scaled", lambda times, factors: ms.Scaled(ms.Pressure(1.0), (times, factors)).force(mesh),
+        Target("Scaled", lambda times, factors: ms.Scaled(ms.Pressure(1.0), (times, factors)).force(world()["mesh"]),
                {"times": np.array([0.0, 1.0]), "factors": np.array([1.0, 2.0])}),
         Target("WarpFrame", lambda **given: ms.WarpFrame(**given).positions(np.zeros(3)), {"threads": 1},
-               {"dtype": ("float64", "float32", "int")}, {"basis": world_["basis"]}),
+               {"dtype": ("float64", "float32", "int")}, {"basis": part("basis")}),
         Target("solve_modes", ms.solve_modes, {"count": 3}, {"backend": (None, "superlu", "x", 3)}, {"shell": shell}),
-        Target("solve_modes, about", ms.solve_modes, {"count": 3, "about": np.array(shell.rest_positions)}, {},
+        Target("solve_modes, about", ms.solve_modes, {"count": 3, "about": start}, {},
                {"shell": shell}, ("about",)),
         Target("solve_modes, attached", lambda force, **given: ms.solve_modes(attachments=[force], **given),
-               {"count": 3, "force": np.array(shell.rest_positions)}, {}, {"shell": shell}, ("force",)),
+               {"count": 3, "force": start}, {}, {"shell": shell}, ("force",)),
         Target("buckling_factors", ms.buckling_factors, {"count": 1, "gravity": np.array([0.0, 0.0, -1.0]),
-               "force": np.array(shell.rest_positions)}, {}, {"shell": shell}),
+               "force": start}, {}, {"shell": shell}),
         Target("Damping.from_ratios", ms.Damping.from_ratios, {"first": (1.0, 0.02), "second": (5.0, 0.03)}),
     ]  # fmt: skip
+
+
+def _one_each(elements: str, value: float) -> Later:
+    """The value for each of the mesh's faces, edges or hinges."""
+    return part("mesh", elements).then(lambda found: np.full(len(found), value))
 
 
 def _followed_well(**given: Any) -> ms.EquilibriumPath:
@@ -228,42 +234,43 @@ def _followed_well(**given: Any) -> ms.EquilibriumPath:
 
 
 def _models() -> list[Target]:
-    world_ = world()
-    basis, shell, mesh = world_["basis"], world_["shell"], world_["mesh"]
+    basis, shell, mesh, rsw = part("basis"), part("shell"), part("mesh"), model("rsw")
     integrators = {"integrator": ("implicit_euler", "implicit_midpoint", "euler", None, 1)}
-    gravity, force = np.array([0.0, 0.0, -2.0]), np.full((len(mesh.vertices), 3), 0.01)
-    start = np.array(shell.rest_positions)
-    hung = np.array(ms.DiscreteShell(shell).equilibrium(gravity=gravity, force=force).positions)
+    gravity, start = np.array([0.0, 0.0, -2.0]), part("shell", "rest_positions").then(np.array)
+    force = start.then(lambda positions: np.full(positions.shape, 0.01))
+    hung = shell.then(
+        lambda found: np.array(ms.DiscreteShell(found).equilibrium(gravity=gravity, force=force.make()).positions)
+    )
 
     def answered(make: Build) -> Build:
         def call(**arguments: Any) -> list[Any]:
-            model = make(**arguments)
-            return [model, model.equilibrium(gravity=gravity)]
+            made = make(**arguments)
+            return [made, made.equilibrium(gravity=gravity)]
 
         return call
 
     coordinates = np.random.default_rng(0).standard_normal((6, 3)) * 0.01
-    coarse = ms.CoarseDiscreteShell(shell, shell)
+    coarse = shell.then(lambda found: ms.CoarseDiscreteShell(found, found))
     made = [
         Target("LinearModal", answered(ms.LinearModal), {}, integrators, {"basis": basis}),
         Target("ModalWarping", answered(ms.ModalWarping), {}, integrators, {"basis": basis}),
         Target("RotationStrain", answered(ms.RotationStrain), {}, integrators, {"basis": basis}),
         Target("ReducedRotationStrain", answered(ms.ReducedRotationStrain), {"coordinates": coordinates, "rank": 4}, {},
-               {"model": world_["models"]["rsw"]}),
+               {"model": rsw}),
         Target("ReducedRotationStrain.trained", ms.ReducedRotationStrain.trained,
                {"gravities": np.array([[0.0, 0.0, -2.0]]), "mixtures": 4, "rank": 3, "seed": 0}, {},
-               {"model": world_["models"]["rsw"]}, ("gravities", "mixtures", "rank", "seed")),
+               {"model": rsw}, ("gravities", "mixtures", "rank", "seed")),
         Target("ModalDerivatives", answered(ms.ModalDerivatives), {"count": 2},
                {"cubature": (False, True, 5, 0, -1, 1.5, "x", None)}, {"shell": shell}),
         Target("DiscreteShell", answered(ms.DiscreteShell), {"step_tolerance": 1e-6},
                {"integrator": ("implicit", "linear_implicit", "explicit", "verlet", "x", None)}, {"shell": shell}),
         Target("SpringSheet", answered(ms.SpringSheet), {"step_tolerance": 1e-6, "iterations": 1000},
                {"integrator": ("linear_implicit", "verlet", "x", None), "solver": ("factor", "cg", "x", None)},
-               {"shell": shell, "springs": masses.shell_springs(shell)}),
+               {"shell": shell, "springs": shell.then(masses.shell_springs)}),
         Target("RigidShell", answered(ms.RigidShell), {}, {}, {"shell": shell}),
-        Target("coarse_shell", ms.coarse_shell, {}, {}, {"shell": shell, "mesh": mesh, "material": world_["material"]}),
-        Target("CoarseDiscreteShell.prolong", coarse.prolong, {"positions": start}),
-        Target("CoarseDiscreteShell.restrict", coarse.restrict, {"load": force}),
+        Target("coarse_shell", ms.coarse_shell, {}, {}, {"shell": shell, "mesh": mesh, "material": part("material")}),
+        Target("CoarseDiscreteShell.prolong", coarse.then(lambda body: body.prolong), {"positions": start}),
+        Target("CoarseDiscreteShell.restrict", coarse.then(lambda body: body.restrict), {"load": force}),
         Target("CoarseDiscreteShell", answered(ms.CoarseDiscreteShell), {}, {}, {"shell": shell, "coarse": shell}),
         Target("EnergyFunction", _followed_well, {"rest": np.array([-1.0]), "size": 1.0}),
         Target("equilibrium_path", ms.equilibrium_path,
@@ -275,25 +282,23 @@ def _models() -> list[Target]:
                {"wrt": ("flexure", "young", ["flexure", "shear"], None, 1), "where": (None, "x > 0.5", 3)},
                {"shell": shell, "wrt": "flexure"}),
         Target("fit, curves", ms.fit,
-               {"observed": hung[None], "factors": np.array([1.0]), "gravity": gravity, "force": force},
+               {"observed": hung.then(lambda seen: seen[None]), "factors": np.array([1.0]), "gravity": gravity,
+                "force": force},
                {"wrt": ("flexure", "young"), "average": (False, True, 1)}, {"shell": shell, "wrt": "flexure"}),
         Target("fit, frequencies", ms.fit,
-               {"frequencies": 1.1 * ms.solve_modes(shell, 3).frequencies, "confidence": 0.9},
+               {"frequencies": shell.then(lambda found: 1.1 * ms.solve_modes(found, 3).frequencies), "confidence": 0.9},
                {"wrt": ("flexure", "young", "density")}, {"shell": shell, "wrt": "flexure"}),
         Target("PositionConstraint", _constraint(ms.PositionConstraint),
                {"vertices": np.array([8, 9]), "target": np.array([1.0, 0.0, -0.1])}),
         Target("OrientationConstraint", _constraint(ms.OrientationConstraint),
                {"vertices": np.array([8, 9]), "target": np.array([0.1, 0.0, 0.0])}),
     ]  # fmt: skip
-    for name, model in world_["models"].items():
-        made.append(
-            Target(f"{name}.equilibrium", model.equilibrium, {"gravity": gravity, "force": force, "start": start})
-        )
+    asked = {"gravity": gravity, "force": force, "start": start}
+    made += [Target(f"{name}.equilibrium", model(name, "equilibrium"), asked) for name in model_names()]
     return made
 
 
 def _springs() -> list[Target]:
-    mesh, shell = world()["mesh"], world()["shell"]
     sizes = {"spacing": 0.1, "particle_mass": 0.01, "structural": 20.0, "shear": 10.0, "flexion": 5.0, "drag": 0.1}
     pinned = np.zeros((3, 4), dtype=bool)
     pinned[0] = True
@@ -326,9 +331,9 @@ def _springs() -> list[Target]:
                "threads": 1}, {"dtype": (np.float64, "float32", "f2", "x", int), "allow_unstable_step": (False, True)},
                {"grid": sheet}),
         Target("Springs", masses.Springs, arrays),
-        Target("mesh_springs", masses.mesh_springs, {"structural": np.full(len(mesh.edges), 20.0), "damping": 0.1,
-               "flexion": np.full(len(mesh.hinges), 2.0)}, {}, {"mesh": mesh}),
-        Target("shell_springs", masses.shell_springs, {"reference_fold": 0.2}, {}, {"shell": shell}),
+        Target("mesh_springs", masses.mesh_springs, {"structural": _one_each("edges", 20.0), "damping": 0.1,
+               "flexion": _one_each("hinges", 2.0)}, {}, {"mesh": part("mesh")}),
+        Target("shell_springs", masses.shell_springs, {"reference_fold": 0.2}, {}, {"shell": part("shell")}),
         Target("ImplicitSprings", solved, steps | {"positions": start, "velocities": np.zeros_like(start),
                "mass": np.full(len(start), 0.01), "held": np.array([0, 1])}),
     ]  # fmt: skip
@@ -354,24 +359,23 @@ def _not_computed(*_: Any) -> Any:
 def _constraint(make: Build) -> Build:
     def call(**arguments: Any) -> list[Any]:
         constraint = make(**arguments)
-        model = world()["models"]["mwts"]
-        return [constraint.at(0.5), model.equilibrium(gravity=(0.0, 0.0, -1.0), constraints=[constraint])]
+        mwts = world()["models"]["mwts"]
+        return [constraint.at(0.5), mwts.equilibrium(gravity=(0.0, 0.0, -1.0), constraints=[constraint])]
 
     return call
 
 
 def _motions() -> list[Target]:
-    world_ = world()
-    shell = world_["shell"]
-    gravity, force = np.array([0.0, 0.0, -2.0]), np.full((len(shell.rest_positions), 3), 0.01)
+    gravity, start = np.array([0.0, 0.0, -2.0]), part("shell", "rest_positions").then(np.array)
+    force = start.then(lambda positions: np.full(positions.shape, 0.01))
     common = {"duration": 0.1, "dt": 1 / 30, "gravity": gravity, "force": force, "damping": np.array([0.1, 0.01])}
-    common |= {"start": np.array(shell.rest_positions), "store_every": 1}
+    common |= {"start": start, "store_every": 1}
     words = {"dtype": ("float64", "float32", "f2", "x", int, 3)}
-    objects = {"supports": world_["path"], "constraints": [ms.PositionConstraint([12], [1.0, 0.0, -0.1])]}
+    objects = {"supports": part("path"), "constraints": [ms.PositionConstraint([12], [1.0, 0.0, -0.1])]}
     made = [
-        Target(f"simulate, {name}", functools.partial(ms.simulate, on_step=few_steps), common, words, {"model": model}
-               | ({} if "free" in name else objects if name in ("mwts", "ds") else {}))
-        for name, model in world_["models"].items()
+        Target(f"simulate, {name}", functools.partial(ms.simulate, on_step=few_steps), common, words,
+               {"model": model(name)} | ({} if "free" in name else objects if name in ("mwts", "ds") else {}))
+        for name in model_names()
     ]  # fmt: skip
     keyframes = {
         "times": np.array([0.0, 0.5, 1.0]),
@@ -452,15 +456,15 @@ def _crowds() -> list[Target]:
     return [
         Target("Flock", flown, numbers | vectors | step | {"positions": places, "directions": places[::-1]}, search),
         Target("Flock.random", scattered, numbers | vectors | {"count": 4, "radius": 1.0}, search),
-        Target("Crowd", crowded, crowd, dtypes, {"basis": world()["basis"]}),
-        Target("Flap and Flight", carried, wings | step, {}, {"basis": world()["basis"]}),
+        Target("Crowd", crowded, crowd, dtypes, {"basis": part("basis")}),
+        Target("Flap and Flight", carried, wings | step, {}, {"basis": part("basis")}),
     ]
 
 
 def _measures() -> list[Target]:
-    mesh, shell = world()["mesh"], world()["shell"]
-    moved = np.array(mesh.vertices) * 1.1
-    both = {"positions": moved, "reference": moved + 0.01}
+    mesh, shell = part("mesh"), part("shell")
+    moved = part("mesh", "vertices").then(lambda vertices: np.array(vertices) * 1.1)
+    both = {"positions": moved, "reference": moved.then(lambda positions: positions + 0.01)}
     made = [
         Target("measure.displacement_error", ms.measure.displacement_error, both, {"weighted": (True, False)},
                {"shape": shape}) for shape in (mesh, shell)
@@ -469,10 +473,10 @@ def _measures() -> list[Target]:
 
 
 def _ladder() -> list[Target]:
-    shell = world()["shell"]
+    shell = part("shell")
     load = {"gravity": np.array([0.0, 0.0, -1.0]), "loads": np.array([0.5, 1.0]), "modes": (2,)}
     asked = load | {"error": 0.1, "fps": 60.0}
-    load["truth"] = np.array(shell.rest_positions) * 1.1
+    load["truth"] = part("shell", "rest_positions").then(lambda positions: np.array(positions) * 1.1)
     always = ("gravity", "loads", "modes")
     return [
         Target("tradeoff", _checks_only(ms.tradeoff), load, {}, {"scene": shell}, always),

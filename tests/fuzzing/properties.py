@@ -16,11 +16,11 @@ import numpy as np
 from hypothesis import strategies as st
 
 import modalshell as ms
-from fuzzing.calls import world
 from fuzzing.command_line import called, check_exit, prepared
 from fuzzing.harness import Contradiction, Input, Unsaid
 from fuzzing.mesh_files import seeds
 from fuzzing.mutations import damaged, text_damage
+from fuzzing.world import world
 from modalshell.commands import cli
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import Made
 from scipy.integrate import quad_vec
 from scipy.spatial.transform import Rotation
 
@@ -15,13 +16,15 @@ from modalshell.kernels import rotations
 from modalshell.modes.modal_rotation import cross_matrices, rotation_matrix, triangle_rotations
 
 ANGLES = (0.0, 1e-300, 1e-160, 1e-8, 1e-3, 0.99, 1.0, 1.01, math.pi, 2 * math.pi, 20.0)
-MESHES = {
-    "sheet": sheet(cells=(4, 3), family="lloyd"),
-    "v_beam": v_beam(cells=(6, 4)),
-    "cylinder": cylinder_panel(cells=(5, 6), angle=100.0),
-    "leaf": leaf(cells=(6, 4)),
-    "one triangle": TriangleMesh([[0, 0, 0], [1, 0, 0.2], [0.1, 0.7, -0.3]], [[0, 1, 2]]),
-}
+MESHES = Made(
+    {
+        "sheet": lambda: sheet(cells=(4, 3), family="lloyd"),
+        "v_beam": lambda: v_beam(cells=(6, 4)),
+        "cylinder": lambda: cylinder_panel(cells=(5, 6), angle=100.0),
+        "leaf": lambda: leaf(cells=(6, 4)),
+        "one triangle": lambda: TriangleMesh([[0, 0, 0], [1, 0, 0.2], [0.1, 0.7, -0.3]], [[0, 1, 2]]),
+    }
+)
 
 coordinate = st.floats(-4.0, 4.0)
 vector = st.tuples(coordinate, coordinate, coordinate).map(np.array)

@@ -4,22 +4,33 @@ from scenes import held
 
 import modalshell as ms
 
-MESH = ms.flat_beam(length=1.0, width=0.2, cells=(8, 4))
-END = MESH.vertices[:, 0] > 0.99
+
+@pytest.fixture(scope="module")
+def mesh():
+    return ms.flat_beam(length=1.0, width=0.2, cells=(8, 4))
 
 
-@pytest.mark.parametrize("sel", ["x > 0.99", END, np.flatnonzero(END), np.flatnonzero(END).tolist()])
-def test_a_point_force_acts_at_each_vertex(sel):
-    force = ms.PointForce(sel, (0.0, 1.0, -2.0)).force(MESH)
-    np.testing.assert_array_equal(force, np.where(END[:, None], [0.0, 1.0, -2.0], 0.0))
+@pytest.fixture(scope="module")
+def end(mesh):
+    return mesh.vertices[:, 0] > 0.99
 
 
-def test_a_line_force_counts_by_length():
-    force = ms.LineForce("x > 0.99", (0.0, 0.0, -3.0)).force(MESH)
+@pytest.mark.parametrize(
+    "selection",
+    [lambda _: "x > 0.99", lambda end: end, np.flatnonzero, lambda end: np.flatnonzero(end).tolist()],
+    ids=["text", "mask", "numbers", "list"],
+)
+def test_a_point_force_acts_at_each_vertex(selection, mesh, end):
+    force = ms.PointForce(selection(end), (0.0, 1.0, -2.0)).force(mesh)
+    np.testing.assert_array_equal(force, np.where(end[:, None], [0.0, 1.0, -2.0], 0.0))
+
+
+def test_a_line_force_counts_by_length(mesh, end):
+    force = ms.LineForce("x > 0.99", (0.0, 0.0, -3.0)).force(mesh)
     np.testing.assert_allclose(force.sum(axis=0), [0.0, 0.0, -3.0 * 0.2], rtol=1e-14)
-    assert not force[~END].any()
-    along = MESH.vertices[END, 1]
-    shares = force[END, 2] / (-3.0 * 0.05)
+    assert not force[~end].any()
+    along = mesh.vertices[end, 1]
+    shares = force[end, 2] / (-3.0 * 0.05)
     np.testing.assert_allclose(shares, np.where(np.abs(np.abs(along) - 0.1) < 1e-9, 0.5, 1.0), rtol=1e-12)
 
 
@@ -29,35 +40,35 @@ def test_a_line_force_counts_by_length():
         (ms.PointForce("x > 2", (0, 0, 1)), r"sel selects no vertex \(got 'x > 2'\); the mesh reaches from"),
         (ms.PointForce([], (0, 0, 1)), "sel selects no vertex"),
         (ms.PointForce([999], (0, 0, 1)), "sel names vertex 999, but the mesh has vertices 0 to 44"),
-        (ms.PointForce(END[1:], (0, 0, 1)), r"sel must be a mask \(45,\)"),
+        (ms.PointForce(np.arange(44) > 40, (0, 0, 1)), r"sel must be a mask \(45,\)"),
         (ms.PointForce("x >", (0, 0, 1)), "sel cannot read the selection"),
         (ms.LineForce([0, 44], (0, 0, 1)), "sel selects 2 vertices, but no edge between two of them"),
     ],
 )
-def test_selections_that_fit_no_mesh_are_refused(load, message):
+def test_selections_that_fit_no_mesh_are_refused(load, message, mesh):
     with pytest.raises(ms.OptionError, match=message):
-        load.force(MESH)
+        load.force(mesh)
 
 
-def test_loads_act_in_statics_as_their_forces_do():
-    shell = held(MESH, 0.13)
-    loads = [ms.PointForce(END, (0.0, 0.0, -1e-4)), ms.LineForce(END, (0.0, 1e-3, 0.0))]
-    force = sum(load.force(MESH) for load in loads)
+def test_loads_act_in_statics_as_their_forces_do(mesh, end):
+    shell = held(mesh, 0.13)
+    loads = [ms.PointForce(end, (0.0, 0.0, -1e-4)), ms.LineForce(end, (0.0, 1e-3, 0.0))]
+    force = sum(load.force(mesh) for load in loads)
     for model in (ms.DiscreteShell(shell), ms.ModalWarping(ms.solve_modes(shell, 4))):
         by_loads, by_force = model.equilibrium(loads=loads), model.equilibrium(force=force)
         np.testing.assert_array_equal(by_loads.positions, by_force.positions)
-        both = model.equilibrium(loads=loads[:1], force=loads[1].force(MESH))
+        both = model.equilibrium(loads=loads[:1], force=loads[1].force(mesh))
         np.testing.assert_allclose(both.positions, by_force.positions, atol=1e-12)
         with pytest.raises(ms.OptionError, match="each of loads must be a Load"):
             model.equilibrium(loads=[force])
 
 
-def test_loads_act_in_motion_as_their_forces_do():
-    shell = ms.Shell(MESH, ms.Material(20.0, 20.0, 0.05, 0.2), MESH.vertices[:, 0] < 0.13)
-    load = ms.PointForce(END, (0.0, 0.0, -1e-4))
+def test_loads_act_in_motion_as_their_forces_do(mesh, end):
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.13)
+    load = ms.PointForce(end, (0.0, 0.0, -1e-4))
     model = ms.LinearModal(ms.solve_modes(shell, 4))
     by_loads, by_force = (
-        ms.simulate(model, duration=0.2, **options) for options in ({"loads": [load]}, {"force": load.force(MESH)})
+        ms.simulate(model, duration=0.2, **options) for options in ({"loads": [load]}, {"force": load.force(mesh)})
     )
-    assert by_loads.positions[-1, END, 2].max() < -1e-6
+    assert by_loads.positions[-1, end, 2].max() < -1e-6
     np.testing.assert_array_equal(by_loads.positions, by_force.positions)

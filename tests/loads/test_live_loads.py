@@ -8,7 +8,6 @@ import modalshell as ms
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.statics.live_loads import LiveLoads
 
-LEAF = leaf(clamped=[0, 1])
 LOADS = {
     "moment": ms.EdgeMoment("y > -9", 0.3),
     "pressure": ms.Pressure(5.0),
@@ -21,6 +20,11 @@ LOADS = {
     "point force": ms.PointForce("x > 0.05", (1.0, 2.0, 3.0)),
     "line force": ms.LineForce("x > 0.05", (1.0, 2.0, 3.0)),
 }
+
+
+@pytest.fixture(scope="module")
+def curled():
+    return leaf(clamped=[0, 1])
 
 
 def scattered(shell, size=0.002, seed=0):
@@ -38,26 +42,26 @@ def slopes(errors):
 
 @pytest.mark.parametrize("rate", [0.0, 100.0])
 @pytest.mark.parametrize("name", LOADS)
-def test_the_stiffness_is_the_derivative_of_the_forces(name, rate):
-    loading = LEAF.loading(loads=[LOADS[name]])
-    x, velocity, _ = scattered(LEAF)
+def test_the_stiffness_is_the_derivative_of_the_forces(curled, name, rate):
+    loading = curled.loading(loads=[LOADS[name]])
+    x, velocity, _ = scattered(curled)
     step = 0.001 * np.random.default_rng(1).standard_normal(x.shape)
     live = LiveLoads(loading, before=x - velocity / rate, rate=rate) if rate else LiveLoads(loading)
-    data = np.zeros(LEAF.pattern.size)
-    live.add_stiffness(LEAF.pattern, x, data)
-    slope = (LEAF.pattern.matrix(data) @ step.ravel()).reshape(-1, 3)
+    data = np.zeros(curled.pattern.size)
+    live.add_stiffness(curled.pattern, x, data)
+    slope = (curled.pattern.matrix(data) @ step.ravel()).reshape(-1, 3)
     errors = [np.linalg.norm(live.force(x + h * step) - live.force(x) + h * slope) for h in (1.0, 0.5, 0.25, 0.125)]
     if max(errors) > 1e-9 * np.linalg.norm(live.force(x)):  # forces that are linear are met at once
         np.testing.assert_allclose(slopes(errors)[-1], 2.0, atol=0.1)
 
 
 @pytest.mark.parametrize("name", ["pressure", "turning frame", "weight", "point force", "line force"])
-def test_energies_have_taylor_slopes_two_and_three(name):
-    loading = LEAF.loading(loads=[LOADS[name]])
-    x, _, step = scattered(LEAF)
-    data = np.zeros(LEAF.pattern.size)
-    LiveLoads(loading).add_stiffness(LEAF.pattern, x, data)
-    slope, curve = np.vdot(loading.force(x), step), step.ravel() @ (LEAF.pattern.matrix(data) @ step.ravel())
+def test_energies_have_taylor_slopes_two_and_three(curled, name):
+    loading = curled.loading(loads=[LOADS[name]])
+    x, _, step = scattered(curled)
+    data = np.zeros(curled.pattern.size)
+    LiveLoads(loading).add_stiffness(curled.pattern, x, data)
+    slope, curve = np.vdot(loading.force(x), step), step.ravel() @ (curled.pattern.matrix(data) @ step.ravel())
     sizes = np.array([1.0, 0.5, 0.25])
     changes = np.array([loading.energy(x + h * step) - loading.energy(x) for h in sizes])
     first, second = np.abs(changes + sizes * slope), np.abs(changes + sizes * slope - 0.5 * sizes**2 * curve)
@@ -122,9 +126,21 @@ def test_dead_pressure_stays_and_follower_pressure_turns():
 # ---- closed forms, on sheets of shell theory
 
 YOUNG, THICKNESS, DENSITY = 1e7, 0.01, 1000.0
-MESH = ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
-CANTILEVER = ms.Shell(MESH, ms.Isotropic(YOUNG, 0.0, THICKNESS, DENSITY), MESH.vertices[:, 0] < 1e-6)
-END, RIGIDITY = MESH.vertices[:, 0] > 0.999, YOUNG * THICKNESS**3 / 12.0  # of a strip, per width
+END, RIGIDITY = "x > 0.999", YOUNG * THICKNESS**3 / 12.0  # of a strip, per width
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    return ms.flat_beam(length=1.0, width=0.2, cells=(20, 4))
+
+
+@pytest.fixture(scope="module")
+def cantilever(mesh):
+    return ms.Shell(mesh, ms.Isotropic(YOUNG, 0.0, THICKNESS, DENSITY), mesh.vertices[:, 0] < 1e-6)
+
+
+def at_end(shell):
+    return shell.rest_positions[:, 0] > 0.999
 
 
 @pytest.mark.parametrize(
@@ -137,14 +153,14 @@ END, RIGIDITY = MESH.vertices[:, 0] > 0.999, YOUNG * THICKNESS**3 / 12.0  # of a
         (ms.FollowerForce("x < 9", (0.0, 0.0, -1e-6)), None),
     ],
 )
-def test_cantilevers_drop_as_euler_and_bernoulli_say(load, drop):
-    state = ms.DiscreteShell(CANTILEVER).equilibrium(loads=[load])
+def test_cantilevers_drop_as_euler_and_bernoulli_say(cantilever, load, drop):
+    state = ms.DiscreteShell(cantilever).equilibrium(loads=[load])
     assert state.converged
-    tip = -(state.positions - MESH.vertices)[END, 2].mean()
+    tip = -(state.positions - cantilever.rest_positions)[at_end(cantilever), 2].mean()
     if drop is not None:
         assert tip == pytest.approx(drop, rel=0.01)
-    reactions = CANTILEVER.reactions(state.positions, loads=[load])
-    force = CANTILEVER.loading(loads=[load]).force(state.positions)
+    reactions = cantilever.reactions(state.positions, loads=[load])
+    force = cantilever.loading(loads=[load]).force(state.positions)
     scale = np.abs(reactions).sum()
     assert np.abs(reactions.sum(axis=0) + force.sum(axis=0)).max() <= 1e-8 * scale
 
@@ -201,22 +217,22 @@ def test_cantilevers_of_calibrated_hinges_drop_so_too(load, width, bound):
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5])
-def test_an_end_moment_rolls_a_strip_into_an_arc(share):
+def test_an_end_moment_rolls_a_strip_into_an_arc(cantilever, share):
     load = ms.EdgeMoment(END, 2.0 * np.pi * share * RIGIDITY)
-    state = ms.DiscreteShell(CANTILEVER).equilibrium(loads=[load])
+    state = ms.DiscreteShell(cantilever).equilibrium(loads=[load])
     angle = 2.0 * np.pi * share
     assert state.converged
     assert state.stable
     assert not state.conservative
     assert state.message == NO_POTENTIAL
-    tip = state.positions[END].mean(axis=0)
+    tip = state.positions[at_end(cantilever)].mean(axis=0)
     np.testing.assert_allclose(tip[[0, 2]], [np.sin(angle) / angle, (1.0 - np.cos(angle)) / angle], atol=0.01)
 
 
-def test_newton_converges_fast_under_follower_loads():
+def test_newton_converges_fast_under_follower_loads(cantilever):
     """With half of the stiffness, or without it, the residual falls by a factor a step instead of its square."""
     load = ms.EdgeMoment(END, 0.5 * np.pi * RIGIDITY)
-    model = ms.DiscreteShell(CANTILEVER)
+    model = ms.DiscreteShell(cantilever)
     near = model.equilibrium(loads=[load]).positions
     again = model.equilibrium(loads=[ms.EdgeMoment(END, 0.52 * np.pi * RIGIDITY)], start=near)
     assert again.converged
@@ -296,7 +312,6 @@ def test_a_chain_hangs_as_a_catenary():
 
 # ---- every rung
 
-BASIS = ms.solve_modes(CANTILEVER, 8)
 RUNGS = {
     "LMA": lambda shell: ms.LinearModal(ms.solve_modes(shell, 8)),
     "MWTS": lambda shell: ms.ModalWarping(ms.solve_modes(shell, 8)),
@@ -304,7 +319,6 @@ RUNGS = {
     "RSW": lambda shell: ms.RotationStrain(ms.solve_modes(shell, 8)),
     "MD-ROM": lambda shell: ms.ModalDerivatives(shell, 4),
 }
-COARSE = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
 MILD = {
     "moment": ms.EdgeMoment(END, 0.02),
     "pressure": ms.Pressure(0.05),
@@ -316,19 +330,20 @@ MILD = {
 
 @pytest.mark.parametrize("load", MILD)
 @pytest.mark.parametrize("rung", RUNGS)
-def test_rungs_answer_mild_loads_as_discrete_shells_do(rung, load):
+def test_rungs_answer_mild_loads_as_discrete_shells_do(cantilever, rung, load):
     loads = [MILD[load]]
-    truth, found = (model.equilibrium(loads=loads) for model in (ms.DiscreteShell(CANTILEVER), RUNGS[rung](CANTILEVER)))
+    truth, found = (model.equilibrium(loads=loads) for model in (ms.DiscreteShell(cantilever), RUNGS[rung](cantilever)))
     assert truth.converged
     assert found.converged
     assert found.conservative == truth.conservative
-    error = ms.measure.displacement_error(found.positions, truth.positions, CANTILEVER)
+    error = ms.measure.displacement_error(found.positions, truth.positions, cantilever)
     assert error < (0.12 if rung in ("LMA", "MD-ROM") else 0.05)
 
 
 @pytest.mark.parametrize("rung", [*RUNGS, pytest.param("DS", marks=pytest.mark.slow)])
 def test_light_sheets_come_to_rest_in_the_wind(rung):
-    light = ms.Shell(COARSE, ms.Isotropic(YOUNG, 0.0, THICKNESS, 10.0), COARSE.vertices[:, 0] < 1e-6)
+    coarse = ms.flat_beam(length=1.0, width=0.2, cells=(8, 2))
+    light = ms.Shell(coarse, ms.Isotropic(YOUNG, 0.0, THICKNESS, 10.0), coarse.vertices[:, 0] < 1e-6)
     model = ms.DiscreteShell(light) if rung == "DS" else RUNGS[rung](light)
     wind = ms.Wind((0.0, 0.0, 0.5), density=20.0)  # dense enough to stop the sheet within a step
     run = ms.simulate(model, duration=3.0, dt=0.05, loads=[wind], damping=(5.0, 0.01))
@@ -356,11 +371,11 @@ def test_spring_sheets_take_loads_that_follow():
 # ---- time
 
 
-def test_loads_scale_with_a_table_or_a_function_of_time():
+def test_loads_scale_with_a_table_or_a_function_of_time(cantilever):
     force = ms.PointForce(END, (0.0, 0.0, 1e-5))
     ramp = ms.Scaled(force, ([1.0, 2.0], [0.0, 3.0]))
     assert [ramp.factor(time) for time in (0.0, 1.5, 9.0)] == [0.0, 1.5, 3.0]
-    model = ms.LinearModal(BASIS)
+    model = ms.LinearModal(ms.solve_modes(cantilever, 8))
     by_table = ms.simulate(model, duration=0.2, loads=[ms.Scaled(force, ([0.0, 1.0], [0.0, 1.0]))])
     by_function = ms.simulate(model, duration=0.2, loads=[ms.Scaled(force, lambda time: time)])
     np.testing.assert_allclose(by_table.positions, by_function.positions, atol=1e-15)
@@ -373,27 +388,27 @@ def test_loads_scale_with_a_table_or_a_function_of_time():
 @pytest.mark.parametrize(
     ("make", "error", "message"),
     [
-        (lambda: ms.Pressure(np.nan), ms.LoadError, "p must be a finite number"),
-        (lambda: ms.EdgeMoment("x > 0", np.inf), ms.LoadError, "m must be a finite number"),
-        (lambda: ms.Wind((1.0, 2.0)), ms.LoadError, r"velocity must have shape \(3,\)"),
-        (lambda: ms.Wind((1, 2, 3), density=-1.0), ms.LoadError, "density must be a finite number at least 0"),
-        (lambda: ms.Wind(lambda *_: [1.0]).force(MESH), None, ""),
-        (lambda: ms.Wind(lambda points, _: np.full(points.shape, np.nan)).force(MESH), ms.LoadError, "the wind's"),
-        (lambda: ms.EdgeMoment([0], 1.0).force(MESH), ms.OptionError, "no edge between two of them"),
-        (lambda: ms.Pressure(1.0, sel=[0]).force(MESH), ms.OptionError, "no triangle between three of them"),
-        (lambda: ms.SelfWeight().force(MESH), ms.LoadError, "SelfWeight needs the masses of a shell"),
-        (lambda: ms.Scaled(ms.SelfWeight(), 3.0), ms.LoadError, "factor must be a function of time or a pair"),
-        (lambda: ms.Scaled(ms.SelfWeight(), ([1.0, 1.0], [0.0, 1.0])), ms.OptionError, "times"),
-        (lambda: ms.Scaled(3.0, abs), ms.OptionError, "load must be a Load"),
-        (lambda: ms.Scaled(ms.SelfWeight(), lambda _: np.nan).factor(0.0), ms.LoadError, "the factor at 0 s"),
+        (lambda _: ms.Pressure(np.nan), ms.LoadError, "p must be a finite number"),
+        (lambda _: ms.EdgeMoment("x > 0", np.inf), ms.LoadError, "m must be a finite number"),
+        (lambda _: ms.Wind((1.0, 2.0)), ms.LoadError, r"velocity must have shape \(3,\)"),
+        (lambda _: ms.Wind((1, 2, 3), density=-1.0), ms.LoadError, "density must be a finite number at least 0"),
+        (lambda mesh: ms.Wind(lambda *_: [1.0]).force(mesh), None, ""),
+        (lambda mesh: ms.Wind(lambda points, _: np.full(points.shape, np.nan)).force(mesh), ms.LoadError, "the wind's"),
+        (lambda mesh: ms.EdgeMoment([0], 1.0).force(mesh), ms.OptionError, "no edge between two of them"),
+        (lambda mesh: ms.Pressure(1.0, sel=[0]).force(mesh), ms.OptionError, "no triangle between three of them"),
+        (lambda mesh: ms.SelfWeight().force(mesh), ms.LoadError, "SelfWeight needs the masses of a shell"),
+        (lambda _: ms.Scaled(ms.SelfWeight(), 3.0), ms.LoadError, "factor must be a function of time or a pair"),
+        (lambda _: ms.Scaled(ms.SelfWeight(), ([1.0, 1.0], [0.0, 1.0])), ms.OptionError, "times"),
+        (lambda _: ms.Scaled(3.0, abs), ms.OptionError, "load must be a Load"),
+        (lambda _: ms.Scaled(ms.SelfWeight(), lambda _: np.nan).factor(0.0), ms.LoadError, "the factor at 0 s"),
     ],
 )
-def test_bad_loads_are_refused(make, error, message):
+def test_bad_loads_are_refused(mesh, make, error, message):
     if error is None:
-        assert np.isfinite(make()).all()
+        assert np.isfinite(make(mesh)).all()
         return
     with pytest.raises(error, match=message):
-        make()
+        make(mesh)
 
 
 @pytest.mark.parametrize("family", ["union-jack", "equilateral", "delaunay"])

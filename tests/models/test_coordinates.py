@@ -2,11 +2,15 @@
 
 import numpy as np
 import pytest
-from fuzzing.calls import world
+from fuzzing.world import world
 
 import modalshell as ms
 
-MODAL = [name for name, model in world()["models"].items() if hasattr(model, "displacement")]
+MODAL = ["mwts, free", *(key for key, spec in ms.models().items() if spec.on_modes)]
+
+
+def test_all_that_take_coordinates_are_tried():
+    assert [name for name, model in world()["models"].items() if hasattr(model, "displacement")] == MODAL
 
 
 @pytest.mark.parametrize("name", MODAL)

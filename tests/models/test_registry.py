@@ -12,18 +12,21 @@ from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import MODELS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-TREES = {
-    str(path.relative_to(REPOSITORY)): ast.parse(path.read_text(encoding="utf-8"))
-    for package in ("modalshell", "studies", "paper_figures", "meshes")
-    for path in sorted((REPOSITORY / package).rglob("*.py"))
-}
-MODEL_TREES = {file: tree for file, tree in TREES.items() if file.startswith("modalshell/models")}
 REGISTRY = "modalshell/models/registry.py"
 KEYS = {text: spec.key for spec in MODELS.values() for text in (spec.key, spec.name)}
 SAYS = ("status", "outcome", "message", "fault")
 PARSES = ("startswith", "endswith", "partition", "rpartition", "split", "removeprefix", "removesuffix")
 FOREIGN = {("modalshell/scene/read.py", "message.partition")}
 """Not ours: the place of a fault stands nowhere but in the message of the library that reads TOML."""
+
+
+@pytest.fixture(scope="module")
+def trees():
+    return {
+        str(path.relative_to(REPOSITORY)): ast.parse(path.read_text(encoding="utf-8"))
+        for package in ("modalshell", "studies", "paper_figures", "meshes")
+        for path in sorted((REPOSITORY / package).rglob("*.py"))
+    }
 
 
 def last_names(node):
@@ -93,17 +96,17 @@ def parsed_statuses(trees):
     return found
 
 
-def test_nobody_asks_for_the_type_of_a_model():
-    assert {"ModalModel", "FullModel", "SummedWarp", "RigidShell"} <= model_classes(TREES).keys()
-    assert told_by_type(TREES) == []
+def test_nobody_asks_for_the_type_of_a_model(trees):
+    assert {"ModalModel", "FullModel", "SummedWarp", "RigidShell"} <= model_classes(trees).keys()
+    assert told_by_type(trees) == []
 
 
-def test_nobody_lists_the_names_of_models():
-    assert listed_names(TREES) == []
+def test_nobody_lists_the_names_of_models(trees):
+    assert listed_names(trees) == []
 
 
-def test_nobody_parses_a_status():
-    assert parsed_statuses(TREES) == []
+def test_nobody_parses_a_status(trees):
+    assert parsed_statuses(trees) == []
 
 
 PLANTED = "studies/planted.py"
@@ -123,8 +126,9 @@ PLANTED = "studies/planted.py"
         (parsed_statuses, "str(run.message).split(',')"),
     ],
 )
-def test_the_searches_see_what_they_look_for(search, source):
-    assert [place.split(":")[0] for place in search(MODEL_TREES | {PLANTED: ast.parse(source)})] == [PLANTED]
+def test_the_searches_see_what_they_look_for(trees, search, source):
+    of_models = {file: tree for file, tree in trees.items() if file.startswith("modalshell/models")}
+    assert [place.split(":")[0] for place in search(of_models | {PLANTED: ast.parse(source)})] == [PLANTED]
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ from scenes import PLAIN
 import modalshell as ms
 
 SHEET = ms.Isotropic(young=1e6, poisson=0.3, thickness=4e-3, density=60.0)
-MESH = ms.v_beam(length=1.0, width=0.23, fold=140.0, cells=(12, 4))
 
 
 def basis(material, count=8, *, free=False):
+    mesh = ms.v_beam(length=1.0, width=0.23, fold=140.0, cells=(12, 4))
     row = 0.01 if isinstance(material, ms.Isotropic) else 0.1
-    return ms.solve_modes(ms.Shell(MESH, material, None if free else MESH.vertices[:, 0] < row), count)
+    return ms.solve_modes(ms.Shell(mesh, material, None if free else mesh.vertices[:, 0] < row), count)
 
 
 @pytest.mark.parametrize("free", [False, True])

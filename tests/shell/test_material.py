@@ -1,6 +1,7 @@
 """The material: bending and membrane calibration of a mesh, and what is refused."""
 
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ GOOD = {"young": 1e9, "poisson": 0.0, "thickness": 1e-3, "density": 1000.0}
 strain = st.floats(-1.0, 1.0)
 
 
+@cache
 def triangular_lattice(rows=5, columns=6, side=0.1):
     """A parallelogram of equilateral triangles alone: no half triangles on its sides, as the shapes have them."""
     i, j = (index.ravel() for index in np.meshgrid(np.arange(columns + 1), np.arange(rows + 1)))
@@ -144,13 +146,10 @@ def test_material_without_hinges_is_refused():
 @given(xx=strain, yy=strain, xy=strain)
 @settings(deadline=None, max_examples=15)
 def test_equilateral_springs_are_an_isotropic_sheet(poisson, xx, yy, xy):
-    shell = physical_shell(LATTICE, poisson)
+    shell = physical_shell(triangular_lattice(), poisson)
     for tensor in ([[1, 0], [0, 0]], [[0, 0.5], [0.5, 0]], [[1, 0], [0, 1]], [[xx, xy], [xy, yy]]):
         exact = plane_stress_energy(tensor, 1e6, poisson)
         assert strain_energy(shell, tensor) == pytest.approx(exact, rel=1e-6, abs=1e-3)
-
-
-LATTICE = triangular_lattice()
 
 
 @pytest.mark.parametrize("poisson", POISSON)
@@ -280,13 +279,13 @@ NOT_NUMBERS = [np.nan, np.inf, -np.inf, None, "1", [1.0], 1j, True]
 @pytest.mark.parametrize("name", ["young", "thickness", "density"])
 def test_bad_physical_values_are_refused(name, value):
     with pytest.raises(MaterialError, match=name):
-        Material.from_physical(**GOOD | {name: value}, mesh=LATTICE)
+        Material.from_physical(**GOOD | {name: value}, mesh=triangular_lattice())
 
 
 @pytest.mark.parametrize("value", [*NOT_NUMBERS[:-1], -1.0, 0.5001, 1.0], ids=repr)
 def test_bad_poisson_is_refused(value):
     with pytest.raises(MaterialError, match="poisson"):
-        Material.from_physical(**GOOD | {"poisson": value}, mesh=LATTICE)
+        Material.from_physical(**GOOD | {"poisson": value}, mesh=triangular_lattice())
 
 
 @pytest.mark.parametrize(
@@ -295,7 +294,7 @@ def test_bad_poisson_is_refused(value):
 def test_bad_direction_is_refused(direction):
     """The last one stands on the flat sheet: it names no direction of bending."""
     with pytest.raises(MaterialError, match="direction"):
-        Material.from_physical(**GOOD, mesh=LATTICE, direction=direction)
+        Material.from_physical(**GOOD, mesh=triangular_lattice(), direction=direction)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, None, "a", [[1.0]], [1.0, np.nan], 1j], ids=repr)

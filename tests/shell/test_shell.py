@@ -4,17 +4,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import Made
 
 from modalshell import Material, Shell, TriangleMesh, cylinder_panel, leaf, sheet, v_beam
 from modalshell.core.errors import LoadError, MaterialError, ModalShellError, SupportError
 from modalshell.shell import EXACT
 
-MESHES = [
-    sheet(cells=(3, 2)),
-    v_beam(cells=(4, 4), family="lloyd"),
-    cylinder_panel(cells=(4, 5), angle=100.0, family="equilateral"),
-    leaf(cells=(6, 4)),
-]
+MESHES = Made(
+    {
+        "sheet": lambda: sheet(cells=(3, 2)),
+        "V": lambda: v_beam(cells=(4, 4), family="lloyd"),
+        "cylinder": lambda: cylinder_panel(cells=(4, 5), angle=100.0, family="equilateral"),
+        "leaf": lambda: leaf(cells=(6, 4)),
+    }
+)
 PLAIN = Material(stretch=20.0, shear=30.0, flexure=0.05, density=0.2)
 
 
@@ -49,8 +52,9 @@ def deformed(mesh, seed=0, noise=0.1):
     return mesh.vertices + noise * mesh.edge_lengths.min() * rng.standard_normal(mesh.vertices.shape)
 
 
-@pytest.mark.parametrize("mesh", MESHES)
-def test_energy_is_the_textbook_sum(mesh):
+@pytest.mark.parametrize("name", MESHES)
+def test_energy_is_the_textbook_sum(name):
+    mesh = MESHES[name]
     rng = np.random.default_rng(1)
     k_s, k_h, k_f = (rng.uniform(1.0, 2.0, len(items)) for items in (mesh.faces, mesh.edges, mesh.hinges))
     shell = Shell(mesh, Material(stretch=k_s, shear=k_h, flexure=k_f, density=1.0))
@@ -76,15 +80,17 @@ def test_energies_of_a_right_triangle_pair_by_hand():
     assert energy(shear=4.0) == pytest.approx(4.0 * 2.0 * (np.hypot(1.0, 0.5) - 1.0) ** 2, rel=1e-12)
 
 
-@pytest.mark.parametrize("mesh", MESHES)
-def test_rest_shape_is_stress_free(mesh):
+@pytest.mark.parametrize("name", MESHES)
+def test_rest_shape_is_stress_free(name):
+    mesh = MESHES[name]
     shell = Shell(mesh, PLAIN)
     assert 0.0 <= shell.energy(mesh.vertices) < 1e-25
     np.testing.assert_allclose(shell.force(mesh.vertices), 0.0, atol=1e-11)
 
 
-@pytest.mark.parametrize("mesh", MESHES)
-def test_mass_is_a_third_of_each_triangle(mesh):
+@pytest.mark.parametrize("name", MESHES)
+def test_mass_is_a_third_of_each_triangle(name):
+    mesh = MESHES[name]
     densities = np.random.default_rng(2).uniform(0.5, 2.0, len(mesh.faces))
     shell = Shell(mesh, Material(stretch=1.0, shear=1.0, flexure=1.0, density=densities))
     expected = np.zeros(len(mesh.vertices))
@@ -96,9 +102,10 @@ def test_mass_is_a_third_of_each_triangle(mesh):
     np.testing.assert_allclose(weight, expected[:, None] * [1.0, -2.0, 3.0], rtol=1e-14)
 
 
-@pytest.mark.parametrize("mesh", MESHES)
-def test_force_of_the_contract_is_minus_the_gradient(mesh):
+@pytest.mark.parametrize("name", MESHES)
+def test_force_of_the_contract_is_minus_the_gradient(name):
     """The public functions alone, by central differences in every unknown."""
+    mesh = MESHES[name]
     shell = Shell(mesh, PLAIN)
     x, h = deformed(mesh), 1e-6
     numeric = np.zeros_like(x)
@@ -113,7 +120,7 @@ def test_force_of_the_contract_is_minus_the_gradient(mesh):
 
 
 def test_stiffness_is_sparse_symmetric_and_complete():
-    mesh = MESHES[1]
+    mesh = MESHES["V"]
     shell = Shell(mesh, PLAIN)
     matrix = shell.stiffness(deformed(mesh))
     assert matrix.shape == (3 * len(mesh.vertices),) * 2
@@ -125,8 +132,9 @@ def test_stiffness_is_sparse_symmetric_and_complete():
     assert abs(shell.stiffness() - shell.stiffness(mesh.vertices)).max() == 0.0
 
 
-@pytest.mark.parametrize("mesh", MESHES)
-def test_free_part_is_the_submatrix_of_the_free_unknowns(mesh):
+@pytest.mark.parametrize("name", MESHES)
+def test_free_part_is_the_submatrix_of_the_free_unknowns(name):
+    mesh = MESHES[name]
     clamped = mesh.vertices[:, 0] < np.median(mesh.vertices[:, 0])
     shell = Shell(mesh, PLAIN, clamped)
     data = shell.energy_gradient_hessian(deformed(mesh), EXACT)[2]
@@ -141,7 +149,7 @@ def test_free_part_is_the_submatrix_of_the_free_unknowns(mesh):
 @given(seed=st.integers(0, 2**16), data=st.data())
 @settings(deadline=None, max_examples=20)
 def test_mask_and_indices_say_the_same(seed, data):
-    mesh = MESHES[0]
+    mesh = MESHES["sheet"]
     count = len(mesh.vertices)
     indices = data.draw(st.lists(st.integers(0, count - 1), max_size=count - 1))
     mask = np.zeros(count, dtype=bool)
@@ -154,16 +162,16 @@ def test_mask_and_indices_say_the_same(seed, data):
 
 
 def test_no_supports_is_a_free_shell():
-    for clamped in (None, [], np.zeros(len(MESHES[0].vertices), dtype=bool)):
-        shell = Shell(MESHES[0], PLAIN, clamped)
+    for clamped in (None, [], np.zeros(len(MESHES["sheet"].vertices), dtype=bool)):
+        shell = Shell(MESHES["sheet"], PLAIN, clamped)
         assert not shell.clamped.any()
-        assert shell.free.size == len(MESHES[0].vertices)
+        assert shell.free.size == len(MESHES["sheet"].vertices)
 
 
 def test_mask_is_copied():
-    mask = np.zeros(len(MESHES[0].vertices), dtype=bool)
+    mask = np.zeros(len(MESHES["sheet"].vertices), dtype=bool)
     mask[0] = True
-    shell = Shell(MESHES[0], PLAIN, mask)
+    shell = Shell(MESHES["sheet"], PLAIN, mask)
     mask[:] = False
     assert shell.clamped.sum() == 1
 
@@ -188,13 +196,13 @@ def test_mask_is_copied():
 )
 def test_bad_supports_are_refused(clamped):
     with pytest.raises(SupportError) as caught:
-        Shell(MESHES[0], PLAIN, clamped)
+        Shell(MESHES["sheet"], PLAIN, clamped)
     assert isinstance(caught.value, ValueError)
     assert isinstance(caught.value, ModalShellError)
 
 
 def test_a_text_clamps_what_it_selects():
-    mesh = MESHES[1]
+    mesh = MESHES["V"]
     chosen = mesh.vertices[:, 0] < 0.3
     assert np.array_equal(Shell(mesh, PLAIN, "x < 0.3").clamped, Shell(mesh, PLAIN, chosen).clamped)
     with pytest.raises(SupportError, match="clamped selects no vertex"):
@@ -203,18 +211,18 @@ def test_a_text_clamps_what_it_selects():
 
 def test_support_errors_say_what_was_got():
     with pytest.raises(SupportError, match=r"vertex 12\b.*0 to 11"):
-        Shell(MESHES[0], PLAIN, [0, 12])
+        Shell(MESHES["sheet"], PLAIN, [0, 12])
     with pytest.raises(SupportError, match=r"\(12,\).*\(3,\)"):
-        Shell(MESHES[0], PLAIN, np.zeros(3, dtype=bool))
+        Shell(MESHES["sheet"], PLAIN, np.zeros(3, dtype=bool))
     with pytest.raises(SupportError, match="all 12"):
-        Shell(MESHES[0], PLAIN, np.ones(12, dtype=bool))
+        Shell(MESHES["sheet"], PLAIN, np.ones(12, dtype=bool))
 
 
 @pytest.mark.parametrize("call", ["energy", "force", "stiffness", "checked_positions"])
 @pytest.mark.parametrize("bad", ["shape", "flat", "nan", "inf", "text"])
 def test_bad_positions_are_refused(call, bad):
-    shell = Shell(MESHES[0], PLAIN)
-    x = np.array(MESHES[0].vertices)
+    shell = Shell(MESHES["sheet"], PLAIN)
+    x = np.array(MESHES["sheet"].vertices)
     if bad == "shape":
         x = x[:-1]
     elif bad == "flat":
@@ -228,21 +236,21 @@ def test_bad_positions_are_refused(call, bad):
 
 
 def test_position_errors_name_the_vertex():
-    x = np.array(MESHES[0].vertices)
+    x = np.array(MESHES["sheet"].vertices)
     x[4, 1] = np.nan
     with pytest.raises(LoadError, match=r"\b4\b"):
-        Shell(MESHES[0], PLAIN).energy(x)
+        Shell(MESHES["sheet"], PLAIN).energy(x)
 
 
 @pytest.mark.parametrize("gravity", [(0.0, 1.0), 9.81, (0.0, 0.0, np.nan), (0.0, 0.0, np.inf), "down", [[0, 0, 1]]])
 def test_bad_gravity_is_refused(gravity):
     with pytest.raises(LoadError):
-        Shell(MESHES[0], PLAIN).gravity_force(gravity)
+        Shell(MESHES["sheet"], PLAIN).gravity_force(gravity)
 
 
 @pytest.mark.parametrize("name", ["stretch", "shear", "flexure", "density"])
 def test_arrays_must_fit_the_mesh(name):
-    mesh = MESHES[0]
+    mesh = MESHES["sheet"]
     values = {"stretch": 20.0, "shear": 30.0, "flexure": 0.05, "density": 0.2}
     counts = {
         "stretch": len(mesh.faces),
@@ -260,7 +268,7 @@ def test_arrays_must_fit_the_mesh(name):
 
 
 def test_calls_do_not_change_their_arguments():
-    mesh = MESHES[3]
+    mesh = MESHES["leaf"]
     shell = Shell(mesh, PLAIN)
     x = deformed(mesh)
     before = x.copy()

@@ -1,0 +1,35 @@
+"""Collecting the tests builds nothing: what a module made at its head would cost every run, also of other tests.
+
+From the import of this module, which is the conftest's first, until ``allow`` no mesh, shell or basis is made, and
+so no modes are solved and no model is built: who tries it cannot be collected.
+"""
+
+import functools
+
+import pytest
+
+import modalshell as ms
+
+KINDS = (ms.TriangleMesh, ms.Shell, ms.Basis, ms.Flock)
+"""Every model, simulation and picture starts with one of them."""
+
+
+class BuiltInCollectionError(Exception):
+    """A test module that builds where it is imported."""
+
+
+def _refusing(kind):
+    @functools.wraps(kind.__init__)
+    def init(*_, **__):
+        raise BuiltInCollectionError(
+            f"a {kind.__name__} is made while tests are collected: make it in a fixture, in the test, or by name with"
+            " scenes.Made"
+        )
+
+    return init
+
+
+_patch = pytest.MonkeyPatch()
+for _kind in KINDS:
+    _patch.setattr(_kind, "__init__", _refusing(_kind))
+allow = _patch.undo

@@ -1,0 +1,44 @@
+"""Collecting the tests builds nothing, or else it fails: see collecting.py, which holds for every module."""
+
+import pytest
+from collecting import KINDS, BuiltInCollectionError
+from scenes import Made, cantilever
+
+import modalshell as ms
+
+
+def refused(make, *arguments):
+    try:
+        make(*arguments)
+    except BuiltInCollectionError:
+        return True
+    except TypeError:
+        return False  # for want of arguments
+    return False
+
+
+MADE_AT_IMPORT = [kind.__name__ for kind in KINDS if not refused(kind)]
+MADE_AT_IMPORT += [make.__name__ for make in (ms.sheet, cantilever) if not refused(make)]
+MADE_AT_IMPORT += ["load_mesh"] if not refused(ms.load_mesh, "meshes/leaf.obj") else []
+
+
+def test_what_is_built_at_import_is_refused():
+    assert MADE_AT_IMPORT == []
+
+
+def test_tests_build():
+    assert not any(refused(make) for make in (*KINDS, ms.sheet, cantilever))
+    assert ms.solve_modes(cantilever((4, 2)), 2).count == 2
+
+
+def test_things_by_name_are_made_once_when_they_are_asked_for():
+    made = []
+    things = Made({"first": lambda: made.append("first") or ["a thing"], "second": lambda: made.append("second")})
+    assert list(things) == ["first", "second"]
+    assert len(things) == 2
+    assert "second" in Made({"second": list})
+    assert made == []
+    assert things["first"] is things["first"]
+    assert made == ["first"]
+    with pytest.raises(KeyError):
+        things["third"]
