@@ -9,6 +9,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_choice
 from modalshell.core.errors import OptionError
+from modalshell.motion.supports import SupportPath
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Isotropic, Shell
 from modalshell.shell.fields import FIELDS
@@ -24,7 +25,7 @@ def checked_fields(names: Sequence[str], shell: Shell) -> tuple[str, ...]:
     return chosen
 
 
-def with_fields(run: Trajectory, shell: Shell, names: Sequence[str]) -> Trajectory:
+def with_fields(run: Trajectory, shell: Shell, names: Sequence[str], supports: SupportPath | None = None) -> Trajectory:
     """The motion with further fields of the shell in every frame.
 
     Parameters
@@ -35,6 +36,8 @@ def with_fields(run: Trajectory, shell: Shell, names: Sequence[str]) -> Trajecto
         The shell.
     names : sequence of str
         Of :data:`modalshell.shell.fields.FIELDS`.
+    supports : SupportPath, optional
+        How its supports moved: edges are clamped in their frame.
 
     Raises
     ------
@@ -46,6 +49,9 @@ def with_fields(run: Trajectory, shell: Shell, names: Sequence[str]) -> Trajecto
     missing = [name for name in checked_fields(names, shell) if name not in run.fields]
     if not missing:
         return run
-    frames = [shell.fields(np.asarray(positions, dtype=np.float64)) for positions in run.positions]
+    frames = []
+    for time, positions in zip(run.times, run.positions, strict=True):
+        x = np.asarray(positions, dtype=np.float64)
+        frames.append(shell.fields(x if supports is None else supports.at(float(time)).to_shell(x)))
     found = {name: np.stack([fields.values(name) for fields in frames]) for name in missing}
     return replace(run, fields={**run.fields, **found})

@@ -171,7 +171,7 @@ class Recorder:
         if motion.unconverged:
             words = f"{motion.unconverged} of {motion.count} steps did not converge"
             found[Outcome.STEPS_NOT_CONVERGED] = words
-        if self._rests() and not motion.loading.live and motion.model.is_saddle(motion.state):
+        if self._rests() and not motion.loading.live and motion.present_model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
         flagged = [] if motion.loading.conservative else [NO_POTENTIAL]
         return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *flagged, *motion.remarks])

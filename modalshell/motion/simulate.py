@@ -119,4 +119,4 @@ def simulate(
         count += 1
     # Of a motion that ended early the frames alone.
     kept = frames[:count] if 2 * count > stored else frames[:count].copy()
-    return with_fields(recorder.trajectory(kept), model.shell, chosen)
+    return with_fields(recorder.trajectory(kept), model.shell, chosen, supports)

@@ -136,11 +136,19 @@ class Motion:
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
         moved = np.subtract(self._own(self.state), self.model.shell.rest_positions, out=self._moved)
-        model, state = self.model, self.state
+        model, state = self.present_model, self.state
         potential = -float(np.vdot(self.load, moved))
         if self.loading.live:
             potential += self.loading.live_energy(self.positions(), self.time)
         return np.array([model.kinetic_energy(state), model.elastic_energy(state), potential])
+
+    @property
+    def present_model(self) -> Model:
+        """The model with its supports where they are now."""
+        if self.supports is None:
+            return self.model
+        pose = self._pose(self.supports, self.time)
+        return self.model.carried(pose, pose)
 
     def fault(self) -> Outcome | None:
         """What is wrong with the state, if the model cannot describe it."""
@@ -167,6 +175,7 @@ class Motion:
             load = self.loading.moving_force(load, *self._last_positions(), 1.0 / dt, time)
         if self.supports is not None:
             pose = self._pose(self.supports, time)
+            model = model.carried(self._pose(self.supports, self.time), pose)
             if model.in_shell_frame:
                 current = self._own(self.state)
                 velocities = (current - self._own(self._before)) / dt

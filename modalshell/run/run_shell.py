@@ -23,6 +23,7 @@ from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
 from modalshell.run.results import Look, write_results
 from modalshell.scene import BuiltScene, ShellScene
+from modalshell.scene.parts import build_path
 from modalshell.scene.read import located
 from modalshell.scene.tables import MotionTable
 from modalshell.shell import Shell
@@ -76,7 +77,8 @@ class ShellRun(SceneRun[SceneResult]):
         self._trajectory: Trajectory
 
     def _take(self, run: Trajectory) -> None:
-        self._trajectory, self.frames = with_fields(run, self.shell, self._fields), len(run.times)
+        path = build_path(self._scene.supports) if self._scene.supports else None
+        self._trajectory, self.frames = with_fields(run, self.shell, self._fields, path), len(run.times)
 
     @property
     def _fields(self) -> list[str]:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import NamedTuple, final
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,14 @@ class ElasticEnergy(ABC):
     def shifted(self, origin: Array) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
         """The same energy of positions from which ``origin`` (3,) [m] has been taken."""
         return self
+
+    def posed(self, place: Callable[[Array], Array]) -> ElasticEnergy:  # noqa: ARG002 (of those that hold points of their own)
+        """The same energy where the supports have moved: ``place`` maps positions of the shape at rest."""
+        return self
+
+    def pull(self, x: Array, after: Any) -> Array:  # noqa: ARG002 (of those that hold points of their own)
+        """Change (n, 3) [N] of the gradient at ``x``, linearised, as the supports move on to those of ``after``."""
+        return np.zeros_like(x)
 
     def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:  # noqa: ARG002 (of those whose clamps are their own)
         """The same energy where the vertices ``held`` (n,) are held."""

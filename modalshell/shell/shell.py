@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy.sparse as sps
@@ -188,9 +188,18 @@ class Shell(ReadOnlyArrays):
 
     def shifted(self, origin: Array) -> Shell:
         """The same shell with ``origin`` (3,) [m] at the origin."""
-        other = copy.copy(self)
+        other = self._with_energy(self._energy.shifted(origin))
         other.rest_positions = read_only(self.rest_positions - origin)
-        other._energy = self._energy.shifted(origin)
+        return other
+
+    def posed(self, place: Callable[[Array], Array]) -> Shell:
+        """The same shell with what clamps its edges where ``place`` maps it; itself if vertices alone are held."""
+        energy = self._energy.posed(place)
+        return self if energy is self._energy else self._with_energy(energy)
+
+    def _with_energy(self, energy: ElasticEnergy) -> Shell:
+        other = copy.copy(self)
+        other._energy = energy
         return other
 
     def __repr__(self) -> str:
@@ -318,17 +327,8 @@ class Shell(ReadOnlyArrays):
     ) -> list[Array]:
         """The :meth:`reactions` (n, 3) [N] of each of :attr:`supports`; their sum over the vertices is its resultant.
 
-        Several supports that hold a vertex along one direction share the force evenly.
-
-        Parameters
-        ----------
-        positions, gravity, force, loads : optional
-            As for :meth:`reactions`.
-
-        Raises
-        ------
-        LoadError
-            As for :meth:`reactions`.
+        Several supports that hold a vertex along one direction share the force evenly. Parameters and errors are those
+        of :meth:`reactions`.
         """
         return shared_reactions(
             self.supports, self.mesh, self.reactions(positions, gravity=gravity, force=force, loads=loads)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -171,8 +171,7 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def held_slopes(self) -> Index:
         """Vertices (k, 2) of the edges that ghosts clamp or mirror."""
-        hinges = self._folds.hinges
-        return hinges[hinges[:, 3] >= self._vertex_count][:, :2]
+        return self._folds.hinges[self._folds.hinges[:, 3] >= self._vertex_count][:, :2]
 
     def bending(self, x: Array) -> tuple[Array, Array]:
         """Bending moments conjugate to each triangle's folds, and energies [J]: (T, 3) [N m] and (T,).
@@ -193,8 +192,7 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def halved(self) -> SplitFoldEnergy:
         """The same energy, each fold halved between its pairs: shares are small, but more positions coupled."""
-        other = SplitFoldEnergy(*self._parts, self._held_vertices, halved=True)
-        return other.shifted(self._origin)
+        return SplitFoldEnergy(*self._parts, self._held_vertices, halved=True).shifted(self._origin)
 
     def least_shares(self, x: Array) -> Array:
         """Fold shares (m,) at the minimum."""
@@ -216,8 +214,7 @@ class SplitFoldEnergy(ElasticEnergy):
     @property
     def element_stencils(self) -> list[Index]:
         """Vertices (or -1) of every element: pairs that bend, pairs and single triangles that stretch, further sets."""
-        stencils = self._folds.stencils
-        bending = np.where(stencils < self._vertex_count, stencils, -1)
+        bending = np.where(self._folds.stencils < self._vertex_count, self._folds.stencils, -1)
         return [bending, *(e.stencils for e in self._membrane), *(e.stencils for e in self._further.elements)]
 
     @property
@@ -280,8 +277,8 @@ class SplitFoldEnergy(ElasticEnergy):
     def energy(self, x: Array) -> float:
         """Energy [J]."""
         state = self._measured(x)
-        couples, tensions = self._shares.couples(state.folds), self._tension @ state.stretches
-        return self._value(state, couples, tensions) + self._further.energy(x)
+        own = self._value(state, self._shares.couples(state.folds), self._tension @ state.stretches)
+        return own + self._further.energy(x)
 
     @staticmethod
     def _value(state: _State, couples: Array, tensions: Array) -> float:
@@ -352,10 +349,24 @@ class SplitFoldEnergy(ElasticEnergy):
 
     def shifted(self, origin: Array) -> SplitFoldEnergy:
         """The same energy with its ghosts moved as the positions are."""
-        other = copy.copy(self)
+        other = copy.copy(self.posed(lambda ghosts: ghosts - origin))
         other._origin = self._origin + origin
-        other._folds = replace(self._folds, ghosts=self._folds.ghosts - origin)
         return other
+
+    def posed(self, place: Callable[[Array], Array]) -> SplitFoldEnergy:
+        """The same energy with its ghosts carried along by the supports; itself if there are none."""
+        if not len(self._folds.ghosts):
+            return self
+        other = copy.copy(self)
+        other._folds = replace(self._folds, ghosts=place(self._folds.ghosts))
+        return other
+
+    def pull(self, x: Array, after: Any) -> Array:
+        """Change (n, 3) [N] of the gradient as the ghosts move on to those of ``after``, without that of the slopes."""
+        state, folds = self._measured(x), np.empty(len(self._folds.hinges))
+        moved = np.vstack([np.zeros_like(x), after._folds.ghosts - self._folds.ghosts])
+        kernels.fold_rates(moved, self._folds.hinges, state.slopes, folds)
+        return self._gradient(state, self._shares.couples(folds), np.zeros_like(state.stretches))
 
     def holding(self, held: NDArray[np.bool_]) -> ElasticEnergy:
         """The same energy with the vertices ``held`` (n,) held, its clamped ones among them."""

@@ -24,7 +24,7 @@ class Body(Protocol):
     Attributes
     ----------
     shell : Shell
-        Energies, masses and held vertices.
+        Energies, masses and held vertices, what clamps edges where it is at the step's end.
     step_tolerance : float
         Out-of-balance force at which an implicit step is solved, as a share of its load and inertia.
     factoriser : Factoriser
@@ -40,6 +40,10 @@ class Body(Protocol):
     factoriser: Factoriser
     costs: Timings
     live: LiveLoads | None
+
+    @property
+    def start_shell(self) -> Shell:
+        """The shell with what clamps its edges where it is at the beginning of a step."""
 
 
 class FullIntegrator(Integrator):
@@ -99,11 +103,21 @@ def led_rates(shell: Shell, rates: Array, x: Array, dt: float, held: Array | Non
     return led
 
 
-def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping) -> Array:
-    """Elastic force and the damping that follows strain rates (n, 3) [N]."""
+def pull_rate(body: Body, x: Array, dt: float) -> Array | float:
+    """Rate [N/s] at which supports that move in this step change the gradient at ``x``; see ElasticEnergy.pull."""
+    if body.shell is body.start_shell:
+        return 0.0
+    return body.start_shell.elastic_energy.pull(x, body.shell.elastic_energy) / dt
+
+
+def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping, pulled: Array | float = 0.0) -> Array:
+    """Elastic force and the damping that follows strain rates (n, 3) [N].
+
+    ``pulled`` (n, 3) [N/s] is the :func:`pull_rate` of moving supports.
+    """
     force: Array = -shell.energy_gradient(x)[1]
     if damping.stiffness_factor or shell.has_dashpots:
-        force += shell.damping_force(x, rates, damping.stiffness_factor)
+        force += shell.damping_force(x, rates, damping.stiffness_factor) - damping.stiffness_factor * pulled
     return force
 
 
@@ -112,8 +126,10 @@ def step_potential(body: Body, state: MotionState, dt: float, load: Array, dampi
     shell, x = body.shell, state.coordinates
     quadratic = np.zeros(shell.pattern.size)
     if damping.stiffness_factor or shell.has_dashpots:
-        quadratic = shell.damping_matrix(x, damping.stiffness_factor) / dt
+        quadratic = body.start_shell.damping_matrix(x, damping.stiffness_factor) / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
     push = load + shell.mass[:, None] * state.rates / dt
+    if damping.stiffness_factor:
+        push -= damping.stiffness_factor * pull_rate(body, x, dt)
     problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic, kept_within=np.inf)
     return problem, problem.scale_at(x)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import final
 
 from modalshell.core.typing import Array
-from modalshell.integrators.full.base import Body, FullIntegrator, inner_force, led_rates, symplectic_limit
+from modalshell.integrators.full.base import Body, FullIntegrator, inner_force, led_rates, pull_rate, symplectic_limit
 from modalshell.integrators.state import Damping, MotionState
 
 
@@ -24,8 +24,8 @@ class ExplicitEuler(FullIntegrator, key="explicit"):
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
     ) -> tuple[MotionState, bool]:
         """Velocity first, then positions."""
-        shell, x = body.shell, state.coordinates
-        force = load + inner_force(shell, x, state.rates, damping)
+        shell, x = body.start_shell, state.coordinates
+        force = load + inner_force(shell, x, state.rates, damping, pull_rate(body, x, dt))
         rates = state.rates * (1.0 - dt * damping.mass_factor) + dt * force / shell.mass[:, None]
         rates = led_rates(shell, rates, x, dt, held)
         return MotionState(x + dt * rates, rates), True

@@ -28,5 +28,7 @@ class ImplicitEuler(FullIntegrator, key="implicit"):
         x, shell = state.coordinates, body.shell
         problem, scale = step_potential(body, state, dt, load, damping)
         start = hold(shell, x + dt * state.rates, held)
-        result = solve(problem, start, scale, body.step_tolerance, shell.predicted_stresses(x, start - x))
+        # Where what clamps the edges has moved on, the stresses there are not those at the step's beginning.
+        at = x if shell is body.start_shell else start
+        result = solve(problem, start, scale, body.step_tolerance, shell.predicted_stresses(at, start - at))
         return MotionState(result.point, (result.point - x) / dt), result.converged

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 from typing import final
 
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
+from modalshell.integrators.full.base import Body, FullIntegrator, hold, pull_rate, step_potential
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.shell import PROJECTED
 
@@ -27,6 +28,11 @@ class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
     ) -> tuple[MotionState, bool]:
         """Solve one system of linear equations; a shell whose equations cannot be factored stays where it is."""
         x, shell = state.coordinates, body.shell
+        if shell is not body.start_shell:  # linear in the way of what clamps the edges, too
+            pulled = pull_rate(body, x, dt)
+            load = load - (dt + damping.stiffness_factor) * pulled
+            body, shell = copy.copy(body), body.start_shell
+            body.shell = shell
         problem, _ = step_potential(body, state, dt, load, damping)
         moved = hold(shell, x, held) - x
         gradient, hessian = problem.linearise(x, PROJECTED, led=moved)

@@ -94,6 +94,7 @@ class FullModel(Model):
         self.factoriser = Factoriser(backend)
         self.costs = Timings()
         self.live: LiveLoads | None = None
+        self._start_shell: Shell | None = None
 
     def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         return self._solve_live(Loading(self.shell.rest_positions, load), start, constraints)
@@ -270,6 +271,19 @@ class FullModel(Model):
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m]: the coordinates themselves."""
         return state.coordinates
+
+    @property
+    def start_shell(self) -> Shell:
+        """The shell with what clamps its edges where it is at the beginning of a step."""
+        return self._start_shell or self.shell
+
+    def carried(self, before: Placement, after: Placement) -> Self:
+        """The model for a step of moving supports, which take along what clamps edges next to the held vertices."""
+        if self.in_shell_frame or (end := self.shell.posed(after.to_world)) is self.shell:
+            return self
+        model = copy.copy(self)
+        model.shell, model._start_shell = end, self.shell.posed(before.to_world)
+        return model
 
     def placed(self, state: MotionState, pose: Placement) -> MotionState:
         """``state`` moved with the supports: positions, rates and the integrator's memory."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, final
+from typing import Literal, Protocol, Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -191,6 +191,10 @@ class Model(ABC):
     @abstractmethod
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest at ``positions`` (n, 3); by default at the rest shape."""
+
+    def carried(self, before: Placement, after: Placement) -> Self:
+        """The model for a step in which the supports move between two poses; itself where only held vertices move."""
+        return self
 
     def placed(self, state: MotionState, pose: Placement) -> MotionState:
         """``state`` where the supports are put; the same in a model that lives in their frame."""
