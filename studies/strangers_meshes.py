@@ -76,14 +76,14 @@ def tried(stranger: Stranger, folder: Path, options: list[str]) -> tuple[dict[st
     except ms.MeshError as error:
         return row | {"told": _plain(str(error), stranger)}, {}
     try:
-        mesh, report = repair_mesh(stranger.path)
+        mesh, report = repair_mesh(stranger.path, split=True)
         row |= {"triangles": len(mesh.faces), "parts": report.parts, "repair": report.messages}
     except ms.MeshError as error:
         row |= {"triangles": len(triangles), "parts": 0, "repair": [_plain(str(error), stranger)]}
     plain, shown = one_command(stranger, folder / "plain", options)
     mended = plain
     if row["repair"]:
-        mended, shown_mended = one_command(stranger, folder / "mended", [*options, "--repair"])
+        mended, shown_mended = one_command(stranger, folder / "mended", [*options, "--repair", "--split"])
         shown = shown or shown_mended
     return row | {"plain": plain, "mended": mended}, shown
 

@@ -53,3 +53,5 @@ class ModalShellWarning(UserWarning):
 
 REPAIR = "ms.repair(vertices, faces) or, on the command line, --repair"
 """How a message names the repair of a mesh."""
+SPLIT = "split=True, --split on the command line, split = true in [mesh]"
+"""How a message names the splitting of edges of three or more faces."""

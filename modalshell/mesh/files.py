@@ -70,13 +70,17 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
 
 
 def repair_mesh(
-    path: str | os.PathLike[str], *, tolerance: float | None = None, component: Component | None = None
+    path: str | os.PathLike[str],
+    *,
+    tolerance: float | None = None,
+    component: Component | None = None,
+    split: bool = False,
 ) -> tuple[TriangleMesh, RepairReport]:
     """Apply :func:`~modalshell.repair` to a file of a format that :func:`load_mesh` reads; same parameters."""
     file = Path(path)
     found = read_polygons(file)
     try:
-        return repair(found.vertices, found, tolerance=tolerance, component=component)
+        return repair(found.vertices, found, tolerance=tolerance, component=component, split=split)
     except MeshError as error:
         raise _located(file, error, split=True) from error
 

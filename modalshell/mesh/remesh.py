@@ -92,4 +92,4 @@ def _of_length(mesh: TriangleMesh, length: float, crease: float) -> TriangleMesh
     except pymeshlab.PyMeshLabException as error:
         raise MeshError(f"MeshLab could not remesh the surface ({error}); repair the mesh first") from error
     made = held.current_mesh()
-    return repair(size * made.vertex_matrix(), made.face_matrix())[0]
+    return repair(size * made.vertex_matrix(), made.face_matrix(), split=True)[0]

@@ -10,13 +10,13 @@ from typing import Any, cast, final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import as_array, shown
-from modalshell.core.errors import MeshError, ModalShellWarning
+from modalshell.core.checks import as_array, checked_kind, shown
+from modalshell.core.errors import SPLIT, MeshError, ModalShellWarning
 from modalshell.mesh import validation
 from modalshell.mesh.parts import Component, chosen_part
 from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.sheets import cut_into_sheets
-from modalshell.mesh.topology import IntArray
+from modalshell.mesh.topology import IntArray, half_edges
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces, without_needles
 
@@ -31,7 +31,7 @@ _TOLD = {
     "flat_faces": "took away {} faces of zero area, and split neighbours at their corners",
     "thin_faces": f"took away {{}} faces less than {THIN:g} times as high as long",
     "repeated_faces": "dropped {} faces that were there already",
-    "split_edges": "split {} edges of three or more faces into separate sheets",
+    "split_edges": "split {} edges of three or more faces into separate sheets, which hold one another no longer",
     "split_vertices": "added {} vertices where sheets were split",
     "cut_edges": "cut one-sided surfaces open along {} edges",
     "flipped_faces": "flipped {} faces to make the winding consistent",
@@ -128,16 +128,17 @@ def repair(
     *,
     tolerance: float | None = None,
     component: Component | None = None,
+    split: bool = False,
 ) -> tuple[TriangleMesh, RepairReport]:
     """Repair vertices and polygons into a mesh that can be a shell.
 
     In this order: faces with vertices that are missing or not finite are dropped; polygons are split into triangles;
     coincident vertices are merged; faces without area, and those less than 1e-4 times as high as long, are taken away,
     their neighbours split at their corners or their short edges drawn to a point, so that no crack opens; copies of
-    faces are dropped; edges of three or more faces, and vertices at which sheets touch, are split into separate
-    sheets, those faces staying together that are wound alike and lie flattest; one-sided surfaces are cut open along a
-    line; faces are wound alike; vertices in no face are dropped. Holes are not filled. A mesh that is a shell already
-    comes back as it is.
+    faces are dropped; vertices at which sheets touch and, with ``split``, edges of three or more faces are split into
+    separate sheets, those faces staying together that are wound alike and lie flattest; one-sided surfaces are cut open
+    along a line; faces are wound alike; vertices in no face are dropped. Holes are not filled. A mesh that is a shell
+    already comes back as it is.
 
     Parameters
     ----------
@@ -149,6 +150,9 @@ def repair(
         Distance [m] up to which vertices are merged; by default 1e-8 of the bounding box's diagonal.
     component : "largest", "all" or int, optional
         Which connected part is kept: that of the largest area, or the N-th in order of decreasing area; by default all.
+    split : bool
+        Cut the sheets apart where three or more faces meet at an edge: a rib no longer holds the plate on which it
+        stands, unless its vertices are tied to those of the plate, see :class:`modalshell.Tie`.
 
     Returns
     -------
@@ -160,8 +164,10 @@ def repair(
     Raises
     ------
     MeshError
-        If nothing remains that could be a shell: no face with area, coordinates out of range.
+        If nothing remains that could be a shell: no face with area, coordinates out of range; or for edges of three or
+        more faces without ``split``.
     """
+    checked_kind("split", split, bool)
     count: dict[str, int] = {}
     points = as_array("vertices", vertices, "an array (n, 3) of real numbers [m]", MeshError).astype(np.float64)
     if points.ndim != 2 or points.shape[1] != 3 or not len(points):
@@ -186,6 +192,8 @@ def repair(
     for _ in range(_PASSES):
         triangles, flat, thin = _with_area(points, triangles)
         triangles, repeated = _once_each(triangles)
+        if not split:
+            _refuse_junctions(points, triangles)
         sheets = cut_into_sheets(points, triangles)
         points, triangles = drop_unused(sheets.vertices, sheets.faces)
         found = {"flat_faces": flat, "thin_faces": thin, "repeated_faces": repeated, "flipped_faces": sheets.flipped}
@@ -262,6 +270,21 @@ def _with_area(points: Any, triangles: IntArray) -> tuple[IntArray, int, int]:
     if not len(mended):
         raise MeshError(f"all {len(triangles)} faces have zero area: a shell needs a surface; write the mesh again")
     return mended, int(flat.sum()), int((thin & ~flat).sum())
+
+
+def _refuse_junctions(points: Any, triangles: IntArray) -> None:
+    """MeshError where more than two faces meet at an edge."""
+    links = half_edges(triangles, len(points))
+    crowded = np.flatnonzero(links.counts > 2)
+    if not crowded.size:
+        return
+    ends, at = points[links.edges[crowded[0]]], np.flatnonzero((links.face_edges == crowded[0]).any(axis=1))
+    raise MeshError(
+        f"{len(crowded)} edges have three or more faces, the first from {ends[0].round(6).tolist()} to "
+        f"{ends[1].round(6).tolist()} m ({len(at)} faces): an edge of a shell has two at most. To cut the "
+        f"sheets apart there, so that a rib no longer holds its plate, ask for it: {SPLIT}. To keep them joined tie "
+        "the vertices that coincide after the cut, each pair by a support ms.Tie([i, j])"
+    )
 
 
 def _once_each(triangles: IntArray) -> tuple[IntArray, int]:

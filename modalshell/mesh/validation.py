@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from modalshell.core.checks import as_array
-from modalshell.core.errors import REPAIR, MeshError, ModalShellWarning
+from modalshell.core.errors import REPAIR, SPLIT, MeshError, ModalShellWarning
 from modalshell.mesh.topology import BoolArray, FloatArray, HalfEdges, IntArray, half_edges
 from modalshell.mesh.winding import faces_to_flip
 
@@ -116,8 +116,8 @@ def paired_edges(faces: IntArray, vertex_count: int) -> tuple[IntArray, HalfEdge
         at = np.flatnonzero((links.face_edges == bad[0]).any(axis=1)).tolist()
         raise MeshError(
             f"edge {_row(links.edges[bad[0]])} (vertices counted from 0) has {len(at)} faces: {_few(at)}"
-            f"{_more(len(bad), 'edges')}; a shell's edge has one face or two: split such edges into sheets by "
-            f"{REPAIR}, or remove the extra faces"
+            f"{_more(len(bad), 'edges')}; a shell's edge has one face or two: remove the extra faces, or "
+            f"cut the sheets apart there, after which a rib no longer holds its plate, by {REPAIR} with {SPLIT}"
         )
     flip = faces_to_flip(links)
     if flip.any():

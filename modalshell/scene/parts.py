@@ -61,7 +61,7 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     file = _found(table.file, folder)
     if not table.repair:
         return chosen_part(load_mesh(file), table.component, table.join)
-    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component)
+    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component, split=table.split)
     if report.changed:
         warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=2)
     return mesh

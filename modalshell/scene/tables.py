@@ -41,6 +41,8 @@ class MeshFile(Table, frozen=True):
     """Distance [m] up to which vertices are merged, to join parts that touch."""
     repair: bool = False
     """Whether the mesh is repaired first, by ``ms.repair``; a warning lists what was done."""
+    split: bool = False
+    """Whether repair cuts sheets apart at edges of three or more faces: a rib then holds its plate no longer."""
 
 
 class Stiffnesses(Table, frozen=True):

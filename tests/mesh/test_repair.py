@@ -165,7 +165,7 @@ def test_a_refusal_names_the_repair_and_it_works(kind):
     vertices, faces = REFUSED[kind](*sheet(), np.random.default_rng(1))
     with pytest.raises(ms.MeshError, match=r"ms\.repair\(vertices, faces\) or, on the command line, --repair"):
         ms.TriangleMesh(vertices, faces)
-    mesh, report = ms.repair(vertices, faces)
+    mesh, report = ms.repair(vertices, faces, split=kind == "fins")
     assert report.changed
     all_of(mesh)
     moves(mesh)
@@ -174,8 +174,8 @@ def test_a_refusal_names_the_repair_and_it_works(kind):
 @pytest.mark.parametrize("kind", DAMAGES)
 def test_what_is_kept_has_the_area_of_the_sheet(kind):
     vertices, faces = DAMAGES[kind](*sheet(), np.random.default_rng(2))
-    mesh, _ = ms.repair(vertices, faces)
-    part, report = ms.repair(vertices, faces, component="largest")
+    mesh, _ = ms.repair(vertices, faces, split=kind == "fins")
+    part, report = ms.repair(vertices, faces, component="largest", split=kind == "fins")
     if kind != "one-sided":  # whose strip is larger than the sheet
         assert part.area == pytest.approx(1.0, rel=1e-4 if kind in ("far away", "needle", "cap") else 1e-12)
     assert report.parts == 1
@@ -223,10 +223,10 @@ def check_damaged(kinds, seed):
     last = [kind for kind in LAST if kind in kinds]  # after these nothing else can be done with the arrays
     for kind in [kind for kind in kinds if kind not in LAST] + last:
         vertices, faces = DAMAGES[kind](vertices, faces, random)
-    mesh, _ = ms.repair(vertices, faces)
+    mesh, _ = ms.repair(vertices, faces, split=True)
     all_of(mesh)
     moves(mesh)
-    again, second = ms.repair(mesh.vertices, mesh.faces)  # seams are merged and split anew, by the winding as it is now
+    again, second = ms.repair(mesh.vertices, mesh.faces, split=True)  # seams are merged and split anew, by the winding as it is now
     all_of(again)
     assert again.area == pytest.approx(mesh.area)
     assert second.flat_faces == second.repeated_faces == second.collapsed_faces == second.invalid_faces == 0
@@ -280,7 +280,7 @@ def test_solids_that_touch_come_apart(shared):
     vertices[4:] = -vertices[4:] if shared == 1 else vertices[4:] * [-1, -1, 1]
     if shared == 1:
         faces[4:] = faces[4:, ::-1]
-    mesh, report = ms.repair(vertices, faces)
+    mesh, report = ms.repair(vertices, faces, split=True)
     assert report.parts == 2
     assert report.open_edges == 0
     assert report.split_vertices == shared
@@ -303,7 +303,7 @@ def test_a_surface_that_passes_an_edge_twice_gets_a_vertex_there():
     vertices = np.stack(((2 + np.cos(v)) * np.cos(u), (2 + np.cos(v)) * np.sin(u), np.sin(v)), axis=-1).reshape(-1, 3)
     joined = np.arange(rows * columns)
     joined[number[3, 0]], joined[number[3, 1]] = number[0, 0], number[0, 1]
-    mesh, report = ms.repair(vertices, joined[np.array(faces)])
+    mesh, report = ms.repair(vertices, joined[np.array(faces)], split=True)
     assert report.split_edges == 1
     assert report.open_edges == 0
     assert report.parts == 1
@@ -387,9 +387,50 @@ def test_triangles_at_random_become_sheets(seed):
     random = np.random.default_rng(seed)
     points = random.uniform(size=(int(random.integers(4, 12)), 3)).round(int(random.integers(1, 4)))
     faces = random.integers(len(points), size=(int(random.integers(3, 60)), 3))
-    mesh, report = ms.repair(points, faces)
+    mesh, report = ms.repair(points, faces, split=True)
     all_of(mesh)
     kept = {tuple(sorted(map(tuple, points[face]))) for face in faces}
     areas = [np.linalg.norm(np.cross(np.subtract(b, a), np.subtract(c, a))) / 2 for a, b, c in kept]
     assert mesh.area == pytest.approx(sum(areas))
     assert report.split_vertices > 0 or len(mesh.vertices) <= len(points)
+
+
+def ribbed(cells=10):
+    """A plate and a rib that stands on its middle line: faces of one mesh with edges of three triangles."""
+    plate = ms.sheet(length=1.0, width=0.4, cells=(cells, 4))
+    low, step = plate.vertices.min(axis=0), 1.0 / cells
+    line = np.flatnonzero(np.abs(plate.vertices[:, 1] - low[1] - 0.2) < 1e-9)
+    line = line[np.argsort(plate.vertices[line, 0])]
+    top = len(plate.vertices) + np.arange(len(line))
+    vertices = np.vstack((plate.vertices, plate.vertices[line] + [0.0, 0.0, step]))
+    quads = np.column_stack((line[:-1], line[1:], top[1:], top[:-1]))
+    return vertices, np.vstack((plate.faces, quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]))
+
+
+def test_a_rib_is_cut_off_its_plate_only_where_that_is_asked_for():
+    vertices, faces = ribbed()
+    with pytest.raises(ms.MeshError, match=r"10 edges have three or more faces.*split=True.*ms\.Tie"):
+        ms.repair(vertices, faces)
+    with pytest.raises(ms.OptionError, match="split"):
+        ms.repair(vertices, faces, split=1)
+    _, report = ms.repair(vertices, faces, split=True)
+    assert report.parts == 2
+    assert any("hold one another no longer" in line for line in report.messages)
+
+
+def test_ties_hold_a_rib_on_its_plate():
+    """Cut off the rib leaves the plate as soft as without it; its vertices tied to the plate's stiffen it."""
+    mesh, _ = ms.repair(*ribbed(), split=True)
+    _, place, count = np.unique(mesh.vertices.round(9), axis=0, return_inverse=True, return_counts=True)
+    pairs = [np.flatnonzero(place.ravel() == group) for group in np.flatnonzero(count == 2)]
+    assert len(pairs) == 11
+    sheet = ms.Isotropic(young=2e11, poisson=0.3, thickness=2e-3, density=7800.0)
+    held = mesh.vertices[:, 0] < mesh.vertices[:, 0].min() + 1e-6
+    sags = []
+    for ties in ([], [ms.Tie(pair) for pair in pairs if not held[pair].any()]):
+        shell = ms.Shell(mesh, sheet, clamped=held, supports=ties)
+        answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -9.81))
+        assert answer.converged
+        plate = mesh.components == 0
+        sags.append(-(answer.positions - mesh.vertices)[plate, 2].min())
+    assert sags[1] < 0.1 * sags[0]
