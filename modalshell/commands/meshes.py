@@ -24,7 +24,7 @@ from modalshell.models.factory import MODE_COUNT, ModelFactory
 from modalshell.models.registry import MODELS
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
-from modalshell.run import Look, write_results
+from modalshell.run import Look, write_result
 from modalshell.run.results import DISPLACEMENT
 from modalshell.scene.models import model_tables
 from modalshell.scene.parts import build_material
@@ -257,10 +257,9 @@ def simulate(
     formats = ["npz", "png"] if static else ["npz", "mp4", *(["png"] if seen.still is not None else [])]
     title = f"{mesh.stem}, {model_used.name}"
     rate = seen.fps or (_FILM_RATE if timing is not _TIMING and dt is None else None)
-    look = Look(rate=rate, color=color, camera=seen.camera, turntable=seen.turntable, still=seen.still)
+    look = Look(rate=rate, color=color, camera=seen.camera, turntable=seen.turntable, still=seen.still, title=title)
     with progress("film") as on_frame:
-        name = f"{mesh.stem}_{model}"
-        written = write_results(found, out, name, formats, title=title, look=look, on_step=on_frame)
+        written = [write_result(found, out / f"{mesh.stem}_{model}.{kind}", look, on_frame) for kind in formats]
     print(*written, sep="\n")
     end_with(found.outcome)
 
