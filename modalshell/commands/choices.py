@@ -31,25 +31,8 @@ UNSEEN, LARGE = 2e-3, 1.0
 """Largest displacement over size below which motion is invisible, and above which the shell is too soft."""
 
 
-@final
-@dataclass(frozen=True)
-class Ends:
-    """Clamped vertices at one end of a mesh.
-
-    Attributes
-    ----------
-    held : ndarray of bool, shape (n,)
-        One end of each connected part.
-    description : str
-        Description for the user.
-    """
-
-    held: NDArray[np.bool_]
-    description: str
-
-
-def hold_one_end(mesh: TriangleMesh, gravity: Array) -> Ends:
-    """The end of each connected part that lies lowest along the longest axis across ``gravity`` (3,).
+def hold_one_end(mesh: TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool_], str]:
+    """The end of each part that lies lowest along the longest axis across ``gravity`` (3,): a mask and a description.
 
     At least one triangle of each part is clamped, and if possible not all vertices of a part.
     """
@@ -70,8 +53,8 @@ def hold_one_end(mesh: TriangleMesh, gravity: Array) -> Ends:
         )
     name = "xyz"[axis]
     if parts == 1:
-        return Ends(held, f'holds the end "{name} <= {along[held].max():.6g}" ({held.sum()} vertices)')
-    return Ends(held, f"holds the end of lowest {name} of each of {parts} parts ({held.sum()} vertices)")
+        return held, f'holds the end "{name} <= {along[held].max():.6g}" ({held.sum()} vertices)'
+    return held, f"holds the end of lowest {name} of each of {parts} parts ({held.sum()} vertices)"
 
 
 def _axis_across(mesh: TriangleMesh, gravity: Array) -> int:

@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
+import re
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from cyclopts import App, Parameter
-from numpy.typing import NDArray
 from rich.table import Table
 
 import modalshell as ms
 from modalshell.commands.choices import Timing, hold_one_end, motion_in_words, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress
-from modalshell.core.checks import checked_number
-from modalshell.core.errors import OptionError
+from modalshell.core.checks import checked_count, checked_number
+from modalshell.core.errors import ModalShellError, ModalShellWarning, OptionError
 from modalshell.files.atomic_io import make_folder
 from modalshell.mesh.files import repair_mesh
-from modalshell.mesh.parts import chosen_part, refuse_loose_parts
-from modalshell.mesh.selection import selected
-from modalshell.models.factory import MODE_COUNT, ModelFactory
+from modalshell.mesh.parts import Component, chosen_part
+from modalshell.models.factory import MODE_COUNT
 from modalshell.models.registry import MODELS
-from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
-from modalshell.run import Look, write_results
-from modalshell.run.results import DISPLACEMENT
+from modalshell.run.results import DISPLACEMENT, Look
+from modalshell.run.run_shell import ShellRun
+from modalshell.scene import ShellScene, parse_scene
 from modalshell.scene.models import model_tables
-from modalshell.scene.parts import build_material
-from modalshell.scene.tables import PhysicalSheet
-from modalshell.statics.buckling import ADVICE, buckles
 
 _OR_FILE = ", or a file with one number per triangle"
 _YOUNG = 1e9
@@ -38,6 +37,11 @@ _TIMING = Timing(2.0, 1.0 / 30.0, (0.5, 0.001))
 """Duration, time step and damping if none are given or chosen."""
 _FILM_RATE = 30.0
 """Frames a second of a film whose time step was chosen: small shells are shown slowed down, large ones sped up."""
+_OPTIONS = Path("options")
+"""Stands for the file of the scene that options make."""
+_SAME = "young poisson thickness density component join modes gravity duration dt damping color camera"
+_OPTION_OF = {key: f"--{key}" for key in _SAME.split()} | {"clamped": "--clamp", "name": "--model"}
+"""Options by the keys and parameters that they become."""
 
 MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")]
 Repair = Annotated[bool, Parameter(name="--repair", negative="", help="Repair the mesh first, and list what was done.")]
@@ -54,94 +58,82 @@ Triangles = Annotated[
 
 
 @Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
 class _ShellOptions:
     """Options that say how a mesh becomes a shell."""
 
-    def __init__(
-        self,
-        *,
-        clamp: Annotated[str | None, Parameter(help="Vertices to clamp, such as 'x < 0.01', or 'none'.")] = None,
-        young: Annotated[float | Path | None, Parameter(help=f"Young's modulus [Pa]{_OR_FILE}.")] = None,
-        poisson: Annotated[float | Path, Parameter(help=f"Poisson's ratio{_OR_FILE}.")] = 0.3,
-        thickness: Annotated[
-            float | Path | None, Parameter(help=f"Thickness [m]{_OR_FILE}; 1/200 of the mesh's size if omitted.")
-        ] = None,
-        density: Annotated[float | Path, Parameter(help=f"Mass per volume [kg/m^3]{_OR_FILE}.")] = 1000.0,
-        calibrated: Annotated[
-            bool, Parameter(help="Springs and hinges calibrated on the mesh, in place of shell theory.", negative="")
-        ] = False,
-        repair: Repair = False,
-        component: Part = None,
-        join: Join = None,
-        triangles: Triangles = None,
-    ) -> None:
-        self.repair, self.component, self.join, self.triangles = repair, component, join, triangles
-        self.clamp, self.calibrated = clamp, calibrated
-        self.material = {"young": young, "poisson": poisson, "thickness": thickness, "density": density}
+    clamp: Annotated[
+        str | None, Parameter(help="Vertices to clamp, such as 'x < 0.01'; a .txt or .npy file of them; or 'none'.")
+    ] = None
+    young: Annotated[float | Path | None, Parameter(help=f"Young's modulus [Pa]{_OR_FILE}.")] = None
+    poisson: Annotated[float | Path, Parameter(help=f"Poisson's ratio{_OR_FILE}.")] = 0.3
+    thickness: Annotated[
+        float | Path | None, Parameter(help=f"Thickness [m]{_OR_FILE}; 1/200 of the mesh's size if omitted.")
+    ] = None
+    density: Annotated[float | Path, Parameter(help=f"Mass per volume [kg/m^3]{_OR_FILE}.")] = 1000.0
+    calibrated: Annotated[
+        bool, Parameter(help="Springs and hinges calibrated on the mesh, in place of shell theory.", negative="")
+    ] = False
+    repair: Repair = False
+    component: Part = None
+    join: Join = None
+    triangles: Triangles = None
 
     def mesh(self, path: Path) -> ms.TriangleMesh:
-        """Load the mesh, repaired, of the parts and in as many triangles as are asked for."""
-        if self.repair:
-            mesh, report = repair_mesh(path, tolerance=self.join, component=self.component)
-            _tell(path, report)
-        else:
-            mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
-        return _remeshed(path, mesh, self.triangles)
+        """Read the mesh."""
+        return _read(path, self.repair, self.component, self.join, self.triangles)
 
-    def held(self, mesh: ms.TriangleMesh) -> NDArray[np.bool_]:
-        """The vertices of ``--clamp``; none without it."""
-        held = np.zeros(len(mesh.vertices), dtype=np.bool_)
-        if self.clamp is not None and self.clamp != "none":
-            held = selected("--clamp", self.clamp, mesh)
-        if self.component != "all":
-            refuse_loose_parts(mesh, held)
-        return held
-
-    def build(self, mesh: ms.TriangleMesh, held: NDArray[np.bool_]) -> ms.Shell:
-        """The shell of a mesh with vertices held."""
-        values: dict[str, Any] = {
-            name: str(value) if isinstance(value, Path) else value for name, value in self.material.items()
+    def scene(self, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any]) -> ShellScene:
+        """The scene of a mesh with these options, and with further tables."""
+        sheet = {name: getattr(self, name) for name in ("young", "poisson", "thickness", "density", "calibrated")}
+        defaults = {"young": _YOUNG, "thickness": mesh.size / 200.0}
+        sheet |= {name: value for name, value in defaults.items() if sheet[name] is None}
+        raw: dict[str, Any] = {
+            "mesh": {"file": str(path), "component": self.component, "join": self.join, "repair": self.repair},
+            "material": {name: str(value) if isinstance(value, Path) else value for name, value in sheet.items()},
+            "model": {"name": "rigid"},
         }
-        if values["thickness"] is None:
-            values["thickness"] = mesh.size / 200.0
-        if values["young"] is None:
-            values["young"] = _YOUNG
-        material = build_material(PhysicalSheet(**values, calibrated=self.calibrated), mesh, Path())
-        return ms.Shell(mesh, material, held if held.any() else None, loose_parts=self.component == "all")
+        if self.clamp not in (None, "none"):
+            raw["supports"] = {"clamped": self.clamp}
+        return parse_scene(_OPTIONS, raw | tables).require_shell()
 
 
 @Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
 class _FilmOptions:
     """Options that say how a film or a picture looks."""
 
-    def __init__(
-        self,
-        *,
-        color: Annotated[
-            str | None,
-            Parameter(help="Colours: displacement, strain, curvature, von_mises, energy_density, ..."),
-        ] = None,
-        fps: Annotated[float | None, Parameter(help="Stored frames shown per second; real speed without it.")] = None,
-        camera: Annotated[
-            tuple[float, float, float], Parameter(help="Direction from the shell to the camera; z is up.")
-        ] = DEFAULT_CAMERA,
-        turntable: Annotated[bool, Parameter(negative="", help="Turn the shell once about the vertical.")] = False,
-        still: Annotated[float | None, Parameter(help="Also draw the frame at this time [s].")] = None,
-    ) -> None:
-        self.color = "membrane_strain" if color == "strain" else color
-        self.fps = None if fps is None else checked_number("--fps", fps, above=0.0, at_most=1000.0)
-        self.camera = checked_direction(camera)
-        self.turntable = turntable
-        self.still = None if still is None else checked_number("--still", still, at_least=0.0, unit="s")
+    color: Annotated[
+        str | None, Parameter(help="Colours: displacement, strain, curvature, von_mises, energy_density, ...")
+    ] = None
+    fps: Annotated[float | None, Parameter(help="Stored frames shown per second; real speed without it.")] = None
+    camera: Annotated[
+        tuple[float, float, float], Parameter(help="Direction from the shell to the camera; z is up.")
+    ] = DEFAULT_CAMERA
+    turntable: Annotated[bool, Parameter(negative="", help="Turn the shell once about the vertical.")] = False
+    still: Annotated[float | None, Parameter(help="Also draw the frame at this time [s].")] = None
+
+    @property
+    def look(self) -> Look:
+        """The options, checked."""
+        return Look(
+            rate=None if self.fps is None else checked_number("--fps", self.fps, above=0.0, at_most=1000.0),
+            color="membrane_strain" if self.color == "strain" else self.color,
+            camera=checked_direction(self.camera),
+            turntable=self.turntable,
+            still=None if self.still is None else checked_number("--still", self.still, at_least=0.0, unit="s"),
+        )
 
 
-def _tell(path: Path, report: ms.RepairReport) -> None:
-    for line in str(report).splitlines():
-        print(f"{path}: {line}")
-
-
-def _remeshed(path: Path, mesh: ms.TriangleMesh, triangles: int | None) -> ms.TriangleMesh:
-    """The mesh in ``triangles`` triangles; as it is without them."""
+def _read(
+    path: Path, repair: bool, component: Component | None, join: float | None, triangles: int | None
+) -> ms.TriangleMesh:
+    """Read a mesh, repaired, reduced to a part and remeshed as requested; print what was done."""
+    if repair:
+        mesh, report = repair_mesh(path, tolerance=join, component=component)
+        print(*(f"{path}: {line}" for line in str(report).splitlines()), sep="\n")
+    else:
+        mesh = chosen_part(ms.load_mesh(path), component, join)
     if triangles is None:
         return mesh
     made = ms.remesh(mesh, triangles)
@@ -149,38 +141,56 @@ def _remeshed(path: Path, mesh: ms.TriangleMesh, triangles: int | None) -> ms.Tr
     return made
 
 
-@dataclass(frozen=True)
-class _Chosen:
-    """A shell and what its motion is stepped by; ``description`` says what was chosen for it."""
+def _choose(
+    options: _ShellOptions, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any], modes: int
+) -> tuple[_ShellOptions, Timing, str]:
+    """Clamp one end by an entry of ``tables`` and, unless it is given, choose a stiffness at which the weight bends it.
 
-    shell: ms.Shell
-    timing: Timing
-    description: str
-
-
-def _choose(options: _ShellOptions, mesh: ms.TriangleMesh, gravity: tuple[float, float, float], modes: int) -> _Chosen:
-    """Supports for a mesh of which nothing is said, and unless it is named a stiffness that lets it sag visibly."""
-    ends = hold_one_end(mesh, np.array(gravity))
-    shell = options.build(mesh, ends.held)
-    if options.material["young"] is not None:
-        return _Chosen(shell, _TIMING, ends.description)
-    factor = softening(ms.solve_modes(shell, min(modes, 3 * int(shell.free.sum()))), np.array(gravity))
-    timing = Timing.of_sag(mesh.size, np.array(gravity))
-    description = f"Young's modulus {factor * _YOUNG:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
-    return _Chosen(
-        ms.Shell(mesh, _softer(shell.material, factor), ends.held, loose_parts=shell.loose_parts),
-        timing,
-        f"{ends.description}; {description}",
-    )
+    Return the options, the timing of the motion, and a description for the user.
+    """
+    gravity = np.array(tables["loads"]["gravity"])
+    held, end = hold_one_end(mesh, gravity)
+    tables["supports"] = {"clamped": np.flatnonzero(held).tolist()}
+    if options.young is not None:
+        return options, _TIMING, end
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)  # they are repeated for the shell that is simulated
+        shell = options.scene(path, mesh, tables).build_shell(mesh)
+    count = min(checked_count("modes", modes), 3 * len(shell.free))
+    young, timing = softening(ms.solve_modes(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)
+    chosen = f"Young's modulus {young:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
+    return replace(options, young=young), timing, f"{end}; {chosen}"
 
 
-def _softer(material: ms.Material | ms.Isotropic, factor: float) -> ms.Material | ms.Isotropic:
-    """The material with all stiffnesses times ``factor``."""
-    names = ("young",) if isinstance(material, ms.Isotropic) else ("stretch", "shear", "flexure")
-    changed: dict[str, Any] = {name: factor * np.asarray(getattr(material, name)) for name in names}
-    return replace(material, **changed)
+def _solve_modes(shell: ms.Shell, count: int) -> ms.Basis:
+    """Compute the modes of a shell and print their range."""
+    basis = ms.solve_modes(shell, count)
+    span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
+    print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
+    return basis
 
 
+def _with_options(text: str) -> str:
+    """A message about a scene's key or a parameter, as one about the option that it comes from."""
+    key = rf"^{_OPTIONS}: \w+(?:\.(\w+)(\S*))?: "
+    text = re.sub(key, lambda at: f"{_OPTION_OF.get(at[1], at[1])}{at[2]} " if at[1] else "", text)
+    text = re.sub(r"^\w+(?= (must|holds) )", lambda name: _OPTION_OF.get(name[0], name[0]), text)
+    return text.replace("check [units]", "check the unit")
+
+
+@contextmanager
+def _name_options() -> Iterator[None]:
+    """Errors and warnings raised inside name options."""
+    with warnings.catch_warnings():
+        show = warnings.showwarning
+        warnings.showwarning = lambda message, *rest, **more: show(_with_options(str(message)), *rest, **more)
+        try:
+            yield
+        except ModalShellError as error:
+            raise OptionError(_with_options(str(error))) from error
+
+
+@_name_options()
 def simulate(
     mesh: MeshPath,
     *,
@@ -197,74 +207,51 @@ def simulate(
     ] = None,
     film: _FilmOptions | None = None,
     out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
+    restart: Annotated[bool, Parameter(help="Discard the frames of a stopped run.", negative="")] = False,
 ) -> None:
     """Simulate a mesh under gravity; write a film, or with --static a picture, and the positions.
 
     Without --clamp one end of each part is clamped, and Young's modulus, duration, time step and damping, unless
     given, are chosen from the mesh's size such that its weight bends it visibly; the choice is printed. --clamp none
     lets it fall. Models: LMA (linear modal analysis), MWTS (modal warping), RSW (rotation-strain warping), MD-ROM
-    (modal-derivative reduced-order model), DS (discrete shells).
+    (modal-derivative reduced-order model), DS (discrete shells). A stopped command that is
+    repeated resumes after its last frame; complete results are not computed again.
 
     Example: modalshell simulate meshes/leaf.obj --clamp "x < 0.08" --model rsw --duration 1
     """
     known = model_tables()
-    if model not in known:
-        raise OptionError(f"there is no model {model!r}; choose from {', '.join(known)}")
-    options = shell or _ShellOptions()
-    built_mesh = options.mesh(mesh)
+    takes_modes = model in known and "modes" in known[model].__struct_fields__
+    options, look = shell or _ShellOptions(), (film or _FilmOptions()).look
+    formats = ["png"] if static else ["mp4", *(["png"] if look.still is not None else [])]
+    tables: dict[str, Any] = {
+        "model": {"name": model} | ({"modes": modes} if takes_modes else {}),
+        "loads": {"gravity": gravity},
+        "output": {"formats": formats, "color": None if look.color == DISPLACEMENT else look.color},
+    }
+    built_mesh, timing, description = options.mesh(mesh), _TIMING, ""
     if options.clamp is None:
-        chosen = _choose(options, built_mesh, gravity, modes)
-    else:
-        chosen = _Chosen(options.build(built_mesh, options.held(built_mesh)), _TIMING, "")
-    built, timing = chosen.shell, chosen.timing
+        options, timing, description = _choose(options, mesh, built_mesh, tables, modes)
+    if not static:
+        tables["motion"] = {"duration": timing.duration if duration is None else duration}
+        tables["motion"] |= {"dt": timing.dt if dt is None else dt, "damping": damping or timing.damping}
+    scene = replace(options.scene(mesh, built_mesh, tables), name=f"{mesh.stem}_{model}")
+    built = scene.build_shell(built_mesh)
     print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
-    if chosen.description:
-        print(f"{mesh}: {chosen.description}")
-    kind = known[model]
-    seen = film or _FilmOptions()
-    color = seen.color
-    if color is not None and color != DISPLACEMENT:
-        checked_fields([color], built)
-    load = built.gravity_force(gravity)
-    factory = ModelFactory(built, lambda: load)
-    model_used = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
-    for basis in factory.bases.values():
-        span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
-        print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
-    make_folder(out)
-    if static:
-        answer = model_used.equilibrium(gravity=gravity)
-        found = ms.Trajectory.still(answer, built, built.loading(gravity))
-        work = f"{answer.iterations} iterations, residual {answer.residual:.1e}"
-    else:
-        with progress(f"{model_used.name} steps") as on_step:
-            found = ms.simulate(
-                model_used,
-                duration=timing.duration if duration is None else duration,
-                dt=timing.dt if dt is None else dt,
-                gravity=gravity,
-                damping=damping or timing.damping,
-                on_step=on_step,
-            )
-        work = f"{len(found.times)} frames in {found.seconds:.3g} s"
-    if color is not None and color != DISPLACEMENT:
-        found = with_fields(found, built, [color])
-    if kind.spec.quadratic and buckles(built, load):
-        found = found.with_remark(ADVICE)
-    print(f"{model_used.name}: {found.outcome.with_message(found.message)}, {work}")
+    if description:
+        print(f"{mesh}: {description}")
+    name = scene.model.spec.name
+    rate = look.rate or (_FILM_RATE if timing is not _TIMING and dt is None else None)
+    look = replace(look, rate=rate, title=f"{mesh.stem}, {name}")
+    with progress(f"{name} steps") as on_step, progress("film") as on_frame:
+        found = ShellRun(scene, built, out, look, on_frame, _solve_modes).run(restart, on_step)
+    print(f"{name}: {found.summary}")
     if built.clamped.any():
-        print(f"{model_used.name}: {motion_in_words(found, built.mesh.size)}")
-    formats = ["npz", "png"] if static else ["npz", "mp4", *(["png"] if seen.still is not None else [])]
-    title = f"{mesh.stem}, {model_used.name}"
-    rate = seen.fps or (_FILM_RATE if timing is not _TIMING and dt is None else None)
-    look = Look(rate=rate, color=color, camera=seen.camera, turntable=seen.turntable, still=seen.still)
-    with progress("film") as on_frame:
-        name = f"{mesh.stem}_{model}"
-        written = write_results(found, out, name, formats, title=title, look=look, on_step=on_frame)
-    print(*written, sep="\n")
+        print(f"{name}: {motion_in_words(found.trajectory, built.mesh.size)}")
+    print(*found.files, sep="\n")
     end_with(found.outcome)
 
 
+@_name_options()
 def modes(
     mesh: MeshPath,
     *,
@@ -278,7 +265,7 @@ def modes(
     """
     options = shell or _ShellOptions()
     loaded = options.mesh(mesh)
-    built = options.build(loaded, options.held(loaded))
+    built = options.scene(mesh, loaded, {}).build_shell(loaded)
     make_folder(out)
     basis = ms.solve_modes(built, count)
     table = Table("mode", "frequency [Hz]", "kind")
@@ -304,9 +291,7 @@ def repair(
     """
     if out.exists() and mesh.exists() and out.samefile(mesh):
         raise OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")
-    mended, report = repair_mesh(mesh, tolerance=join, component=component)
-    _tell(mesh, report)
-    ms.save_mesh(_remeshed(mesh, mended, triangles), out)
+    ms.save_mesh(_read(mesh, True, component, join, triangles), out)
     print(out)
 
 

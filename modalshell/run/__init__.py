@@ -5,8 +5,8 @@ its stored frames without affecting it (:class:`RunFollower`, ``modalshell view 
 """
 
 from modalshell.run.follow import RunFollower
-from modalshell.run.results import Look, write_results
+from modalshell.run.results import Look, write_result
 from modalshell.run.run_scene import run_scene
 from modalshell.run.run_shell import SceneResult
 
-__all__ = ["Look", "RunFollower", "SceneResult", "run_scene", "write_results"]
+__all__ = ["Look", "RunFollower", "SceneResult", "run_scene", "write_result"]

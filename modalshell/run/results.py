@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -75,6 +74,8 @@ class Look:
         Whether the shell turns once about the vertical in a film.
     still : float, optional
         Time of a picture [s]; the end without it.
+    title : str
+        Of a picture; the name of its file without it.
     """
 
     rate: float | None = None
@@ -82,38 +83,28 @@ class Look:
     camera: tuple[float, float, float] = DEFAULT_CAMERA
     turntable: bool = False
     still: float | None = None
+    title: str = ""
+
+    def plain(self) -> dict[str, Any]:
+        """The attributes as JSON has them."""
+        return asdict(self) | {"camera": list(self.camera)}
 
 
-def write_results(
-    run: Trajectory,
-    folder: Path,
-    name: str,
-    formats: Iterable[str],
-    *,
-    title: str = "",
-    look: Look | None = None,
-    on_step: Progress | None = None,
-) -> list[Path]:
-    """Write ``NAME.format`` into ``folder`` for each format, atomically; return the paths."""
-    return [
-        _write(run, folder / f"{name}.{kind}", title or name, look or Look(), on_step)
-        for kind in dict.fromkeys(formats)
-    ]
-
-
-def _write(run: Trajectory, path: Path, title: str, look: Look, on_step: Progress | None) -> Path:
+def write_result(run: Trajectory, path: Path, look: Look, on_step: Progress | None = None) -> Path:
+    """Write a motion in the format of the file's suffix, atomically; return the path."""
     shown = _Colouring.of(run, look.color) if look.color is not None and path.suffix in (".png", ".mp4") else None
+    colours: dict[str, Any] = {} if shown is None else {"colormap": shown.colormap}
     if path.suffix == ".png":
         frame = len(run.times) - 1 if look.still is None else int(np.abs(run.times - look.still).argmin())
         surface = ShadedSurface(run.positions[frame], run.faces, smooth=True)
         rest = ShadedSurface(run.rest_positions, run.faces, color="#999999", style="outline")
+        title = look.title or path.stem
         if look.still is not None:
             title = f"{title}, {run.times[frame]:.4g} s"
-        if shown is None:
-            return draw_views([View([surface, rest], title=title, camera=look.camera)], path)
-        surface = replace(surface, scalars=shown.values[frame], label=shown.label)
-        views = [View([surface, rest], title=title, camera=look.camera)]
-        return draw_views(views, path, colormap=shown.colormap, scalar_range=shown.spread(frame))
+        if shown is not None:
+            surface = replace(surface, scalars=shown.values[frame], label=shown.label)
+            colours["scalar_range"] = shown.spread(frame)
+        return draw_views([View([surface, rest], title=title, camera=look.camera)], path, **colours)
     if path.suffix == ".mp4":
         rate = look.rate
         if rate is None:
@@ -121,22 +112,11 @@ def _write(run: Trajectory, path: Path, title: str, look: Look, on_step: Progres
         every = int(np.ceil(rate / _FILM_RATE - 1e-9))  # at real speed, with as many frames as a screen shows
         positions = _turned(run) if look.turntable else run.positions
         surface = ShadedSurface(positions[0], run.faces, smooth=True)
-        if shown is None:
-            return write_film(
-                path, [surface], [positions[::every]], fps=rate / every, camera=look.camera, on_frame=on_step
-            )
-        surface = replace(surface, scalars=shown.values[0], label=shown.label)
-        return write_film(
-            path,
-            [surface],
-            [positions[::every]],
-            fps=rate / every,
-            camera=look.camera,
-            colormap=shown.colormap,
-            scalars=[shown.values[::every]],
-            scalar_range=shown.spread(slice(None)),
-            on_frame=on_step,
-        )
+        if shown is not None:
+            surface = replace(surface, scalars=shown.values[0], label=shown.label)
+            colours |= {"scalars": [shown.values[::every]], "scalar_range": shown.spread(slice(None))}
+        seen = positions[::every]
+        return write_film(path, [surface], [seen], fps=rate / every, camera=look.camera, on_frame=on_step, **colours)
     return save_trajectory(run, path, on_frame=on_step)
 
 

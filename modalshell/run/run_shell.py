@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
@@ -16,12 +17,14 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import brief
 from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
+from modalshell.models import Equilibrium
+from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count, take_steps
 from modalshell.run.frame_file import FrameFile
 from modalshell.run.protocol import RunResult, SceneRun
-from modalshell.run.results import Look, write_results
+from modalshell.run.results import Look, write_result
 from modalshell.scene import BuiltScene, ShellScene
 from modalshell.scene.parts import build_path
 from modalshell.scene.read import located
@@ -48,9 +51,12 @@ class SceneResult(RunResult):
         Frames that an earlier, stopped run had left.
     trajectory : Trajectory
         The stored frames, mapped from the ``.npz`` file; one frame for an equilibrium.
+    answer : Equilibrium or None
+        The equilibrium, where there is one and it was computed now.
     """
 
     trajectory: Trajectory
+    answer: Equilibrium | None = None
 
     @property
     def outcome(self) -> Outcome:
@@ -62,19 +68,35 @@ class SceneResult(RunResult):
         """One line on how it went."""
         run = self.trajectory
         kept = f", {self.resumed} of them from an earlier run" if self.resumed else ""
-        return f"{run.outcome.with_message(run.message)}, {len(run.times)} frames in {run.seconds:.3g} s{kept}"
+        work = f"{len(run.times)} frames in {run.seconds:.3g} s{kept}"
+        if self.answer is not None:
+            work = f"{self.answer.iterations} iterations, residual {self.answer.residual:.1e}"
+        return f"{run.outcome.with_message(run.message)}, {work}"
 
 
 @final
 class ShellRun(SceneRun[SceneResult]):
-    """The run of a scene of one shell."""
+    """The run of a scene of one shell, with modes by ``solve``.
 
-    def __init__(self, scene: ShellScene, shell: Shell, folder: Path) -> None:
+    Films and pictures have the ``look``, by default the scene's colour; ``on_frame`` is called after each frame drawn.
+    """
+
+    def __init__(
+        self,
+        scene: ShellScene,
+        shell: Shell,
+        folder: Path,
+        look: Look | None = None,
+        on_frame: Progress | None = None,
+        solve: Callable[[Shell, int], Basis] = solve_modes,
+    ) -> None:
         super().__init__(scene, shell, folder)
-        self._scene = scene
+        self._scene, self._look = scene, look or Look(color=scene.output.color)
+        self._on_frame, self._solve = on_frame, solve
         with located(scene.file, "output", scene.output):
             checked_fields(self._fields, shell)
         self._trajectory: Trajectory
+        self._answer: Equilibrium | None = None
 
     def _take(self, run: Trajectory) -> None:
         path = build_path(self._scene.supports) if self._scene.supports else None
@@ -95,7 +117,7 @@ class ShellRun(SceneRun[SceneResult]):
         if set(found.fields) != set(self._fields):
             whole.clear()
             found = replace(found, fields={name: found.fields[name] for name in self._fields if name in found.fields})
-        if record.get("color") != self._scene.output.color:
+        if record.get("look") != self._look.plain():
             whole[:] = [suffix for suffix in whole if suffix not in ("png", "mp4")]
         self._take(found)
         return True
@@ -103,9 +125,10 @@ class ShellRun(SceneRun[SceneResult]):
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
         """Find the equilibrium, or step to the end of the motion."""
         scene = self._scene
-        built = scene.build(self.shell)
+        built = scene.build(self.shell, self._solve)
         if scene.motion is None:
-            run, resumed = Trajectory.still(built.equilibrium(), self.shell, built.loading(), scene.output.positions), 0
+            self._answer = built.equilibrium()
+            run, resumed = Trajectory.still(self._answer, self.shell, built.loading(), scene.output.positions), 0
         else:
             run, resumed = _move(built, scene.motion, file, self.identity, restart, on_step)
         if scene.model.spec.quadratic and buckles(self.shell, built.loading().force(self.shell.rest_positions)):
@@ -115,19 +138,19 @@ class ShellRun(SceneRun[SceneResult]):
 
     def write(self, formats: list[str], on_step: Progress | None) -> None:  # noqa: ARG002 (steps alone are counted)
         """Write the trajectory."""
-        write_results(self._trajectory, self.folder, self.name, formats, look=Look(color=self._scene.output.color))
+        for suffix in formats:
+            write_result(self._trajectory, self.path(suffix), self._look, self._on_frame)
 
     def record(self) -> dict[str, Any]:
         """How the motion ended, and its wall time."""
         run = self._trajectory
-        color = self._scene.output.color
         told: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
-        told["units"] = {"seconds": "s of wall time"} | asdict(run.units)
-        return told | {"color": color} if color else told
+        units = {"seconds": "s of wall time"} | asdict(run.units)
+        return told | {"units": units, "look": self._look.plain()}
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:
         """The trajectory as it was written."""
-        return SceneResult(files, resumed, load_trajectory(files[0]))
+        return SceneResult(files, resumed, load_trajectory(files[0]), self._answer)
 
 
 def _move(

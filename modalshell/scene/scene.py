@@ -171,8 +171,8 @@ class ShellScene(Scene):
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
         return super().content() | {"constraints": [table.plain() for table in self.constraints]}
 
-    def build(self, shell: Shell | None = None) -> BuiltScene:
-        """Everything that the scene declares, on ``shell`` if that is built already.
+    def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = solve_modes) -> BuiltScene:
+        """Everything that the scene declares, on ``shell`` if that is built already, with modes by ``solve``.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class ShellScene(Scene):
         if constraints and not self.model.spec.constraints:
             raise SceneError(f"{self.file}: constraints: {self.model.spec.name} takes none; use a modal model or ds")
         with located(self.file, "model", self.model):
-            model = self.model.build(self.model_factory(shell))
+            model = self.model.build(self.model_factory(shell, solve))
         return BuiltScene(self, shell, model, force, loads, path, constraints)
 
     def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = solve_modes) -> ModelFactory:

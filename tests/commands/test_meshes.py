@@ -1,5 +1,12 @@
 """Commands on meshes as they come: what is chosen, what is repaired, and what is said."""
 
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
 import numpy as np
 import pytest
 
@@ -116,24 +123,34 @@ def test_what_is_named_is_not_chosen(capsys, tmp_path):
     _, out, _ = run(capsys, *command, "--clamp", "none")
     assert "holds" not in out
     assert "6 rigid" in out
-    _, out, _ = run(capsys, *command, "--clamp", "x < 0.2", "--young", "1e15")
+    np.savetxt(tmp_path / "held.txt", [0, 1, 2, 3], fmt="%d")
+    assert ", 4 held" in run(capsys, *command, "--clamp", tmp_path / "held.txt")[1]
+    _, out, _ = run(capsys, *command, "--clamp", "x < 0.2", "--young", "1e12")
     assert "too stiff to see" in out
     _, out, _ = run(capsys, *command, "--clamp", "x < 0.2", "--young", "10", "--gravity", "0", "0", "-2000")
     assert "too soft" in out
 
 
+@pytest.mark.filterwarnings("default::modalshell.core.errors.ModalShellWarning")
+def test_what_is_doubtful_of_an_option_is_told_once(capsys, tmp_path):
+    ms.save_mesh(ms.sheet(length=1.0, width=0.4, cells=(8, 3)), tmp_path / "sheet.ply")
+    _, _, err = run(capsys, "simulate", tmp_path / "sheet.ply", "--static", "--thickness", "0.5", "--out", tmp_path)
+    assert err.count("warning") == 1
+    assert err.startswith("modalshell: warning: --thickness 0.5 m is over a fifth of the mesh's size, ")
+
+
 def test_one_end_of_each_part_is_held():
     strip = ms.sheet(length=1.0, width=0.3, cells=(20, 6))
-    ends = hold_one_end(strip, GRAVITY)
-    assert np.array_equal(ends.held, strip.vertices[:, 0] <= 0.05 + 1e-9)
-    assert ends.description == 'holds the end "x <= 0.05" (14 vertices)'
+    held, words = hold_one_end(strip, GRAVITY)
+    assert np.array_equal(held, strip.vertices[:, 0] <= 0.05 + 1e-9)
+    assert words == 'holds the end "x <= 0.05" (14 vertices)'
     coarse = ms.sheet(length=1.0, width=0.3, cells=(2, 1))
-    assert hold_one_end(coarse, GRAVITY).held[coarse.faces].all(axis=1).any()
+    assert hold_one_end(coarse, GRAVITY)[0][coarse.faces].all(axis=1).any()
     upright = ms.TriangleMesh(strip.vertices[:, [2, 1, 0]], strip.faces)
-    assert np.ptp(upright.vertices[hold_one_end(upright, GRAVITY).held, 1]) < 0.1  # along y, for z runs along gravity
+    assert np.ptp(upright.vertices[hold_one_end(upright, GRAVITY)[0], 1]) < 0.1  # along y, for z runs along gravity
     single = ms.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [6, 0, 0], [5, 1, 0], [6, 1, 0]],
                              [[0, 1, 2], [3, 4, 5], [4, 6, 5]])  # fmt: skip
-    held = hold_one_end(single, GRAVITY).held
+    held = hold_one_end(single, GRAVITY)[0]
     assert held[:3].all()
     assert held[3:].sum() == 3
 
@@ -146,12 +163,12 @@ def test_sheets_that_hang_by_a_vertex_are_refused_with_a_repair_that_works():
     vertices = np.vstack((mesh.vertices, (mesh.vertices - mesh.vertices[0] + mesh.vertices[corner])[1:]))
     pair = ms.TriangleMesh(vertices, np.vstack((mesh.faces, number[mesh.faces])))
     material = ms.Material(20.0, 20.0, 0.05, 0.2)
-    basis = ms.solve_modes(ms.Shell(pair, material, hold_one_end(pair, GRAVITY).held), 4)
+    basis = ms.solve_modes(ms.Shell(pair, material, hold_one_end(pair, GRAVITY)[0]), 4)
     with pytest.raises(ms.SupportError, match=r"single vertices; split them by .*--repair"):
         softening(basis, GRAVITY)
     mended, report = ms.repair(pair.vertices, pair.faces)
     assert report.parts == 2
-    basis = ms.solve_modes(ms.Shell(mended, material, hold_one_end(mended, GRAVITY).held), 4)
+    basis = ms.solve_modes(ms.Shell(mended, material, hold_one_end(mended, GRAVITY)[0]), 4)
     assert basis.rigid_modes == 0
     assert softening(basis, GRAVITY) > 0.0
     assert softening(basis, 0.0 * GRAVITY) == 1.0
@@ -159,7 +176,7 @@ def test_sheets_that_hang_by_a_vertex_are_refused_with_a_repair_that_works():
 
 def test_the_weight_sags_by_the_set_share():
     mesh = ms.v_beam(cells=(16, 4))
-    held = hold_one_end(mesh, GRAVITY).held
+    held = hold_one_end(mesh, GRAVITY)[0]
 
     def basis(factor):
         return ms.solve_modes(ms.Shell(mesh, ms.Material(factor * 1e3, factor * 1e3, factor * 0.1, 0.2), held), 4)
@@ -224,3 +241,89 @@ def test_a_film_takes_a_rate_a_camera_a_colour_and_a_still(capsys, tmp_path):
     ):
         status, _, err = run(capsys, *plain, *wrong, "--out", tmp_path)
         assert (status, message in err) == (2, True)
+
+
+SLOW = ("--clamp", "x < 0.2", "--model", "ds", "--duration", "2")
+
+
+def started(mesh, out):
+    command = [sys.executable, "-m", "modalshell", "simulate", str(mesh), *SLOW, "--out", str(out)]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "MODALSHELL_RENDERER": "built-in"}
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def test_a_killed_command_goes_on_where_it_was(tmp_path):
+    mesh, frames = tmp_path / "strip 1.obj", tmp_path / "killed" / "strip 1_ds.frames"
+    ms.save_mesh(ms.flat_beam(cells=(12, 3)), mesh)
+    whole = started(mesh, tmp_path / "whole").communicate(timeout=120)[0]
+    assert "earlier run" not in whole
+    record = 2 * ms.load_trajectory(tmp_path / "whole" / "strip 1_ds.npz").positions[0].nbytes
+    for count in (5, 20):
+        process = started(mesh, tmp_path / "killed")
+        while not frames.exists() or frames.stat().st_size < count * record:
+            assert process.poll() is None, process.communicate()
+            time.sleep(1e-3)
+        process.kill()
+        process.communicate()
+        assert process.returncode == -signal.SIGKILL
+    assert not (tmp_path / "killed" / "strip 1_ds.npz").exists()
+    process = started(mesh, tmp_path / "killed")
+    out, _ = process.communicate(timeout=120)
+    assert process.returncode == 0, out
+    assert int(re.search(r"61 frames in .* s, (\d+) of them from an earlier run", out)[1]) >= 10
+    found, expected = (ms.load_trajectory(tmp_path / name / "strip 1_ds.npz") for name in ("killed", "whole"))
+    for name in ("times", "positions", "energies"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), err_msg=name)
+    names = {path.name for path in (tmp_path / "killed").iterdir()}
+    assert names == {f"strip 1_ds.{kind}" for kind in ("npz", "json", "mp4")}
+
+
+def test_results_are_computed_again_where_something_changed(capsys, tmp_path):
+    mesh, out = tmp_path / "strip.obj", tmp_path / "out"
+    ms.save_mesh(ms.flat_beam(cells=(8, 2)), mesh)
+    command = ("simulate", mesh, "--clamp", "x < 0.2", "--duration", "0.1", "--out", out)
+    assert "modes" in run(capsys, *command)[1]
+    times = {path.name: path.stat().st_mtime_ns for path in out.iterdir()}
+
+    def changed(*options):
+        status, told, err = run(capsys, *command, *options)
+        assert status == 0, err
+        before = dict(times)
+        times.update({path.name: path.stat().st_mtime_ns for path in out.iterdir()})
+        return told, {name.rpartition(".")[2] for name in times if times[name] != before.get(name)}
+
+    told, new = changed()
+    assert "4 frames in" in told
+    assert "4 of them from an earlier run" in told
+    assert new == set()
+    assert changed("--fps", "5")[1] == {"mp4", "json"}
+    assert changed("--fps", "5", "--still", "0.1")[1] == {"mp4", "png", "json"}
+    told, new = changed("--color", "curvature")
+    assert "from an earlier run" in told
+    assert {"npz", "mp4"} <= new
+    told, new = changed("--gravity", "0", "0", "-2")
+    assert "earlier run" not in told
+    assert {"npz", "mp4"} <= new
+    told, new = changed("--static")
+    assert "iterations, residual" in told
+    assert {"npz", "png"} <= new
+    assert "1 of them from an earlier run" in changed("--static")[0]
+    assert "iterations" in changed("--static", "--restart")[0]
+    ms.save_mesh(ms.flat_beam(cells=(8, 4)), mesh)
+    assert "earlier run" not in changed("--static")[0]
+
+
+def test_frames_of_a_run_with_other_options_are_kept(capsys, tmp_path, monkeypatch):
+    mesh = tmp_path / "strip.obj"
+    ms.save_mesh(ms.flat_beam(cells=(8, 2)), mesh)
+    command = ("simulate", mesh, "--clamp", "x < 0.2", "--duration", "0.2", "--out", tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr("modalshell.run.run_shell.write_result", lambda *_: sys.exit(9))
+        assert run(capsys, *command)[0] == 9
+    frames = (tmp_path / "strip_mwts.frames").read_bytes()
+    status, _, err = run(capsys, *command, "--young", "1e8")
+    assert (status, "--restart" in err) == (2, True)
+    assert (tmp_path / "strip_mwts.frames").read_bytes() == frames
+    status, out, err = run(capsys, *command, "--young", "1e8", "--restart")
+    assert (status, "earlier run" in out) == (0, False), err
+    assert not (tmp_path / "strip_mwts.frames").exists()

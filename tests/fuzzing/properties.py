@@ -174,8 +174,8 @@ def _loose_parts() -> st.SearchStrategy[Input]:
 # ---- memory that runs out
 
 _STEPS: dict[str, tuple[str, ...]] = {
-    "simulate": ("load_mesh", "Shell", "simulate"),
-    "modes": ("load_mesh", "Shell", "solve_modes"),
+    "simulate": ("load_mesh", "solve_modes"),
+    "modes": ("load_mesh", "solve_modes"),
 }
 """Steps of a command in which memory may run out."""
 
