@@ -45,6 +45,14 @@ _OPTION_OF = {key: f"--{key}" for key in _SAME.split()} | {"clamped": "--clamp",
 
 MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")]
 Repair = Annotated[bool, Parameter(name="--repair", negative="", help="Repair the mesh first, and list what was done.")]
+Split = Annotated[
+    bool,
+    Parameter(
+        name="--split",
+        negative="",
+        help="Repair, and cut sheets apart where three or more faces meet at an edge: a rib holds its plate no longer.",
+    ),
+]
 Part = Annotated[
     Literal["largest", "all"] | int | None,
     Parameter(help="Connected part to take: its number, from 0 in order of decreasing area; largest; or all."),
@@ -75,21 +83,23 @@ class _ShellOptions:
         bool, Parameter(help="Springs and hinges calibrated on the mesh, in place of shell theory.", negative="")
     ] = False
     repair: Repair = False
+    split: Split = False
     component: Part = None
     join: Join = None
     triangles: Triangles = None
 
     def mesh(self, path: Path) -> ms.TriangleMesh:
         """Read the mesh."""
-        return _read(path, self.repair, self.component, self.join, self.triangles)
+        return _read(path, self.repair, self.split, self.component, self.join, self.triangles)
 
     def scene(self, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any]) -> ShellScene:
         """The scene of a mesh with these options, and with further tables."""
         sheet = {name: getattr(self, name) for name in ("young", "poisson", "thickness", "density", "calibrated")}
         defaults = {"young": _YOUNG, "thickness": mesh.size / 200.0}
         sheet |= {name: value for name, value in defaults.items() if sheet[name] is None}
+        flags = {"repair": self.repair, "split": self.split}
         raw: dict[str, Any] = {
-            "mesh": {"file": str(path), "component": self.component, "join": self.join, "repair": self.repair},
+            "mesh": {"file": str(path), "component": self.component, "join": self.join} | flags,
             "material": {name: str(value) if isinstance(value, Path) else value for name, value in sheet.items()},
             "model": {"name": "rigid"},
         }
@@ -126,11 +136,11 @@ class _FilmOptions:
 
 
 def _read(
-    path: Path, repair: bool, component: Component | None, join: float | None, triangles: int | None
+    path: Path, repair: bool, split: bool, component: Component | None, join: float | None, triangles: int | None
 ) -> ms.TriangleMesh:
     """Read a mesh, repaired, reduced to a part and remeshed as requested; print what was done."""
-    if repair:
-        mesh, report = repair_mesh(path, tolerance=join, component=component)
+    if repair or split:
+        mesh, report = repair_mesh(path, tolerance=join, component=component, split=split)
         print(*(f"{path}: {line}" for line in str(report).splitlines()), sep="\n")
     else:
         mesh = chosen_part(ms.load_mesh(path), component, join)
@@ -281,6 +291,7 @@ def repair(
     mesh: MeshPath,
     *,
     out: Annotated[Path, Parameter(help="File to write: OBJ, PLY, STL, OFF or GLB; not the mesh itself.")],
+    split: Split = False,
     component: Part = None,
     join: Join = None,
     triangles: Triangles = None,
@@ -291,7 +302,7 @@ def repair(
     """
     if out.exists() and mesh.exists() and out.samefile(mesh):
         raise OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")
-    ms.save_mesh(_read(mesh, True, component, join, triangles), out)
+    ms.save_mesh(_read(mesh, True, split, component, join, triangles), out)
     print(out)
 
 

@@ -279,11 +279,12 @@ def _refuse_junctions(points: Any, triangles: IntArray) -> None:
     if not crowded.size:
         return
     ends, at = points[links.edges[crowded[0]]], np.flatnonzero((links.face_edges == crowded[0]).any(axis=1))
+    what = "1 edge has" if len(crowded) == 1 else f"{len(crowded)} edges have"
     raise MeshError(
-        f"{len(crowded)} edges have three or more faces, the first from {ends[0].round(6).tolist()} to "
-        f"{ends[1].round(6).tolist()} m ({len(at)} faces): an edge of a shell has two at most. To cut the "
-        f"sheets apart there, so that a rib no longer holds its plate, ask for it: {SPLIT}. To keep them joined tie "
-        "the vertices that coincide after the cut, each pair by a support ms.Tie([i, j])"
+        f"{what} three or more faces, the first from {ends[0].round(6).tolist()} to {ends[1].round(6).tolist()} m "
+        f"({len(at)} faces): an edge of a shell has two at most. To cut the sheets apart there, so that a rib no longer "
+        f"holds its plate, ask for it: {SPLIT}. To keep them joined tie the vertices that coincide after the cut, each "
+        "pair by a support ms.Tie([i, j])"
     )
 
 

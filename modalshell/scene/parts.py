@@ -59,7 +59,7 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
     if isinstance(table, Shape):
         return table.build()
     file = _found(table.file, folder)
-    if not table.repair:
+    if not (table.repair or table.split):
         return chosen_part(load_mesh(file), table.component, table.join)
     mesh, report = repair_mesh(file, tolerance=table.join, component=table.component, split=table.split)
     if report.changed:

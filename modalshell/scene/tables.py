@@ -42,7 +42,7 @@ class MeshFile(Table, frozen=True):
     repair: bool = False
     """Whether the mesh is repaired first, by ``ms.repair``; a warning lists what was done."""
     split: bool = False
-    """Whether repair cuts sheets apart at edges of three or more faces: a rib then holds its plate no longer."""
+    """Whether it is repaired and cut apart at edges of three or more faces: a rib then holds its plate no longer."""
 
 
 class Stiffnesses(Table, frozen=True):

@@ -53,24 +53,27 @@ def test_a_mesh_that_is_refused_makes_a_film_with_repair(capsys, torn, tmp_path)
     assert status == 2
     assert out == ""
     assert "--repair" in err
-    status, out, err = run(capsys, "simulate", torn, "--repair", "--duration", "0.1", "--out", tmp_path)
+    status, _, err = run(capsys, "simulate", torn, "--repair", "--out", tmp_path)
+    assert status == 2
+    assert "--split" in err
+    status, out, err = run(capsys, "simulate", torn, "--split", "--duration", "0.1", "--out", tmp_path)
     assert status == 0, err
     assert "dropped 1 faces that were there already" in out
     assert "split 1 edges of three or more faces" in out
     assert "now 3 parts" in out
     assert "end of lowest y of each of 3 parts" in out
     assert (tmp_path / "torn_mwts.mp4").exists()
-    status, _, err = run(capsys, "modes", torn, "--repair", "--clamp", "x > 0.8", "--out", tmp_path)
+    status, _, err = run(capsys, "modes", torn, "--split", "--clamp", "x > 0.8", "--out", tmp_path)
     assert status == 2
     assert "--component" in err or "component 'largest'" in err
-    options = ("--repair", "--component", "largest", "--count", "2", "--clamp", "x > 0.8", "--out", tmp_path)
+    options = ("--split", "--component", "largest", "--count", "2", "--clamp", "x > 0.8", "--out", tmp_path)
     assert run(capsys, "modes", torn, *options)[0] == 0
 
 
 def test_repair_writes_a_mesh_that_is_taken_and_leaves_the_original(capsys, torn, tmp_path):
     before = torn.read_bytes()
     mended = tmp_path / "mended.ply"
-    status, out, err = run(capsys, "repair", torn, "--out", mended, "--component", "largest")
+    status, out, err = run(capsys, "repair", torn, "--split", "--out", mended, "--component", "largest")
     assert status == 0, err
     assert "left out 2 parts" in out
     assert "open edges" in out
@@ -95,7 +98,7 @@ def test_scenes_repair(torn, scene_file):
     with pytest.raises(ms.SceneError, match="--repair"):
         scene("").build_mesh()
     with pytest.warns(ms.ModalShellWarning, match="split 1 edges"):
-        assert scene("\nrepair = true").build_mesh().area == pytest.approx(0.3)
+        assert scene("\nsplit = true").build_mesh().area == pytest.approx(0.3)
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])

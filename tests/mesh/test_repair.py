@@ -226,7 +226,9 @@ def check_damaged(kinds, seed):
     mesh, _ = ms.repair(vertices, faces, split=True)
     all_of(mesh)
     moves(mesh)
-    again, second = ms.repair(mesh.vertices, mesh.faces, split=True)  # seams are merged and split anew, by the winding as it is now
+    again, second = ms.repair(
+        mesh.vertices, mesh.faces, split=True
+    )  # seams are merged and split anew, by the winding as it is now
     all_of(again)
     assert again.area == pytest.approx(mesh.area)
     assert second.flat_faces == second.repeated_faces == second.collapsed_faces == second.invalid_faces == 0
