@@ -35,7 +35,7 @@ from modalshell.page import Page, ReducedWarp, modal_page
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
-from modalshell.supports import SUPPORTS, Clamp, Support
+from modalshell.supports import SUPPORTS
 
 _SHOWN_SHARE = 0.15
 """Largest displacement in a picture of a mode, over the shell's size."""
@@ -239,13 +239,10 @@ class Basis(ReadOnlyArrays):
             constants: dict[str, Any] = {field.name: data[field.name] for field in fields(kind)}
             if "correct_clamp" in constants:
                 constants["correct_clamp"] = bool(constants["correct_clamp"])
-            further = json.loads(str(data["energies"])) if "energies" in data else []
+            further = json.loads(str(data["energies"]))
             energies = [ENERGIES[key](**fields) for key, fields in further]
             mesh = TriangleMesh(data["vertices"], data["faces"])
-            if "clamped" in data:  # a file from before there were other supports
-                supports: list[Support] = [Clamp(data["clamped"])] if data["clamped"].any() else []
-            else:
-                supports = [SUPPORTS[key](**parameters) for key, parameters in json.loads(str(data["supports"]))]
+            supports = [SUPPORTS[key](**parameters) for key, parameters in json.loads(str(data["supports"]))]
             shell = Shell(mesh, kind(**constants), supports=supports, energies=energies)
             values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
             shape = (shell.rest_positions.size, values.size)
