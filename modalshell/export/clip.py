@@ -18,7 +18,7 @@ from modalshell.core.checks import shortened
 from modalshell.core.errors import FileFormatError
 from modalshell.core.outcome import Outcome
 from modalshell.core.units import UnitSystem
-from modalshell.export.compression import TOLERANCE, CompressedMotion, compress
+from modalshell.export.compression import CompressedMotion, compress
 from modalshell.files.atomic_io import read_npz, write_npz
 from modalshell.motion import Trajectory
 
@@ -28,9 +28,9 @@ _FORMAT = 1
 """Version of the file."""
 
 
-def save_clip(run: Trajectory, path: Path, tolerance: float = TOLERANCE) -> Path:
+def save_clip(run: Trajectory, path: Path) -> Path:
     """Write a trajectory as a clip; see :func:`modalshell.export.compression.compress`."""
-    motion = compress(run, tolerance)
+    motion = compress(run)
     return write_npz(
         path,
         modalshell_clip=np.array(_FORMAT),

@@ -135,11 +135,11 @@ def drawing_hint() -> str:
     return APT_LINE if vtk_installed() else INSTALL_LINE
 
 
-def opens_windows(*, timeout: float = PROBE_SECONDS) -> bool:
+def opens_windows() -> bool:
     """Tell whether a window can be shown to the user; asked in a child process, as VTK without a display crashes."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         return False
-    return _renders((sys.executable, "-c", _WINDOW_PROBE), None, timeout)
+    return _renders((sys.executable, "-c", _WINDOW_PROBE), None, PROBE_SECONDS)
 
 
 def _window_candidates() -> list[str | None]:
