@@ -204,7 +204,7 @@ def test_both_back_ends_draw_the_same_picture(detected, monkeypatch, tmp_path):
     vertices, faces = grid(bend=2.0, fold=0.8)
     folded = View([ShadedSurface(vertices, faces, "tab:blue", label="bent")], title="Bent strip", subtitle="both")
     images = []
-    for name in ("matplotlib", "pyvista"):
+    for name in ("built-in", "pyvista"):
         use(name, detected, monkeypatch)
         images.append(pixels(draw_views([folded, folded], tmp_path / f"{name}.png", size=(600, 300))))
     assert np.abs(images[0] - images[1]).mean() < 1.0
