@@ -20,6 +20,8 @@ Shapes = tuple[dict[str, Any], Mapping[str, Array], NDArray[np.int64]]
 
 _FLOOR = 1e-6
 """Smallest error drawn."""
+_CAMERA = (0.9, -1.0, 0.45)
+"""Direction from which shapes are seen."""
 
 
 def draw_fronts(found: Sequence[dict[str, Any]], path: str | Path, titles: Sequence[str] | None = None) -> Path:
@@ -46,13 +48,7 @@ def pareto_panel(found: dict[str, Any], title: str) -> ParetoPanel:
     return ParetoPanel(marks, title, y_label=label, truth=truth)
 
 
-def draw_shapes(
-    shapes: Sequence[Shapes],
-    path: str | Path,
-    *,
-    columns: int | None = None,
-    camera: tuple[float, float, float] = (0.9, -1.0, 0.45),
-) -> Path:
+def draw_shapes(shapes: Sequence[Shapes], path: str | Path) -> Path:
     """Draw the shape of each rung's best size over the outline of DS, one row of views a tradeoff."""
     views = []
     for found, positions, faces in shapes:
@@ -63,8 +59,8 @@ def draw_shapes(
                 surfaces.append(ShadedSurface(positions[truth.name], faces, color="#1b6e2c", style="outline"))
             error = "the truth" if row["key"] == TRUTH else f"{100.0 * row['final_error']:.2g} % off"
             text = f"{error}, {row['frame_ms']:.2g} ms"
-            views.append(View(surfaces, title=row["label"], subtitle=text, camera=camera))
-    across = columns or -(-len(views) // max(len(shapes), 1))
+            views.append(View(surfaces, title=row["label"], subtitle=text, camera=_CAMERA))
+    across = -(-len(views) // max(len(shapes), 1))
     rows = -(-len(views) // across)
     size = (320 * across, 300 * rows)
     return draw_views(views, path, columns=across, size=size, link_cameras=len(shapes) == 1, legend=False)

@@ -69,31 +69,3 @@ def gravest(*outcomes: Outcome) -> Outcome:
     """The worst of some outcomes."""
     order = list(Outcome)
     return max(outcomes, key=order.index)
-
-
-_IN_WORDS = {
-    "runs away": Outcome.RUNS_AWAY,
-    "diverged": Outcome.DIVERGED,
-    "wound up": Outcome.WOUND_UP,
-    "at no minimum": Outcome.UNSTABLE,
-    "not converged": Outcome.NOT_CONVERGED,
-    "no equilibrium": Outcome.NO_EQUILIBRIUM,
-    "no fixed point": Outcome.NO_FIXED_POINT,
-    "unstable": Outcome.UNSTABLE,
-    "bounded cycle": Outcome.CYCLING,
-    "out of reach": Outcome.OUT_OF_REACH,
-    "constraints were missed": Outcome.CONSTRAINTS_MISSED,
-    "steps did not converge": Outcome.STEPS_NOT_CONVERGED,
-}
-"""Statuses that earlier versions wrote, worst first; one sentence could name several."""
-
-
-def read_outcome(status: str, message: str | None) -> tuple[Outcome, str]:
-    """Outcome and message of a file; earlier versions (``message`` None) wrote one sentence as the status.
-
-    A sentence that names no known outcome counts as "not converged".
-    """
-    if status in list(Outcome):
-        return Outcome(status), message or ""
-    found = next((outcome for words, outcome in _IN_WORDS.items() if words in status), Outcome.NOT_CONVERGED)
-    return found, status if message is None else message

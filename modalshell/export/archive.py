@@ -14,17 +14,15 @@ from numpy.typing import NDArray
 
 from modalshell.core.checks import shortened
 from modalshell.core.errors import FileFormatError
-from modalshell.core.outcome import read_outcome
-from modalshell.core.units import SI, UnitSystem
+from modalshell.core.outcome import Outcome
+from modalshell.core.units import UnitSystem
 from modalshell.files.atomic_io import read_header, read_member, write_atomically
 from modalshell.files.regular import open_regular
 from modalshell.motion import Trajectory
 from modalshell.shell.fields import FIELDS, TENSORS
 
-_FORMAT = 2
+_FORMAT = 1
 """Version of the archive."""
-_WITHOUT_MESSAGE = 1
-"""Format of earlier versions, whose status is the sentence."""
 _MARK = "modalshell_trajectory"
 _ALIGNMENT = 64
 """Bytes to which arrays are aligned, so that they can be mapped."""
@@ -100,9 +98,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     Returns
     -------
     Trajectory
-        Its positions mapped, read only: frames come from disk when they are looked at. Files of earlier versions tell
-        their outcome in a sentence, which becomes the message; a sentence that names no known outcome is taken for
-        "not converged".
+        Its positions mapped, read only: frames come from disk when they are looked at.
 
     Raises
     ------
@@ -113,10 +109,9 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     try:
         with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
             mark = int(read_member(archive, _MARK))
-            if mark not in (_WITHOUT_MESSAGE, _FORMAT):
-                raise ValueError(f"format {mark} (this version reads up to {_FORMAT})")
-            names = [name for name in (*_SMALL, *_SCALARS) if mark == _FORMAT or name != "message"]
-            values = {name: read_member(archive, _NAMES.get(name, name)) for name in names}
+            if mark != _FORMAT:
+                raise ValueError(f"format {mark} (this version reads {_FORMAT})")
+            values = {name: read_member(archive, _NAMES.get(name, name)) for name in (*_SMALL, *_SCALARS)}
             fields = {name: read_member(archive, f"{_FIELD}{name}") for name in FIELDS if _holds(archive, name)}
             units = _system(archive)
             positions = _mapped(file, archive, verify)
@@ -124,8 +119,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         _check_shapes(values, positions)
         _check_numbers(values, checked)
         _check_fields(fields, len(positions), len(values["faces"]))
-        message = str(values["message"]) if "message" in values else None
-        outcome, message = read_outcome(str(values["status"]), message)
+        outcome, message = Outcome(str(values["status"])), str(values["message"])
         unconverged, seconds = int(values["unconverged_steps"]), float(values["seconds"])
     except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
         raise FileFormatError(f"cannot read a saved trajectory from {file}: {shortened(str(error))}") from error
@@ -147,9 +141,7 @@ def _holds(archive: zipfile.ZipFile, name: str) -> bool:
 
 
 def _system(archive: zipfile.ZipFile) -> UnitSystem:
-    """The units of an archive; SI in files of earlier versions."""
-    if f"{_SYSTEM}.npy" not in archive.namelist():
-        return SI
+    """The units of an archive."""
     read_member(archive, "units")  # damaged ones are refused
     names = read_member(archive, _SYSTEM)
     if names.shape != (3,) or names.dtype.kind != "U":

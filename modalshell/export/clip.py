@@ -17,8 +17,8 @@ import numpy as np
 from modalshell.core.checks import shortened
 from modalshell.core.errors import FileFormatError
 from modalshell.core.outcome import Outcome
-from modalshell.core.units import SI, UnitSystem
-from modalshell.export.compression import TOLERANCE, CompressedMotion, compress
+from modalshell.core.units import UnitSystem
+from modalshell.export.compression import CompressedMotion, compress
 from modalshell.files.atomic_io import read_npz, write_npz
 from modalshell.motion import Trajectory
 
@@ -28,9 +28,9 @@ _FORMAT = 1
 """Version of the file."""
 
 
-def save_clip(run: Trajectory, path: Path, tolerance: float = TOLERANCE) -> Path:
+def save_clip(run: Trajectory, path: Path) -> Path:
     """Write a trajectory as a clip; see :func:`modalshell.export.compression.compress`."""
-    motion = compress(run, tolerance)
+    motion = compress(run)
     return write_npz(
         path,
         modalshell_clip=np.array(_FORMAT),
@@ -41,9 +41,7 @@ def save_clip(run: Trajectory, path: Path, tolerance: float = TOLERANCE) -> Path
         scales=motion.scales,
         amplitudes=motion.amplitudes,
         error=np.array(motion.error),
-        units=motion.units.array(
-            {"times": "s", "rest": "m", "scales": "m", "amplitudes": "", "shapes": "", "error": "m"}
-        ),
+        units=motion.units.array(_UNITS),
         unit_system=np.array(astuple(motion.units)),
     )
 
@@ -69,7 +67,7 @@ def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:
             raise ValueError("its numbers must be finite")
         if faces.size and faces.max() >= len(rest):
             raise ValueError(f"faces must name vertices 0 to {len(rest) - 1}")
-        units = UnitSystem(*map(str, data["unit_system"])) if "unit_system" in data else SI  # not in earlier files
+        units = UnitSystem(*map(str, data["unit_system"]))
         return CompressedMotion(times, rest, faces, shapes, scales, amplitudes, float(data["error"]), units)
     except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
         raise FileFormatError(f"cannot read a clip from {Path(path)}: {shortened(str(error))}") from error

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.export.compression import TOLERANCE, compress
+from modalshell.export.compression import compress
 from modalshell.files.atomic_io import write_bytes
 from modalshell.modes import Basis
 from modalshell.motion import Trajectory
@@ -20,9 +20,9 @@ _TURN = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
 """Quaternion that turns z up into glTF's y up."""
 
 
-def save_gltf(run: Trajectory, path: Path, tolerance: float = TOLERANCE) -> Path:
-    """Write a binary glTF file whose morph targets, with weights over time, bake the motion to ``tolerance``."""
-    motion = compress(run, tolerance)
+def save_gltf(run: Trajectory, path: Path) -> Path:
+    """Write a binary glTF file whose morph targets, with weights over time, bake the motion."""
+    motion = compress(run)
     shapes, names, weights = [], [], []
     for k, (shape, amplitude) in enumerate(zip(motion.displacements(), motion.amplitudes.T.astype(float), strict=True)):
         for sign in (1.0, -1.0):  # readers clamp weights to [0, 1], so that each side has a target of its own

@@ -71,7 +71,7 @@ def write_npz(path: str | os.PathLike[str], **arrays: ArrayLike) -> Path:
 def read_npz(path: str | os.PathLike[str]) -> dict[str, NDArray[Any]]:
     """Read all arrays of an ``.npz`` file; exceptions of zip, NumPy or the system if one is damaged.
 
-    For files without a digest, as NumPy and earlier versions write them, only the members' checksums are verified.
+    For files without a digest, as NumPy writes them, only the members' checksums are verified.
     """
     with open_regular(path) as file, zipfile.ZipFile(file) as archive:
         names = [name.removesuffix(".npy") for name in archive.namelist()]
@@ -132,11 +132,10 @@ def read_record(path: str | os.PathLike[str]) -> dict[str, Any] | None:
         return None
 
 
-def checked_record(path: str | os.PathLike[str], *, bare: bool = False) -> dict[str, Any]:
-    """As :func:`read_record`, but raise what JSON or the system raises; ``bare`` accepts a file without a digest."""
+def checked_record(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """As :func:`read_record`, but raise what JSON or the system raises."""
     document: dict[str, Any] = json.loads(read_text(path))
-    stored = document.pop(_DIGEST, None)
-    if stored != _document_digest(document) and not (bare and stored is None):
+    if document.pop(_DIGEST, None) != _document_digest(document):
         raise ValueError("it is not as it was written: the digest differs")
     return document
 

@@ -55,18 +55,15 @@ class StudyResult:
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str], name: str) -> StudyResult:
-        """Read a saved result; FileFormatError if it is missing, damaged, or JSON and NPZ are not of one run.
-
-        Results of earlier versions, whose JSON has no digest, are read without that check.
-        """
+        """Read a saved result; FileFormatError if it is missing, damaged, or JSON and NPZ are not of one run."""
         stem = Path(folder) / name
         try:
-            document = checked_record(stem.with_suffix(".json"), bare=True)
+            document = checked_record(stem.with_suffix(".json"))
             arrays = read_npz(stem.with_suffix(".npz"))
-            if document.pop(_ARRAYS, None) not in (None, digest(arrays)):
-                raise ValueError("its JSON and NPZ are not those that were written together: the digest differs")
-            if set(document) != {"study", "record", "findings"}:
+            if set(document) != {"study", "record", "findings", _ARRAYS}:
                 raise ValueError(f"its JSON has the keys {', '.join(document)}")
+            if document[_ARRAYS] != digest(arrays):
+                raise ValueError("its JSON and NPZ are not those that were written together: the digest differs")
             return cls(name, document["findings"], arrays, document["record"])
         except Exception as error:  # OS, JSON, zip and key errors all mean the same to the user
             text = shortened(str(error))

@@ -7,10 +7,10 @@ from scipy.spatial import Delaunay, Voronoi
 
 from modalshell.mesh.topology import FloatArray, IntArray
 
+_ITERATIONS = 20
 
-def relax_in_rectangle(
-    interior: FloatArray, fixed: FloatArray, length: float, width: float, iterations: int = 20
-) -> FloatArray:
+
+def relax_in_rectangle(interior: FloatArray, fixed: FloatArray, length: float, width: float) -> FloatArray:
     """Move `interior` points (p, 2) [m] to the centroids of their Voronoi cells within the rectangle.
 
     Interior points are mirrored across the four sides, which clips every cell exactly at the sides; `fixed` points
@@ -20,7 +20,7 @@ def relax_in_rectangle(
     if len(points) == 0:
         return points
     reach = 4.0 * np.sqrt(length * width / len(points))  # farther mirror images touch no cell
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         images = [fixed]
         for axis, side in ((0, 0.0), (0, length), (1, 0.0), (1, width)):
             near = points[np.abs(points[:, axis] - side) < reach].copy()

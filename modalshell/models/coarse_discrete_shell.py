@@ -46,11 +46,6 @@ class CoarseDiscreteShell(Model):
     step_tolerance : float
         Out-of-balance force at which a step's Newton stops, as a share of its load and inertia.
 
-    Attributes
-    ----------
-    compiled : bool
-        Whether steps run in the compiled function.
-
     Raises
     ------
     MeshError
@@ -77,11 +72,6 @@ class CoarseDiscreteShell(Model):
             )
         self._above, self._shares, _ = closest_points(mesh, under.vertices)
         self._step = profile_step(coarse)
-
-    @property
-    def compiled(self) -> bool:
-        """Whether steps run in the compiled function."""
-        return self._step is not None
 
     @property
     def weights(self) -> sps.csr_array:

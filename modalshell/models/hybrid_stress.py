@@ -43,7 +43,7 @@ _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
-_FORMAT = 2
+_FORMAT = 1
 
 
 @final

@@ -34,7 +34,7 @@ from modalshell.modes.loaded import LoadedModes, State, loaded_modes
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
-from modalshell.supports import SUPPORTS, Clamp, Support
+from modalshell.supports import SUPPORTS
 
 _FORMAT = 1
 """Version of the saved file."""
@@ -165,13 +165,10 @@ class Basis(ReadOnlyArrays, Paged):
             constants: dict[str, Any] = {field.name: data[field.name] for field in fields(kind)}
             if "correct_clamp" in constants:
                 constants["correct_clamp"] = bool(constants["correct_clamp"])
-            further = json.loads(str(data["energies"])) if "energies" in data else []
+            further = json.loads(str(data["energies"]))
             energies = [ENERGIES[key](**fields) for key, fields in further]
             mesh = TriangleMesh(data["vertices"], data["faces"])
-            if "clamped" in data:  # a file from before there were other supports
-                supports: list[Support] = [Clamp(data["clamped"])] if data["clamped"].any() else []
-            else:
-                supports = [SUPPORTS[key](**parameters) for key, parameters in json.loads(str(data["supports"]))]
+            supports = [SUPPORTS[key](**parameters) for key, parameters in json.loads(str(data["supports"]))]
             shell = Shell(mesh, kind(**constants), supports=supports, energies=energies)
             values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
             shape = (shell.rest_positions.size, values.size)

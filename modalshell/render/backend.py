@@ -11,13 +11,11 @@ import warnings
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast, get_args
 
 from modalshell.core.errors import ModalShellWarning, OptionError
 
 Backend = Literal["pyvista", "built-in"]
-_NAMES: dict[str, Backend] = {"pyvista": "pyvista", "built-in": "built-in", "matplotlib": "built-in"}
-"""Values of the environment variable; earlier versions called the built-in rasteriser by the last."""
 
 RENDERER_VARIABLE = "MODALSHELL_RENDERER"
 WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
@@ -78,12 +76,12 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
     """
     named = os.environ.get(RENDERER_VARIABLE, "")
     if named:
-        if named not in _NAMES:
+        if named not in get_args(Backend):
             raise OptionError(
                 f"{RENDERER_VARIABLE} must be 'pyvista' or 'built-in' (got {named!r}); unset it to let "
                 "modalshell find out which of them draws here"
             )
-        return _NAMES[named]
+        return cast(Backend, named)
     if not vtk_installed():
         return "built-in"
     command = PROBE_COMMAND if probe_command is None else tuple(probe_command)
@@ -137,11 +135,11 @@ def drawing_hint() -> str:
     return APT_LINE if vtk_installed() else INSTALL_LINE
 
 
-def opens_windows(*, timeout: float = PROBE_SECONDS) -> bool:
+def opens_windows() -> bool:
     """Tell whether a window can be shown to the user; asked in a child process, as VTK without a display crashes."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         return False
-    return _renders((sys.executable, "-c", _WINDOW_PROBE), None, timeout)
+    return _renders((sys.executable, "-c", _WINDOW_PROBE), None, PROBE_SECONDS)
 
 
 def _window_candidates() -> list[str | None]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_number
 from modalshell.core.errors import FileFormatError, OptionError
-from modalshell.core.outcome import Outcome, read_outcome
+from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.export import load_trajectory
 from modalshell.files.atomic_io import read_record
@@ -169,7 +169,7 @@ class RunFollower:
 
     def _finish(self, record: dict[str, Any]) -> None:
         self.state = "finished"
-        self.outcome, self.message = read_outcome(str(record.get("status")), record.get("message"))
+        self.outcome, self.message = Outcome(record["status"]), record.get("message", "")
 
     def _take_results(self, path: Path, identity: dict[str, Any]) -> bool:
         try:
@@ -259,7 +259,9 @@ def _only_run(folder: Path) -> str | None:
 def _record(path: Path) -> dict[str, Any] | None:
     """The record of a finished run; None if the file is not one."""
     record = read_record(path)
-    return record if record is not None and isinstance(record.get("identity"), dict) else None
+    if record is None or not isinstance(record.get("identity"), dict) or record.get("status") not in list(Outcome):
+        return None
+    return record
 
 
 def _same(identity: dict[str, Any], whole: dict[str, Any]) -> bool:

@@ -20,7 +20,7 @@ from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import make_folder
 from modalshell.files.lock import acquire_lock
 
-MAGIC = b"modalshell frames 2\n"
+MAGIC = b"modalshell frames 1\n"
 ALIGNMENT = 64
 """Bytes to which records are aligned, so that frames can be mapped."""
 CHECKSUM_BYTES = 4

@@ -113,8 +113,10 @@ class SceneRun(ABC, Generic[Result]):
         with FrameFile(self.path("frames")) as file:
             remove_leftovers(self.folder, self.name)
             record = None if restart else read_record(self.path("json"))
-            whole = [] if record is None else self._whole_formats(record)
-            found = record is not None and record.get("identity") == self.identity and self.find_results(record, whole)
+            if record is not None and record.get("identity") != self.identity:
+                record = None
+            whole = [] if record is None else self._whole_formats(record["digests"])
+            found = record is not None and self.find_results(record, whole)
             resumed = self.frames
             if not found:
                 whole = []
@@ -130,9 +132,8 @@ class SceneRun(ABC, Generic[Result]):
                 file.remove()
         return self.result([self.path(suffix) for suffix in (*self.formats, "json")], resumed)
 
-    def _whole_formats(self, record: dict[str, Any]) -> list[str]:
-        """Formats whose files are unchanged since they were written; unknown for records of earlier versions."""
-        digests = record.get("digests", {})
+    def _whole_formats(self, digests: dict[str, str]) -> list[str]:
+        """Formats whose files are unchanged since they were written."""
         return [suffix for suffix in digests if digests[suffix] == result_digest(self.folder, self.name, suffix)]
 
     def _write_record(self, formats: list[str]) -> None:

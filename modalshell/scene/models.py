@@ -27,10 +27,6 @@ class ModelTable(Table, frozen=True, tag_field="name"):
         """The options, defaults filled in."""
         return {name: getattr(self, name) for name in self.__struct_fields__}
 
-    def plain(self) -> Any:
-        """The table without a number of triangles that is not there, as earlier results were stored."""
-        return {key: value for key, value in super().plain().items() if key != "triangles" or value is not None}
-
     def build(self, factory: ModelFactory) -> Model:
         """The model with all that it precomputes."""
         return factory.build(self.spec, self.options)

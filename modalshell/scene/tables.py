@@ -171,11 +171,6 @@ class MotionTable(Table, frozen=True):
     damping_ratios: tuple[tuple[Positive, NotNegative], tuple[Positive, NotNegative]] | None = None
     modal_damping: Annotated[list[NotNegative], Meta(min_length=1)] | None = None
 
-    def plain(self) -> Any:
-        """The table without the keys that are not there, as results of scenes from before them were stored."""
-        later = ("damping_ratios", "modal_damping")
-        return {key: value for key, value in super().plain().items() if key not in later or value is not None}
-
 
 class PathTable(Table, frozen=True):
     """``[path]``: how ``modalshell path`` follows the equilibria under the scene's load times a growing factor.

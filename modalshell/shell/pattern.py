@@ -15,6 +15,8 @@ from modalshell.supports import Unknowns
 
 _AT_A_TIME = 100_000
 """Elements whose blocks are looked up at a time."""
+_DROPPED = 1e-15
+"""Entries of a condensed Hessian that are left out, as a share of the largest."""
 
 
 @dataclass(frozen=True)
@@ -121,8 +123,8 @@ class SparsePattern:
             return 0.0
         return float(data[-inner.stiffness.nnz] / inner.stiffness.data[0])
 
-    def condensed(self, data: Array, drop: float = 1e-15) -> sps.csr_array:
-        """Hessian by positions (3n, 3n): the Schur complement, less entries below ``drop`` times the largest.
+    def condensed(self, data: Array) -> sps.csr_array:
+        """Hessian by positions (3n, 3n): the Schur complement, less entries that are rounding.
 
         Far wider than the pattern, as every internal unknown follows its neighbours: entries fall off by about a factor
         of two an edge. For the solvers use :meth:`free_matrix` or :meth:`product`.
@@ -133,10 +135,10 @@ class SparsePattern:
             return matrix
         coupling = sps.csc_array(self.coupling(data))
         blocks = []
-        least = drop * np.abs(data).max(initial=0.0)
+        least = _DROPPED * np.abs(data).max(initial=0.0)
         for start in range(0, coupling.shape[1], 300):
             columns = self.internal.solve(coupling[:, start : start + 300].toarray()) / scale
-            columns[np.abs(columns) <= drop * np.abs(columns).max(initial=0.0)] = 0.0
+            columns[np.abs(columns) <= _DROPPED * np.abs(columns).max(initial=0.0)] = 0.0
             block = sps.csc_array(coupling.T @ sps.csc_array(columns))
             block.data[np.abs(block.data) <= least] = 0.0
             block.eliminate_zeros()

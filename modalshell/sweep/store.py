@@ -11,19 +11,10 @@ from types import TracebackType
 import msgspec
 from msgspec import Struct
 
-from modalshell.core.outcome import Outcome, read_outcome
 from modalshell.files.atomic_io import make_folder, write_bytes
 from modalshell.files.lock import acquire_lock
 from modalshell.files.regular import read_regular
 from modalshell.sweep.case import CaseResult
-
-_ENDINGS = {
-    "refused": Outcome.REFUSED,
-    "failed": Outcome.FAILED,
-    "crashed": Outcome.FAILED,
-    "timed out": Outcome.STOPPED,
-}
-"""What earlier versions called cases without an answer."""
 
 
 class _Stored(Struct, frozen=True):
@@ -59,7 +50,7 @@ class CaseFolder:
         """The result of a case; None where it is missing or damaged."""
         try:
             stored = msgspec.json.decode(read_regular(self._path(digest)), type=_Stored)
-            found = _decoded(stored.result)
+            found = msgspec.json.decode(stored.result, type=CaseResult)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError):
             return None
         sound = _checksum(bytes(stored.result)) == stored.checksum and found.digest == digest
@@ -77,13 +68,3 @@ class CaseFolder:
 
 def _checksum(text: bytes) -> str:
     return hashlib.sha256(text).hexdigest()
-
-
-def _decoded(text: bytes) -> CaseResult:
-    """The result, also as earlier versions wrote it: outcomes of the process, and a sentence for a status."""
-    plain = msgspec.json.decode(text)
-    if isinstance(plain, dict) and "status" in plain:
-        outcome, message = read_outcome(plain["status"], None)
-        plain |= {"outcome": _ENDINGS.get(plain["outcome"], outcome), "message": message}
-        plain["info"] = plain.pop("made", {})
-    return msgspec.convert(plain, CaseResult)

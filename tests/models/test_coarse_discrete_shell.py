@@ -8,6 +8,7 @@ from snaps import coarse_beam, frames_through, motion_error, snapping_beam, snap
 
 import modalshell as ms
 from modalshell.models.coarse.coarse_shell import _small_displacements, coarse_shell, drawn_to_supports
+from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse.prolongation import Prolongation, closest_points
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 
@@ -244,7 +245,7 @@ def test_compiled_steps_are_those_of_discrete_shells(damping):
     """Through a snap, up and down: the same equations, solved by other code."""
     fine = shell((14, 4), 150.0, 2000.0)
     coarse = CoarseDiscreteShell(fine, fine, step_tolerance=1e-9)
-    assert coarse.compiled
+    assert profile_step(coarse.coarse.shell) is not None
     exact = ms.DiscreteShell(fine, step_tolerance=1e-9)
     loads = [fine.gravity_force((0.0, 10.0, -g)) for g in (70.0, 70.0, 70.0, 70.0, 0.0, 0.0, 0.0)]
     state, other = coarse.start_motion(), exact.start_motion()
@@ -263,7 +264,7 @@ def test_it_serves_other_energies_without_the_compiled_step():
     mesh, under = (ms.flat_beam(cells=cells) for cells in ((24, 6), (12, 4)))
     fine = ms.Shell(mesh, ms.Isotropic(1e6, 0.3, 2e-3, 100.0), mesh.vertices[:, 0] == 0.0)
     coarse = CoarseDiscreteShell(fine, coarse_shell(fine, under))
-    assert not coarse.compiled
+    assert profile_step(coarse.coarse.shell) is None
     truth = ms.DiscreteShell(fine).equilibrium(gravity=(0, 0, -0.02)).positions
     assert truth[:, 2].min() < -0.3
     assert ms.measure.displacement_error(coarse.equilibrium(gravity=(0, 0, -0.02)).positions, truth, fine) < 0.025

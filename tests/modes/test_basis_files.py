@@ -101,7 +101,7 @@ def test_other_formats_are_refused(saved):
 
 
 @pytest.mark.parametrize(
-    "name", ["vertices", "supports", "stretch", "correct_clamp", "eigenvalues", "modes", "backend"]
+    "name", ["vertices", "supports", "stretch", "correct_clamp", "energies", "eigenvalues", "modes", "backend"]
 )
 def test_files_that_lack_an_array_are_refused(saved, name):
     rewritten(saved, **{name: None})

@@ -327,16 +327,12 @@ def test_results_of_earlier_times_are_shown(finished, follower, tmp_path):
     assert_shows(one, answer)
 
 
-def test_records_of_earlier_versions_are_shown(finished, follower, tmp_path):
+def test_a_record_of_an_unknown_status_is_no_run(finished, tmp_path):
     shutil.copytree(finished[0].parent / "out", tmp_path / "out")
     path = tmp_path / "out" / "beam.json"
-    record = read_record(path)
-    del record["message"]
-    write_record(path, record | {"status": "completed, but wound up at 0.1 s"})
-    one = follower(tmp_path / "out")
-    one.wait(0.0)
-    assert (one.state, one.outcome) == ("finished", Outcome.WOUND_UP)
-    assert one.status().endswith("finished: wound up: completed, but wound up at 0.1 s")
+    write_record(path, read_record(path) | {"status": "never heard of"})
+    with pytest.raises(ms.OptionError, match="holds no run"):
+        RunFollower(tmp_path / "out")
 
 
 def test_deleted_frames_leave_a_stopped_run(finished, follower, tmp_path):

@@ -209,7 +209,7 @@ def torn(tmp_path_factory):
 
 def header_length(frames):
     """Magic and a line of JSON, then the shell's arrays, filled up to a multiple of 64 bytes."""
-    line = re.match(rb"modalshell frames 2\n(.*?)\n", frames, re.DOTALL)
+    line = re.match(rb"modalshell frames 1\n(.*?)\n", frames, re.DOTALL)
     arrays = json.loads(line[1])["constants"]["arrays"]
     size = sum(np.dtype(kind).itemsize * math.prod(shape) for _, kind, shape in arrays)
     return line.end() + -(-size // 64) * 64

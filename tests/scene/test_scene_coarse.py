@@ -78,14 +78,6 @@ def test_comparisons_of_a_mesh_file_try_coarse_shells_that_a_scene_can_name(scen
     assert not left_out
 
 
-def test_scenes_without_the_key_are_the_same_as_before_it(scene_file):
-    """So that their stored results are still known as theirs."""
-    scene = ms.load_scene(scene_file(SHAPE, ('"mwts"', '"coarse-ds"\ncells = [10, 4]')))
-    assert "triangles" not in scene.content()["model"]
-    asked = ms.load_scene(scene_file(SHAPE, ('"mwts"', '"coarse-ds"\ntriangles = 100')))
-    assert asked.content()["model"]["triangles"] == 100
-
-
 def test_a_hybrid_of_a_mesh_file_is_trained_on_its_remeshed_surface(scene_file):
     pytest.importorskip("pymeshlab", reason="pymeshlab is not installed (pip install 'modalshell[remesh]')")
     text = scene_file(FILE, STIFF, ('"mwts"', '"hybrid"\ntriangles = 100\nmotions = 4\nmodes = 12'), ("-9.81", "-2.0"))

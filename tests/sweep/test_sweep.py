@@ -1,7 +1,6 @@
 """Sweeps: the case files, what a restart does, and what becomes of cases that go wrong."""
 
 import csv
-import hashlib
 import json
 import os
 
@@ -118,24 +117,6 @@ def test_a_restart_does_what_is_missing_alone(swept, tmp_path):
     assert case_files(folder) == list(stored)
     for path in stored.keys() - {missing, cut, flipped}:
         assert path.read_bytes() == stored[path]
-
-
-@pytest.mark.usefixtures("here")
-def test_case_files_of_earlier_versions_are_read(swept, tmp_path):
-    file, folder = copied(swept, tmp_path)
-    endings = [("failed", "IndexError: a slip"), ("timed out", "took longer than 1 s"), ("refused", "no modes")]
-    for number, path in enumerate(case_files(folder)):
-        result = json.loads(path.read_bytes())["result"]
-        assert (result["outcome"], result.pop("message")) == ("converged", "")
-        result |= {"outcome": "done", "status": "converged", "made": result.pop("info")}
-        if number < len(endings):
-            result["outcome"], result["status"] = endings[number]
-            result |= {"measures": None, "positions": ""}
-        text = json.dumps(result).encode()
-        path.write_text(json.dumps({"checksum": hashlib.sha256(text).hexdigest(), "result": result}))
-    result = ms.run_sweep(file, out=folder)
-    assert (result.computed, result.counts()) == (0, {"converged": 9, "failed": 1, "stopped": 1, "refused": 1})
-    assert ms.run_sweep(file, out=folder, retry=True).counts() == {"converged": 11, "refused": 1}
 
 
 @pytest.mark.usefixtures("here")
