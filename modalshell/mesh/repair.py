@@ -282,9 +282,9 @@ def _refuse_junctions(points: Any, triangles: IntArray) -> None:
     what = "1 edge has" if len(crowded) == 1 else f"{len(crowded)} edges have"
     raise MeshError(
         f"{what} three or more faces, the first from {ends[0].round(6).tolist()} to {ends[1].round(6).tolist()} m "
-        f"({len(at)} faces): an edge of a shell has two at most. To cut the sheets apart there, so that a rib "
-        f"no longer holds its plate, ask for it: {SPLIT}. To keep them joined tie the vertices that coincide after the cut, each "
-        "pair by a support ms.Tie([i, j])"
+        f"({len(at)} faces): an edge of a shell has two at most. To cut the sheets apart there, so that a rib no "
+        f"longer holds its plate, ask for it: {SPLIT}. To keep them joined tie the vertices that coincide after the "
+        "cut, each pair by a support ms.Tie([i, j])"
     )
 
 
