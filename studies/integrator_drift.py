@@ -15,7 +15,7 @@ Run it alone with ``modalshell reproduce --only integrator_drift``.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, final
+from typing import Any, NoReturn, final
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
 from modalshell.motion import Motion
-from modalshell.statics.least_potential import Statics
 from studies.pages import number, numbers
 
 FIGURES = ("integrator_drift",)
@@ -128,7 +127,7 @@ class SummedWarp(ModalModel):
         """Say where the state has wound up, as the closed form does."""
         return self.closed.fault(state, positions)
 
-    def _free_statics(self, load: np.ndarray, start: np.ndarray | None) -> Statics:  # noqa: ARG002
+    def _free_statics(self, load: np.ndarray, start: np.ndarray | None) -> NoReturn:  # noqa: ARG002
         raise ms.OptionError("the summed warp depends on the path, so it has no statics: ask its closed form")
 
 

@@ -12,12 +12,9 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.errors import REPAIR, SupportError
-from modalshell.core.outcome import Outcome
+import modalshell as ms
+from modalshell.core.errors import REPAIR
 from modalshell.core.typing import Array
-from modalshell.mesh import TriangleMesh
-from modalshell.modes import Basis
-from modalshell.motion import Trajectory
 
 SAG = 0.15
 """Deflection under the weight as a fraction of the mesh's size, in linear theory."""
@@ -31,7 +28,7 @@ UNSEEN, LARGE = 2e-3, 1.0
 """Largest displacement over size below which motion is invisible, and above which the shell is too soft."""
 
 
-def hold_one_end(mesh: TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool_], str]:
+def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool_], str]:
     """The end of each part that lies lowest along the longest axis across ``gravity`` (3,): a mask and a description.
 
     At least one triangle of each part is clamped, and if possible not all vertices of a part.
@@ -47,7 +44,7 @@ def hold_one_end(mesh: TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool_],
         faces = mesh.faces[faces_of[starts[part] : starts[part + 1]]]
         held[_end_of_part(along, faces)] = True
     if held.all():
-        raise SupportError(
+        raise ms.SupportError(
             f"the mesh is {parts} single triangles without shared vertices: nothing can bend, and "
             "no repair can tell which belong together; join near vertices by --join DISTANCE"
         )
@@ -57,7 +54,7 @@ def hold_one_end(mesh: TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool_],
     return held, f"holds the end of lowest {name} of each of {parts} parts ({held.sum()} vertices)"
 
 
-def _axis_across(mesh: TriangleMesh, gravity: Array) -> int:
+def _axis_across(mesh: ms.TriangleMesh, gravity: Array) -> int:
     """The axis along which the mesh is longest, of those that do not run along gravity."""
     extents = np.ptp(mesh.vertices, axis=0)
     strength = float(np.linalg.norm(gravity))
@@ -80,7 +77,7 @@ def _end_of_part(along: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     return end if len(end) < len(vertices) else np.unique(faces[int(heights.mean(axis=1).argmin())])
 
 
-def softening(basis: Basis, gravity: Array) -> float:
+def softening(basis: ms.Basis, gravity: Array) -> float:
     """Factor on all stiffnesses such that the weight bends the shell by SAG times its size, in linear theory.
 
     1 if there is no weight.
@@ -96,7 +93,7 @@ def softening(basis: Basis, gravity: Array) -> float:
     largest = float(np.linalg.norm(sag.reshape(-1, 3), axis=1).max()) / basis.shell.mesh.size
     unresisted = int((values < _NOTHING * values[-1]).sum())
     if unresisted or largest * _NOTHING > 1.0 / _NOTHING:
-        raise SupportError(
+        raise ms.SupportError(
             f"nothing resists {unresisted or 'the'} lowest modes of the mesh although each part is held: sheets hang "
             f"together by single vertices; split them by {REPAIR}"
         )
@@ -129,13 +126,13 @@ class Timing:
         return cls(_PERIODS * period, period / _STEPS, (0.4 / period, 8e-4 * period))
 
 
-def motion_in_words(run: Trajectory, size: float) -> str:
+def motion_in_words(run: ms.Trajectory, size: float) -> str:
     """One line on how far a shell of ``size`` [m] moved: too stiff, too soft, diverged, or fine."""
     moved = np.linalg.norm(run.positions - run.rest_positions, axis=2).max() / size
     share = f"moves by up to {100.0 * moved:.2g} % of its size"
-    if run.outcome in (Outcome.DIVERGED, Outcome.RUNS_AWAY):
+    if run.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
         return f"flies apart ({share}): take a smaller --dt or more --damping"
-    if run.outcome in (Outcome.DISTORTED, Outcome.WOUND_UP) or moved > LARGE:
+    if run.outcome in (ms.Outcome.DISTORTED, ms.Outcome.WOUND_UP) or moved > LARGE:
         return f"too soft ({share}): raise --young or --thickness, or lower --gravity"
     if moved < UNSEEN:
         return f"too stiff to see ({share}): lower --young, about {UNSEEN / max(moved, 1e-12):.1g} times or more"

@@ -20,7 +20,6 @@ from modalshell.commands.pages import write_pages
 from modalshell.commands.terminal import CONSOLE, progress
 from modalshell.compare import MODES
 from modalshell.core.checks import shortened
-from modalshell.core.errors import ModalShellError
 from modalshell.core.memory import available_memory, gigabytes
 from modalshell.files.atomic_io import make_folder
 from modalshell.files.provenance import repository_module
@@ -161,7 +160,7 @@ def main(arguments: list[str] | None = None) -> None:
     warnings.showwarning = lambda message, *_, **__: print(f"modalshell: warning: {message}", file=sys.stderr)
     try:
         app(given, exit_on_error=False, print_error=False)
-    except (ModalShellError, CycloptsError, OSError) as error:
+    except (ms.ModalShellError, CycloptsError, OSError) as error:
         if debug:
             raise
         print(f"modalshell: {shortened(str(error), _LONGEST_MESSAGE)}", file=sys.stderr)

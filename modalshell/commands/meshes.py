@@ -18,7 +18,6 @@ import modalshell as ms
 from modalshell.commands.choices import Timing, hold_one_end, motion_in_words, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress
 from modalshell.core.checks import checked_count, checked_number
-from modalshell.core.errors import ModalShellError, ModalShellWarning, OptionError
 from modalshell.files.atomic_io import make_folder
 from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import Component, chosen_part
@@ -164,7 +163,7 @@ def _choose(
     if options.young is not None:
         return options, _TIMING, end
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)  # they are repeated for the shell that is simulated
+        warnings.simplefilter("ignore", ms.ModalShellWarning)  # they are repeated for the shell that is simulated
         shell = options.scene(path, mesh, tables).build_shell(mesh)
     count = min(checked_count("modes", modes), 3 * len(shell.free))
     young, timing = softening(ms.solve_modes(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)
@@ -196,8 +195,8 @@ def _name_options() -> Iterator[None]:
         warnings.showwarning = lambda message, *rest, **more: show(_with_options(str(message)), *rest, **more)
         try:
             yield
-        except ModalShellError as error:
-            raise OptionError(_with_options(str(error))) from error
+        except ms.ModalShellError as error:
+            raise ms.OptionError(_with_options(str(error))) from error
 
 
 @_name_options()
@@ -301,7 +300,7 @@ def repair(
     Example: modalshell repair scan.stl --out scan_repaired.ply --component largest
     """
     if out.exists() and mesh.exists() and out.samefile(mesh):
-        raise OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")
+        raise ms.OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")
     ms.save_mesh(_read(mesh, True, split, component, join, triangles), out)
     print(out)
 

@@ -7,19 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from modalshell.core.errors import ModalShellWarning
+import modalshell as ms
 from modalshell.core.typing import Array, Progress
 from modalshell.crowd.scene import FlockScene
 from modalshell.files.provenance import repository_file
-from modalshell.models import LinearModal, ModalWarping, ReducedRotationStrain, RotationStrain
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.reduced_rotation_strain import ReducedWarp, trained_on_loads
-from modalshell.modes import Basis, solve_modes
 from modalshell.page import Page
-from modalshell.scene.load import load_scene
 from modalshell.scene.parts import build_damping
 from modalshell.scene.read import located
-from modalshell.scene.scene import Scene
 
 _RANK, _SAMPLES, _MIXTURES = 8, 32, 8
 """Shapes and triangles of reduced RSW on a page, and copies of each answer in its training."""
@@ -31,7 +27,7 @@ _EARTH = 9.81
 """Acceleration [m/s^2] that it is trained on where the scene has none."""
 
 
-def scene_page(scene: Scene) -> Page:
+def scene_page(scene: ms.Scene) -> Page:
     """The page of a scene: its flock, or its shell with its loads, damping and number of modes.
 
     A shell moves by LMA, MWTS and, where its data are small enough, reduced RSW.
@@ -61,14 +57,14 @@ def scene_page(scene: Scene) -> Page:
     left += ["there are no constraints"] if constraints else []
     left += (
         [f"the model is LMA, MWTS or reduced RSW, not {model.spec.name}"]
-        if model.spec.builder not in (LinearModal, ModalWarping, trained_on_loads)
+        if model.spec.builder not in (ms.LinearModal, ms.ModalWarping, trained_on_loads)
         else []
     )
     left += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
     if left:
-        warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ModalShellWarning, stacklevel=2)
+        warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ms.ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)
-    basis = solve_modes(shell, model.options.get("modes", MODE_COUNT))
+    basis = ms.solve_modes(shell, model.options.get("modes", MODE_COUNT))
     reduced = _reduced(basis, np.array(gravity), force)
     if motion is None:
         return basis.page(title=scene.name, gravity=gravity, force=force, reduced=reduced)
@@ -78,7 +74,7 @@ def scene_page(scene: Scene) -> Page:
     return basis.page(title=scene.name, gravity=gravity, force=force, damping=factors, dt=motion.dt, reduced=reduced)
 
 
-def _reduced(basis: Basis, gravity: Array, force: Array | None) -> ReducedWarp | None:
+def _reduced(basis: ms.Basis, gravity: Array, force: Array | None) -> ReducedWarp | None:
     """Reduced RSW for a page, trained on the scene's load and its weight in every direction; None where it is large."""
     size = 3 * len(basis.shell.rest_positions) * (2 * basis.count + _RANK)
     if basis.rigid_modes or size > _MOST_NUMBERS:
@@ -87,8 +83,8 @@ def _reduced(basis: Basis, gravity: Array, force: Array | None) -> ReducedWarp |
     pulls = [sign * strength * axis for axis in np.eye(3) for sign in (1.0, -1.0)] + [gravity]
     dead = np.zeros_like(basis.shell.rest_positions) if force is None else force
     loads = [share * (basis.shell.gravity_force(pull) + dead) for pull in pulls for share in (0.5, 1.0)]
-    full = RotationStrain(basis)
-    trained = ReducedRotationStrain.trained(
+    full = ms.RotationStrain(basis)
+    trained = ms.ReducedRotationStrain.trained(
         full, loads=np.array(loads), mixtures=_MIXTURES, aside=0.1, rank=_RANK, samples=_SAMPLES
     )
     return trained.on_page() if trained.training_error < _NEAR else None
@@ -100,8 +96,8 @@ def write_pages(folder: Path, on_step: Progress | None = None) -> list[Path]:
     written = []
     for index, file in enumerate(scenes):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModalShellWarning)  # what a page leaves out is known of these
-            written.append(scene_page(load_scene(file)).save(folder / f"{file.stem}.html"))
+            warnings.simplefilter("ignore", ms.ModalShellWarning)  # what a page leaves out is known of these
+            written.append(scene_page(ms.load_scene(file)).save(folder / f"{file.stem}.html"))
         if on_step is not None:
             on_step(index + 1, len(scenes))
     return written

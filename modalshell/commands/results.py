@@ -9,8 +9,7 @@ from cyclopts import App, Parameter
 
 import modalshell as ms
 from modalshell.commands.terminal import progress
-from modalshell.core.errors import FileFormatError, OptionError
-from modalshell.export import check_formats, compress, load_clip, save_modal_body, save_modes_gltf
+from modalshell.export import check_formats, compress, save_modal_body, save_modes_gltf
 from modalshell.page import clip_page
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
@@ -33,16 +32,16 @@ def export(
     result = _result_of(result)
     target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(_SUFFIXES[to]))
     if target.suffix != _SUFFIXES[to]:
-        raise OptionError(f"--out must end in {_SUFFIXES[to]} for {to} (got {target.name!r})")
+        raise ms.OptionError(f"--out must end in {_SUFFIXES[to]} for {to} (got {target.name!r})")
     if target.resolve() == result.resolve():
-        raise OptionError(f"{result} would be overwritten: give another file with --out")
+        raise ms.OptionError(f"{result} would be overwritten: give another file with --out")
     if to == "body":
         print(*save_modal_body(ms.Basis.load(result), target), sep="\n")
         return
     check_formats([target.suffix[1:]])
     try:
-        run = load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result)
-    except FileFormatError:
+        run = ms.load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result)
+    except ms.FileFormatError:
         if (basis := _saved_basis(result)) is None:
             raise
         if to == "page":
@@ -50,7 +49,7 @@ def export(
         elif to == "gltf":
             print(save_modes_gltf(basis, target))
         else:
-            raise OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
+            raise ms.OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
         return
     if to == "page":
         motion = compress(run)
@@ -75,7 +74,7 @@ def _result_of(path: Path) -> Path:
     saved = sorted(path.glob("*.npz"))
     if len(saved) != 1:
         names = ", ".join(file.name for file in saved[:5]) or "none"
-        raise OptionError(f"{path} must hold one .npz file (got {names}): name the file instead")
+        raise ms.OptionError(f"{path} must hold one .npz file (got {names}): name the file instead")
     return saved[0]
 
 
@@ -83,7 +82,7 @@ def _saved_basis(path: Path) -> ms.Basis | None:
     """The basis of a file; None if it holds none."""
     try:
         return ms.Basis.load(path)
-    except FileFormatError:
+    except ms.FileFormatError:
         return None
 
 

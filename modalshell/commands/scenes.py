@@ -11,7 +11,6 @@ import modalshell as ms
 from modalshell.commands.measurements import read_measurements
 from modalshell.commands.pages import scene_page
 from modalshell.commands.terminal import end_with, progress
-from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import make_folder, write_record
 from modalshell.run.path_files import write_path
 from modalshell.scene.paths import scene_path
@@ -59,13 +58,13 @@ def view(
     """
     if attach is not None:
         if scene is not None or frames is not None:
-            raise OptionError("--attach shows a run's own scene and frames: leave out SCENE and --frames")
+            raise ms.OptionError("--attach shows a run's own scene and frames: leave out SCENE and --frames")
         follow_run(attach, wait=wait, web=web, port=port, screenshot=screenshot, follow=follow)
         return
     if scene is None or follow:
-        raise OptionError("name a scene file to play, or a run to follow with --attach RUN")
+        raise ms.OptionError("name a scene file to play, or a run to follow with --attach RUN")
     if web and screenshot is not None:
-        raise OptionError("--screenshot is a picture of the window: leave out --web")
+        raise ms.OptionError("--screenshot is a picture of the window: leave out --web")
     declared = ms.load_scene(scene)
     if web:
         serve_page(declared, port)
@@ -158,13 +157,13 @@ def fit(
     declared = ms.load_scene(scene).require_shell()
     measured = read_measurements(data)
     if "positions" in measured and where is None:
-        raise OptionError("measured positions need --where: a selection of vertices, such as 'x > 0.29'")
+        raise ms.OptionError("measured positions need --where: a selection of vertices, such as 'x > 0.29'")
     shell = declared.build_shell()
     given: dict[str, Any] = {"frequencies": measured.get("frequencies")}
     if "positions" in measured:
         path, force, loads, constraints = declared.build_loading(shell)
         if path is not None or constraints:
-            raise OptionError("a fit takes scenes in equilibrium: leave moving supports and constraints out")
+            raise ms.OptionError("a fit takes scenes in equilibrium: leave moving supports and constraints out")
         average = measured["positions"].ndim == 1 + ("factors" in measured)
         given |= {"where": where, "average": average, "factors": measured.get("factors"), "force": force}
         given |= {"gravity": declared.loads.gravity if declared.loads else None, "loads": loads}
