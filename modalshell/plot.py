@@ -33,7 +33,6 @@ _MODES, _FRAMES = 8, 4
 """Modes that a notebook shows, and frames that a picture of a motion shows."""
 
 
-@singledispatch
 def plot(thing: Any, **options: Any) -> Picture:
     """Draw a mesh, the modes of a basis, an equilibrium, a motion, a tradeoff or an advice.
 
@@ -54,6 +53,12 @@ def plot(thing: Any, **options: Any) -> Picture:
     OptionError
         For an object that cannot be drawn, an equilibrium without its mesh, or a trajectory without triangles.
     """
+    return _drawn(thing, **options)
+
+
+@singledispatch
+def _drawn(thing: Any, **options: Any) -> Picture:
+    """The picture of an object that draws itself; others are registered below."""
     own = getattr(thing, "plot", None)
     if own is None:
         raise OptionError(
@@ -64,12 +69,12 @@ def plot(thing: Any, **options: Any) -> Picture:
     return picture
 
 
-@plot.register
+@_drawn.register
 def _mesh(mesh: TriangleMesh, *, size: tuple[int, int] = (960, 600), edges: bool = True) -> Picture:
     return Picture.of_views([View([ShadedSurface(mesh.vertices, mesh.faces, edges=edges)])], size=size)
 
 
-@plot.register
+@_drawn.register
 def _basis(basis: Basis, *, count: int | None = None, size: tuple[int, int] = (1600, 900)) -> Picture:
     drawn = basis.count if count is None else checked_count("count", count, at_most=basis.count)
     return Picture.of_views([_mode(basis, k) for k in range(drawn)], size=size, scalar_label="relative displacement")
@@ -85,7 +90,7 @@ def _mode(basis: Basis, mode: int) -> View:
     return View([surface], title=f"mode {mode + 1}: {told}")
 
 
-@plot.register
+@_drawn.register
 def _equilibrium(answer: Equilibrium, *, size: tuple[int, int] = (960, 600)) -> Picture:
     if answer.mesh is None:
         raise OptionError("this equilibrium came without its mesh: draw that of a model's equilibrium()")
@@ -93,7 +98,7 @@ def _equilibrium(answer: Equilibrium, *, size: tuple[int, int] = (960, 600)) -> 
     return Picture.of_views([_displaced(answer.positions, rest, faces, "m")], size=size)
 
 
-@plot.register
+@_drawn.register
 def _trajectory(run: Trajectory, *, frames: int = _FRAMES, size: tuple[int, int] = (1600, 450)) -> Picture:
     if not len(run.faces):
         raise OptionError("a picture needs the triangles: give the trajectory its faces (simulate does)")

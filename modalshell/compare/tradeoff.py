@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.compare.candidates import MODES, candidates, case_factory
 from modalshell.compare.case import Case, make_case
-from modalshell.compare.draw import draw_fronts, draw_shapes
+from modalshell.compare.draw import GAIN, draw_fronts, draw_shapes
 from modalshell.compare.engine_runs import engine_lines, engine_rows
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import html_table, markdown_table
@@ -34,8 +34,6 @@ from modalshell.shell import Material, Shell
 
 LOADS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the load at which rungs are compared."""
-_GAIN = 0.02
-"""Relative decrease of the error by which a costlier model counts as better: mode counts often change nothing."""
 
 _FINDINGS = (
     *("key", "rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
@@ -85,7 +83,7 @@ class Tradeoff:
         best, found = np.inf, []
         for row in self.rows:
             error = self.error_of(row)
-            if error is not None and error < (1.0 - _GAIN) * best:
+            if error is not None and error < (1.0 - GAIN) * best:
                 best = error
                 found.append(row)
         return found

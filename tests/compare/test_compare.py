@@ -1,6 +1,7 @@
 import json
 import time
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from modalshell.commands.cli import main
 from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN, choose
 from modalshell.compare.candidates import candidates, case_factory
 from modalshell.compare.case import Case, make_case
+from modalshell.compare.draw import pareto_panel
 from modalshell.compare.path import NEXT_TO_SNAP, Marks, _SnapSearch, find_snap
 from modalshell.compare.runs import static_answers, turn_at
 from modalshell.core.cost import counted
@@ -421,6 +423,20 @@ def test_outside_solutions_of_another_mesh_are_refused(tmp_path):
 def test_fronts_of_impossible_values_are_refused(tmp_path, x):
     with pytest.raises(ms.OptionError, match="finite and positive"):
         draw_pareto([ParetoPanel([Mark(x, 1.0, "LMA", "4")], "title")], tmp_path / "a.png")
+
+
+def test_a_drawn_front_never_runs_up(bent):
+    """It is that of the axis on which it is drawn, whatever the counted work says."""
+    findings = bent.findings()
+    times = np.linspace(5.0, 1.0, len(findings["rows"]))  # the reverse of the counted order
+    for row, time in zip(findings["rows"], times, strict=True):
+        row["frame_ms"] = float(time)
+    marks = pareto_panel(findings, "reversed").marks
+    front = sorted((mark for mark in marks if mark.front), key=lambda mark: mark.x)
+    assert front
+    assert all(later.y < earlier.y for earlier, later in pairwise(front))
+    for mark in marks:
+        assert mark.front or any(other.x <= mark.x and other.y <= 1.03 * mark.y for other in front)
 
 
 def test_the_legend_of_a_front_keeps_within_the_picture(tmp_path, monkeypatch):
