@@ -23,6 +23,7 @@ from modalshell.core.checks import shortened
 from modalshell.core.errors import ModalShellError
 from modalshell.core.memory import available_memory, gigabytes
 from modalshell.files.atomic_io import make_folder
+from modalshell.files.outputs import checked_target
 from modalshell.files.provenance import repository_module
 
 _HELP = """Simulate thin shells: leaves, paper, sheet metal, cloth.
@@ -111,6 +112,8 @@ def advise(
 
     Example: modalshell advise studies/scenes/flat_beam.toml --error 0.02 --fps 60
     """
+    if write is not None:
+        checked_target("--write", write, (".toml",), scene)
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)

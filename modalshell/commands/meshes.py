@@ -17,7 +17,8 @@ from modalshell.commands.terminal import CONSOLE, end_with, progress
 from modalshell.core.checks import checked_number
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import make_folder
-from modalshell.mesh.files import repair_mesh
+from modalshell.files.outputs import checked_target, refuse_foreign
+from modalshell.mesh.files import WRITABLE, repair_mesh
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.mesh.selection import selected
 from modalshell.models.factory import MODE_COUNT, ModelFactory
@@ -210,6 +211,8 @@ def simulate(
     known = model_tables()
     if model not in known:
         raise OptionError(f"there is no model {model!r}; choose from {', '.join(known)}")
+    name = f"{mesh.stem}_{model}"
+    refuse_foreign(out / f"{name}.npz")
     options = shell or _ShellOptions()
     built_mesh = options.mesh(mesh)
     if options.clamp is None:
@@ -259,7 +262,6 @@ def simulate(
     rate = seen.fps or (_FILM_RATE if timing is not _TIMING and dt is None else None)
     look = Look(rate=rate, color=color, camera=seen.camera, turntable=seen.turntable, still=seen.still)
     with progress("film") as on_frame:
-        name = f"{mesh.stem}_{model}"
         written = write_results(found, out, name, formats, title=title, look=look, on_step=on_frame)
     print(*written, sep="\n")
     end_with(found.outcome)
@@ -276,6 +278,7 @@ def modes(
 
     Example: modalshell modes meshes/leaf.obj --clamp "x < 0.08" --count 8
     """
+    refuse_foreign(out / f"{mesh.stem}_basis.npz")
     options = shell or _ShellOptions()
     loaded = options.mesh(mesh)
     built = options.build(loaded, options.held(loaded))
@@ -302,8 +305,7 @@ def repair(
 
     Example: modalshell repair scan.stl --out scan_repaired.ply --component largest
     """
-    if out.exists() and mesh.exists() and out.samefile(mesh):
-        raise OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")
+    checked_target("--out", out, WRITABLE, mesh)
     mended, report = repair_mesh(mesh, tolerance=join, component=component)
     _tell(mesh, report)
     ms.save_mesh(_remeshed(mesh, mended, triangles), out)

@@ -11,6 +11,7 @@ import modalshell as ms
 from modalshell.commands.terminal import progress
 from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.export import check_formats, compress, load_clip, save_modal_body, save_modes_gltf
+from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import clip_page
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
@@ -32,11 +33,12 @@ def export(
     """
     result = _result_of(result)
     target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(_SUFFIXES[to]))
-    if target.suffix != _SUFFIXES[to]:
-        raise OptionError(f"--out must end in {_SUFFIXES[to]} for {to} (got {target.name!r})")
-    if target.resolve() == result.resolve():
-        raise OptionError(f"{result} would be overwritten: give another file with --out")
+    checked_target("--out", target, (_SUFFIXES[to],), result)
+    rest = target.with_name(f"{target.stem}_rest.obj")
+    if to in ("pc2", "mdd"):
+        refuse_foreign(rest)
     if to == "body":
+        refuse_foreign(target.with_suffix(".json"), *([target] if out is None else []))
         print(*save_modal_body(ms.Basis.load(result), target), sep="\n")
         return
     check_formats([target.suffix[1:]])
@@ -63,7 +65,6 @@ def export(
     with progress(f"{result.stem} frames") as on_frame:
         print(ms.save_trajectory(run, target, on_frame=on_frame))
     if target.suffix in (".pc2", ".mdd"):
-        rest = target.with_name(f"{target.stem}_rest.obj")
         ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
         print(rest)
 

@@ -13,7 +13,9 @@ from modalshell.commands.pages import scene_page
 from modalshell.commands.terminal import end_with, progress
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import make_folder, write_record
+from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.run.path_files import write_path
+from modalshell.scene.parts import input_files
 from modalshell.scene.paths import scene_path
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
@@ -122,6 +124,7 @@ def path(
     Example: modalshell path studies/scenes/v_beam_stiff.toml --branches 1
     """
     declared = ms.load_scene(scene)
+    refuse_foreign(out / f"{declared.name}_path.npz")
     changed = {name: value for name, value in (("until", until), ("branches", branches)) if value is not None}
     make_folder(out)
     with progress(f"{scene.stem} points") as on_step:
@@ -156,6 +159,8 @@ def fit(
     Example: modalshell fit strip.toml --data tip.csv --wrt young --where "x > 0.299"
     """
     declared = ms.load_scene(scene).require_shell()
+    if out is not None:
+        checked_target("--out", out, (".json",), *input_files(declared), data)
     measured = read_measurements(data)
     if "positions" in measured and where is None:
         raise OptionError("measured positions need --where: a selection of vertices, such as 'x > 0.29'")
@@ -192,7 +197,9 @@ def page(
 
     Example: modalshell page studies/scenes/v_beam.toml --out v_beam.html
     """
-    print(scene_page(ms.load_scene(scene)).save(out))
+    declared = ms.load_scene(scene)
+    checked_target("--out", out, (".html", ".htm"), *input_files(declared))
+    print(scene_page(declared).save(out))
 
 
 def register(app: App) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_kind, shown
 from modalshell.core.errors import MeshError, ModalShellWarning
+from modalshell.files.outputs import SIGNATURE
 from modalshell.files.regular import read_regular
 from modalshell.mesh import validation
 from modalshell.mesh.file_checks import check_gltf, check_stl
@@ -238,7 +239,7 @@ def _text(mesh: TriangleMesh, suffix: str) -> str:
     points = [" ".join(map(repr, p)) for p in mesh.vertices.tolist()]
     faces = [" ".join(map(str, f)) for f in (mesh.faces + int(obj)).tolist()]
     if obj:
-        lines = ["# written by modalshell; metres", *(f"v {p}" for p in points), *(f"f {f}" for f in faces)]
+        lines = [f"{SIGNATURE}; metres", *(f"v {p}" for p in points), *(f"f {f}" for f in faces)]
     else:
         lines = ["OFF", f"{len(points)} {len(faces)} {len(mesh.edges)}", *points, *(f"3 {f}" for f in faces)]
     return "\n".join(lines) + "\n"

@@ -72,6 +72,14 @@ def _found(name: str, folder: Path) -> Path:
     return repository_file(name) if not file.exists() and name.startswith("meshes/") else file
 
 
+def input_files(scene: Any) -> list[Path]:
+    """Files that a scene reads: its own, that of its mesh, and those of its material's fields."""
+    folder = scene.file.parent
+    names = [getattr(scene.material, name, None) for name in ("young", "poisson", "thickness", "density")]
+    names.append(getattr(scene.mesh, "file", None))
+    return [scene.file, *(folder / name for name in names if isinstance(name, str))]
+
+
 def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh, folder: Path) -> Material | Isotropic:
     """The material on ``mesh``; files are looked for as those of meshes."""
     if isinstance(table, Stiffnesses):
