@@ -11,6 +11,7 @@ import modalshell as ms
 from modalshell.commands.terminal import progress
 from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.export import check_formats, compress, load_clip, save_modal_body, save_modes_gltf
+from modalshell.export.near_origin import centred
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import clip_page
 
@@ -55,7 +56,7 @@ def export(
             raise OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
         return
     if to == "page":
-        motion = compress(run)
+        motion = compress(centred(run)[0])
         shapes = motion.displacements()
         page = clip_page(
             motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem

@@ -19,6 +19,7 @@ from modalshell.core.errors import FileFormatError
 from modalshell.core.outcome import Outcome
 from modalshell.core.units import SI, UnitSystem
 from modalshell.export.compression import TOLERANCE, CompressedMotion, compress
+from modalshell.export.near_origin import demand_near_origin
 from modalshell.files.atomic_io import read_npz, write_npz
 from modalshell.motion import Trajectory
 
@@ -30,6 +31,7 @@ _FORMAT = 1
 
 def save_clip(run: Trajectory, path: Path, tolerance: float = TOLERANCE) -> Path:
     """Write a trajectory as a clip; see :func:`modalshell.export.compression.compress`."""
+    demand_near_origin(run.rest_positions, run.units.length, "clips")
     motion = compress(run, tolerance)
     return write_npz(
         path,

@@ -43,8 +43,8 @@ def checked_target(
 def refuse_inputs(targets: list[Path], *inputs: str | os.PathLike[str] | None, name: str = "the result") -> None:
     """OptionError where one of the ``targets`` is the same file as one of the ``inputs``."""
     for target in targets:
-        for given in filter(None, inputs):
-            if _same(target, Path(given)):
+        for given in inputs:
+            if given is not None and _same(target, Path(given)):
                 raise OptionError(
                     f"{name} {shown(str(target))} is an input and would be overwritten; inputs are never overwritten: "
                     "name another file or folder"

@@ -16,6 +16,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import brief
 from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
+from modalshell.export.near_origin import demand_near_origin
 from modalshell.motion import Motion, Trajectory
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count, take_steps
@@ -101,6 +102,10 @@ class ShellRun(SceneRun[SceneResult]):
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
         """Find the equilibrium, or step to the end of the motion."""
         scene = self._scene
+        if scene.output.positions == "float32":
+            kind = 'positions = "float32"'
+            with located(scene.file, "output", scene.output):
+                demand_near_origin(self.shell.rest_positions, scene.unit_system.length, kind)
         built = scene.build(self.shell)
         if scene.motion is None:
             run, resumed = Trajectory.still(built.equilibrium(), self.shell, built.loading(), scene.output.positions), 0
