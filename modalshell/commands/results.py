@@ -44,7 +44,7 @@ def export(
         return
     check_formats([target.suffix[1:]])
     try:
-        run = load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result)
+        run = load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result, verify=True)
     except FileFormatError:
         if (basis := _saved_basis(result)) is None:
             raise
