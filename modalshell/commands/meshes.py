@@ -18,7 +18,7 @@ from modalshell.core.checks import checked_number
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import make_folder
 from modalshell.files.outputs import checked_target, refuse_foreign
-from modalshell.mesh.files import WRITABLE, repair_mesh
+from modalshell.mesh.files import WRITABLE, Up, repair_mesh, told_up
 from modalshell.mesh.parts import chosen_part, refuse_loose_parts
 from modalshell.mesh.selection import selected
 from modalshell.models.factory import MODE_COUNT, ModelFactory
@@ -45,6 +45,9 @@ Repair = Annotated[bool, Parameter(name="--repair", negative="", help="Repair th
 Part = Annotated[
     Literal["largest", "all"] | int | None,
     Parameter(help="Connected part to take: its number, from 0 in order of decreasing area; largest; or all."),
+]
+UpAxis = Annotated[
+    Up | None, Parameter(help="Axis of the file that points up, rotated to z; y for glTF and z for others if omitted.")
 ]
 Join = Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")]
 
@@ -75,7 +78,9 @@ class _ShellOptions:
         component: Part = None,
         join: Join = None,
         triangles: Triangles = None,
+        up: UpAxis = None,
     ) -> None:
+        self.up = up
         self.repair, self.component, self.join, self.triangles = repair, component, join, triangles
         self.clamp, self.calibrated = clamp, calibrated
         self.material = {"young": young, "poisson": poisson, "thickness": thickness, "density": density}
@@ -83,10 +88,12 @@ class _ShellOptions:
     def mesh(self, path: Path) -> ms.TriangleMesh:
         """Load the mesh, repaired, of the parts and in as many triangles as are asked for."""
         if self.repair:
-            mesh, report = repair_mesh(path, tolerance=self.join, component=self.component)
+            mesh, report = repair_mesh(path, tolerance=self.join, component=self.component, up=self.up)
+            print(f"{path}: {told_up(path, self.up)}")
             _tell(path, report)
         else:
-            mesh = chosen_part(ms.load_mesh(path), self.component, self.join)
+            mesh = chosen_part(ms.load_mesh(path, up=self.up), self.component, self.join)
+            print(f"{path}: {told_up(path, self.up)}")
         return _remeshed(path, mesh, self.triangles)
 
     def held(self, mesh: ms.TriangleMesh) -> NDArray[np.bool_]:
@@ -300,13 +307,15 @@ def repair(
     component: Part = None,
     join: Join = None,
     triangles: Triangles = None,
+    up: UpAxis = None,
 ) -> None:
     """Repair a mesh so that it can be a shell, and list what was done (see ms.repair); holes stay open.
 
     Example: modalshell repair scan.stl --out scan_repaired.ply --component largest
     """
     checked_target("--out", out, WRITABLE, mesh)
-    mended, report = repair_mesh(mesh, tolerance=join, component=component)
+    mended, report = repair_mesh(mesh, tolerance=join, component=component, up=up)
+    print(f"{mesh}: {told_up(mesh, up)}")
     _tell(mesh, report)
     ms.save_mesh(_remeshed(mesh, mended, triangles), out)
     print(out)

@@ -60,8 +60,8 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
         return table.build()
     file = _found(table.file, folder)
     if not table.repair:
-        return chosen_part(load_mesh(file), table.component, table.join)
-    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component)
+        return chosen_part(load_mesh(file, up=table.up), table.component, table.join)
+    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component, up=table.up)
     if report.changed:
         warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=2)
     return mesh

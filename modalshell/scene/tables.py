@@ -41,6 +41,8 @@ class MeshFile(Table, frozen=True):
     """Distance [m] up to which vertices are merged, to join parts that touch."""
     repair: bool = False
     """Whether the mesh is repaired first, by ``ms.repair``; a warning lists what was done."""
+    up: Literal["x", "y", "z"] | None = None
+    """Axis of the file that points up and is rotated to z; by default y for glTF, else z."""
 
 
 class Stiffnesses(Table, frozen=True):
