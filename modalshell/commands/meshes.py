@@ -13,7 +13,7 @@ from rich.table import Table
 
 import modalshell as ms
 from modalshell.commands.choices import Timing, hold_one_end, motion_in_words, softening
-from modalshell.commands.terminal import CONSOLE, end_with, progress
+from modalshell.commands.terminal import CONSOLE, end_with, progress, say
 from modalshell.core.checks import checked_number
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import make_folder
@@ -89,11 +89,11 @@ class _ShellOptions:
         """Load the mesh, repaired, of the parts and in as many triangles as are asked for."""
         if self.repair:
             mesh, report = repair_mesh(path, tolerance=self.join, component=self.component, up=self.up)
-            print(f"{path}: {told_up(path, self.up)}")
+            say(f"{path}: {told_up(path, self.up)}")
             _tell(path, report)
         else:
             mesh = chosen_part(ms.load_mesh(path, up=self.up), self.component, self.join)
-            print(f"{path}: {told_up(path, self.up)}")
+            say(f"{path}: {told_up(path, self.up)}")
         return _remeshed(path, mesh, self.triangles)
 
     def held(self, mesh: ms.TriangleMesh) -> NDArray[np.bool_]:
@@ -145,7 +145,7 @@ class _FilmOptions:
 
 def _tell(path: Path, report: ms.RepairReport) -> None:
     for line in str(report).splitlines():
-        print(f"{path}: {line}")
+        say(f"{path}: {line}")
 
 
 def _remeshed(path: Path, mesh: ms.TriangleMesh, triangles: int | None) -> ms.TriangleMesh:
@@ -153,7 +153,7 @@ def _remeshed(path: Path, mesh: ms.TriangleMesh, triangles: int | None) -> ms.Tr
     if triangles is None:
         return mesh
     made = ms.remesh(mesh, triangles)
-    print(f"{path}: remeshed: {len(made.faces)} triangles in place of {len(mesh.faces)}")
+    say(f"{path}: remeshed: {len(made.faces)} triangles in place of {len(mesh.faces)}")
     return made
 
 
@@ -227,9 +227,9 @@ def simulate(
     else:
         chosen = _Chosen(options.build(built_mesh, options.held(built_mesh)), _TIMING, "")
     built, timing = chosen.shell, chosen.timing
-    print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
+    say(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     if chosen.description:
-        print(f"{mesh}: {chosen.description}")
+        say(f"{mesh}: {chosen.description}")
     kind = known[model]
     seen = film or _FilmOptions()
     color = seen.color
@@ -240,7 +240,7 @@ def simulate(
     model_used = kind(**({"modes": modes} if "modes" in kind.__struct_fields__ else {})).build(factory)
     for basis in factory.bases.values():
         span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
-        print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
+        say(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
     make_folder(out)
     if static:
         answer = model_used.equilibrium(gravity=gravity)
@@ -261,16 +261,16 @@ def simulate(
         found = with_fields(found, built, [color])
     if kind.spec.quadratic and buckles(built, load):
         found = found.with_remark(ADVICE)
-    print(f"{model_used.name}: {found.outcome.with_message(found.message)}, {work}")
+    say(f"{model_used.name}: {found.outcome.with_message(found.message)}, {work}")
     if built.clamped.any():
-        print(f"{model_used.name}: {motion_in_words(found, built.mesh.size)}")
+        say(f"{model_used.name}: {motion_in_words(found, built.mesh.size)}")
     formats = ["npz", "png"] if static else ["npz", "mp4", *(["png"] if seen.still is not None else [])]
     title = f"{mesh.stem}, {model_used.name}"
     rate = seen.fps or (_FILM_RATE if timing is not _TIMING and dt is None else None)
     look = Look(rate=rate, color=color, camera=seen.camera, turntable=seen.turntable, still=seen.still)
     with progress("film") as on_frame:
         written = write_results(found, out, name, formats, title=title, look=look, on_step=on_frame)
-    print(*written, sep="\n")
+    say(*written, sep="\n")
     end_with(found.outcome)
 
 
@@ -296,8 +296,8 @@ def modes(
         table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if k < basis.rigid_modes else "elastic")
     CONSOLE.print(table)
     basis.save(out / f"{mesh.stem}_basis.npz")
-    print(out / f"{mesh.stem}_basis.npz")
-    print(basis.plot().save(out / f"{mesh.stem}_modes.png"))
+    say(out / f"{mesh.stem}_basis.npz")
+    say(basis.plot().save(out / f"{mesh.stem}_modes.png"))
 
 
 def repair(
@@ -315,10 +315,10 @@ def repair(
     """
     checked_target("--out", out, WRITABLE, mesh)
     mended, report = repair_mesh(mesh, tolerance=join, component=component, up=up)
-    print(f"{mesh}: {told_up(mesh, up)}")
+    say(f"{mesh}: {told_up(mesh, up)}")
     _tell(mesh, report)
     ms.save_mesh(_remeshed(mesh, mended, triangles), out)
-    print(out)
+    say(out)
 
 
 def register(app: App) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 
 import modalshell as ms
-from modalshell.commands.terminal import progress
+from modalshell.commands.terminal import progress, say
 from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.export import check_formats, compress, load_clip, save_modal_body, save_modes_gltf
 from modalshell.export.near_origin import centred
@@ -40,7 +40,7 @@ def export(
         refuse_foreign(rest)
     if to == "body":
         refuse_foreign(target.with_suffix(".json"), *([target] if out is None else []))
-        print(*save_modal_body(ms.Basis.load(result), target), sep="\n")
+        say(*save_modal_body(ms.Basis.load(result), target), sep="\n")
         return
     check_formats([target.suffix[1:]])
     try:
@@ -49,9 +49,9 @@ def export(
         if (basis := _saved_basis(result)) is None:
             raise
         if to == "page":
-            print(basis.page(title=result.stem).save(target))
+            say(basis.page(title=result.stem).save(target))
         elif to == "gltf":
-            print(save_modes_gltf(basis, target))
+            say(save_modes_gltf(basis, target))
         else:
             raise OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
         return
@@ -61,13 +61,13 @@ def export(
         page = clip_page(
             motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem
         )
-        print(page.save(target))
+        say(page.save(target))
         return
     with progress(f"{result.stem} frames") as on_frame:
-        print(ms.save_trajectory(run, target, on_frame=on_frame))
+        say(ms.save_trajectory(run, target, on_frame=on_frame))
     if target.suffix in (".pc2", ".mdd"):
         ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
-        print(rest)
+        say(rest)
 
 
 def _result_of(path: Path) -> Path:

@@ -10,7 +10,7 @@ from cyclopts import App, Parameter
 import modalshell as ms
 from modalshell.commands.measurements import read_measurements
 from modalshell.commands.pages import scene_page
-from modalshell.commands.terminal import end_with, progress
+from modalshell.commands.terminal import end_with, progress, say
 from modalshell.core.errors import OptionError
 from modalshell.files.atomic_io import make_folder, write_record
 from modalshell.files.outputs import checked_target, refuse_foreign
@@ -36,7 +36,7 @@ def run(
     """
     with progress(f"{scene.stem} steps") as on_step:
         result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
-    print(f"{scene.stem}: {result.summary}", *result.files, sep="\n")
+    say(f"{scene.stem}: {result.summary}", *result.files, sep="\n")
     end_with(result.outcome)
 
 
@@ -74,7 +74,7 @@ def view(
     elif screenshot is None:
         open_window(declared)
     else:
-        print(take_picture(declared, 30 if frames is None else frames, screenshot))
+        say(take_picture(declared, 30 if frames is None else frames, screenshot))
 
 
 def sweep(
@@ -107,8 +107,8 @@ def sweep(
             on_step=on_step,
         )
     counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
-    print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
-    print(*([found.note] if found.note else []), *found.files, sep="\n")
+    say(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
+    say(*([found.note] if found.note else []), *found.files, sep="\n")
     end_with(*found.counts())
 
 
@@ -129,12 +129,12 @@ def path(
     make_folder(out)
     with progress(f"{scene.stem} points") as on_step:
         found = scene_path(declared, on_step, **changed)
-    print(f"{declared.name}: {found.outcome.with_message(found.message)}, {len(found.factors)} points")
+    say(f"{declared.name}: {found.outcome.with_message(found.message)}, {len(found.factors)} points")
     for number, one in enumerate([found, *found.branches]):
         begin = "" if one is found else f"branch {number}: "
         for kind, index, factor in one.events:
-            print(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
-    print(*write_path(found, out, declared.name, declared.require_shell().unit_system), sep="\n")
+            say(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
+    say(*write_path(found, out, declared.name, declared.require_shell().unit_system), sep="\n")
     end_with(found.outcome)
 
 
@@ -176,12 +176,12 @@ def fit(
     found = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
     for name, value in found.values.items():
         low, high = found.intervals[name]
-        print(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
+        say(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
     left = f"{100 * found.residual:.3g} %" if found.state is None else f"{found.residual:.3g} m"
-    print(f"left: {left} (root mean square); {found.evaluations} shells were solved")
+    say(f"left: {left} (root mean square); {found.evaluations} shells were solved")
     if out is not None:
         content = {"values": found.values, "intervals": found.intervals, "confidence": confidence}
-        print(write_record(out, content | {"residual": found.residual, "converged": found.converged}))
+        say(write_record(out, content | {"residual": found.residual, "converged": found.converged}))
     if not found.converged:
         end_with(ms.Outcome.NOT_CONVERGED)
 
@@ -199,7 +199,7 @@ def page(
     """
     declared = ms.load_scene(scene)
     checked_target("--out", out, (".html", ".htm"), *input_files(declared))
-    print(scene_page(declared).save(out))
+    say(scene_page(declared).save(out))
 
 
 def register(app: App) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import LARGEST, shortened
+from modalshell.core.checks import LARGEST, checked_folder, shortened
 from modalshell.core.errors import FileFormatError
 from modalshell.core.outcome import Outcome
 from modalshell.core.units import SI, UnitSystem
@@ -58,8 +58,9 @@ def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:
     FileFormatError
         If the file is missing, damaged, or not a clip.
     """
+    file = checked_folder("path", path)
     try:
-        data = read_npz(path)
+        data = read_npz(file)
         if int(data["modalshell_clip"]) != _FORMAT:
             raise ValueError(f"format {data['modalshell_clip']} (this version reads {_FORMAT})")
         _check_arrays(data)
@@ -75,7 +76,7 @@ def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:
         scales, amplitudes = data["scales"], data["amplitudes"]
         return CompressedMotion(times, rest, faces, shapes, scales, amplitudes, float(data["error"]), units)
     except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
-        raise FileFormatError(f"cannot read a clip from {Path(path)}: {shortened(str(error))}") from error
+        raise FileFormatError(f"cannot read a clip from {file}: {shortened(str(error))}") from error
 
 
 def _check_arrays(data: dict[str, NDArray[Any]]) -> None:
