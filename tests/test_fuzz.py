@@ -173,9 +173,9 @@ def traceback_at_the_command_line(monkeypatch):
 
 
 def two_lines(monkeypatch):
-    def loud(path, sound=ms.load_mesh):
+    def loud(path, sound=ms.load_mesh, **options):
         print("reading", path, file=sys.stderr)
-        return sound(path)
+        return sound(path, **options)
 
     monkeypatch.setattr(cli.ms, "load_mesh", loud)
 

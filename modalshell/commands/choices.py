@@ -20,6 +20,10 @@ SAG = 0.15
 """Deflection under the weight as a fraction of the mesh's size, in linear theory."""
 _END, _LARGEST_END = 0.05, 0.5
 """Clamped fraction of a part's length, and the largest fraction tried until a triangle is clamped."""
+_MOST_PARTS, _MOST_HELD = 20, 0.3
+"""Parts, and share of the vertices, up to which ends are held without being asked for."""
+_COARSE = 100
+"""Vertices of a mesh up to which one clamped triangle may be a large share of it."""
 _STEPS, _PERIODS = 24, 2.5
 """Steps per period, and periods of the motion."""
 _NOTHING = 1e-9
@@ -32,6 +36,12 @@ def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool
     """The end of each part that lies lowest along the longest axis across ``gravity`` (3,): a mask and a description.
 
     At least one triangle of each part is clamped, and if possible not all vertices of a part.
+
+    Raises
+    ------
+    SupportError
+        If nothing is left to bend, or if more parts or a larger share of the vertices would be held than is likely of a
+        mesh that was not cut into pieces as it was written.
     """
     axis = _axis_across(mesh, gravity)
     along = mesh.vertices[:, axis]
@@ -45,8 +55,15 @@ def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool
         held[_end_of_part(along, faces)] = True
     if held.all():
         raise ms.SupportError(
-            f"the mesh is {parts} single triangles without shared vertices: nothing can bend, and "
-            "no repair can tell which belong together; join near vertices by --join DISTANCE"
+            f"the mesh is {parts} single triangles without shared vertices: nothing can bend; merge coincident "
+            "vertices by --repair, near ones by --join DISTANCE"
+        )
+    share = float(held.mean())
+    if parts > _MOST_PARTS or (share > _MOST_HELD and len(held) > _COARSE):
+        raise ms.SupportError(
+            f"one end of each part would be held: {parts} parts, {100.0 * share:.0f} % of the vertices (at most "
+            f"{_MOST_PARTS} parts and {100.0 * _MOST_HELD:.0f} % are held without being asked for); join parts that "
+            "touch by --join DISTANCE, repair the mesh by --repair, or name the vertices to hold by --clamp"
         )
     name = "xyz"[axis]
     if parts == 1:

@@ -17,11 +17,12 @@ import modalshell as ms
 from modalshell.commands import meshes, results, scenes
 from modalshell.commands.doctor import examine
 from modalshell.commands.pages import write_pages
-from modalshell.commands.terminal import CONSOLE, progress
+from modalshell.commands.terminal import CONSOLE, progress, say
 from modalshell.compare import MODES
-from modalshell.core.checks import shortened
+from modalshell.core.checks import printable, shortened
 from modalshell.core.memory import available_memory, gigabytes
 from modalshell.files.atomic_io import make_folder
+from modalshell.files.outputs import checked_target
 from modalshell.files.provenance import repository_module
 
 _HELP = """Simulate thin shells: leaves, paper, sheet metal, cloth.
@@ -60,7 +61,7 @@ def reproduce(
     if pages:
         with progress("pages") as on_step:
             written = write_pages(out / "pages", on_step)
-        print(*written, sep="\n")
+        say(*written, sep="\n")
         return
     studies = repository_module("studies.reproduce")
     names = studies.chosen_studies(only, everything)
@@ -68,7 +69,7 @@ def reproduce(
     for name in names:
         with progress(name) as on_step:
             written = studies.reproduce(name, out, figures or out / "figures", quick=quick, on_step=on_step)
-        print(*written, sep="\n")
+        say(*written, sep="\n")
 
 
 @app.command
@@ -91,7 +92,7 @@ def tradeoff(
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         found = ms.tradeoff(scene, truth=truth, modes=modes, engines=engines, on_step=on_step)
-    print(found.table(), *found.save(out), sep="\n")
+    say(found.table(), *found.save(out), sep="\n")
 
 
 @app.command
@@ -110,13 +111,15 @@ def advise(
 
     Example: modalshell advise studies/scenes/flat_beam.toml --error 0.02 --fps 60
     """
+    if write is not None:
+        checked_target("--write", write, (".toml",), scene)
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
         found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
     CONSOLE.print(Markdown(found.explanation))
-    print(*found.save(out), sep="\n")
+    say(*found.save(out), sep="\n")
     if write is not None:
-        print(found.write_scene(scene, write))
+        say(found.write_scene(scene, write))
 
 
 @app.command
@@ -133,7 +136,7 @@ def bench(
     with progress("benchmarks") as on_step:
         written = repository_module("studies.benchmarks.run").main(out, quick, only, on_step)
     CONSOLE.print(Markdown(next(path for path in written if path.suffix == ".md").read_text(encoding="utf-8")))
-    print(*written, sep="\n")
+    say(*written, sep="\n")
 
 
 @app.command
@@ -157,20 +160,22 @@ def main(arguments: list[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):  # names of files need not be text that the terminal can show
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    warnings.showwarning = lambda message, *_, **__: print(f"modalshell: warning: {message}", file=sys.stderr)
+    warnings.showwarning = lambda message, *_, **__: print(
+        f"modalshell: warning: {printable(str(message))}", file=sys.stderr
+    )
     try:
         app(given, exit_on_error=False, print_error=False)
     except (ms.ModalShellError, CycloptsError, OSError) as error:
         if debug:
             raise
-        print(f"modalshell: {shortened(str(error), _LONGEST_MESSAGE)}", file=sys.stderr)
+        print(f"modalshell: {printable(shortened(str(error), _LONGEST_MESSAGE))}", file=sys.stderr)
         sys.exit(2)
     except MemoryError as error:
         if debug:
             raise
         known = f"{shortened(str(error))}; " if str(error) else ""
         advice = f"{known}{gigabytes(available_memory())} are free: take a coarser mesh, fewer modes or frames"
-        print(f"modalshell: out of memory: {advice}", file=sys.stderr)
+        print(f"modalshell: out of memory: {printable(advice)}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print("modalshell: stopped", file=sys.stderr)

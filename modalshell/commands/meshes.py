@@ -16,10 +16,11 @@ from rich.table import Table
 
 import modalshell as ms
 from modalshell.commands.choices import Timing, hold_one_end, motion_in_words, softening
-from modalshell.commands.terminal import CONSOLE, end_with, progress
+from modalshell.commands.terminal import CONSOLE, end_with, progress, say
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.files.atomic_io import make_folder
-from modalshell.mesh.files import repair_mesh
+from modalshell.files.outputs import checked_target, refuse_foreign
+from modalshell.mesh.files import WRITABLE, Up, repair_mesh, told_up
 from modalshell.mesh.parts import Component, chosen_part
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.registry import MODELS
@@ -56,6 +57,9 @@ Part = Annotated[
     Literal["largest", "all"] | int | None,
     Parameter(help="Connected part to take: its number, from 0 in order of decreasing area; largest; or all."),
 ]
+UpAxis = Annotated[
+    Up | None, Parameter(help="Axis of the file that points up, rotated to z; y for glTF and z for others if omitted.")
+]
 Join = Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")]
 
 
@@ -86,17 +90,18 @@ class _ShellOptions:
     component: Part = None
     join: Join = None
     triangles: Triangles = None
+    up: UpAxis = None
 
     def mesh(self, path: Path) -> ms.TriangleMesh:
         """Read the mesh."""
-        return _read(path, self.repair, self.split, self.component, self.join, self.triangles)
+        return _read(path, self.repair, self.split, self.component, self.join, self.triangles, self.up)
 
     def scene(self, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any]) -> ShellScene:
         """The scene of a mesh with these options, and with further tables."""
         sheet = {name: getattr(self, name) for name in ("young", "poisson", "thickness", "density", "calibrated")}
         defaults = {"young": _YOUNG, "thickness": mesh.size / 200.0}
         sheet |= {name: value for name, value in defaults.items() if sheet[name] is None}
-        flags = {"repair": self.repair, "split": self.split}
+        flags = {"repair": self.repair, "split": self.split, "up": self.up}
         raw: dict[str, Any] = {
             "mesh": {"file": str(path), "component": self.component, "join": self.join} | flags,
             "material": {name: str(value) if isinstance(value, Path) else value for name, value in sheet.items()},
@@ -135,18 +140,26 @@ class _FilmOptions:
 
 
 def _read(
-    path: Path, repair: bool, split: bool, component: Component | None, join: float | None, triangles: int | None
+    path: Path,
+    repair: bool,
+    split: bool,
+    component: Component | None,
+    join: float | None,
+    triangles: int | None,
+    up: Up | None,
 ) -> ms.TriangleMesh:
     """Read a mesh, repaired, reduced to a part and remeshed as requested; print what was done."""
+    lines: list[str] = []
     if repair or split:
-        mesh, report = repair_mesh(path, tolerance=join, component=component, split=split)
-        print(*(f"{path}: {line}" for line in str(report).splitlines()), sep="\n")
+        mesh, report = repair_mesh(path, tolerance=join, component=component, split=split, up=up)
+        lines = str(report).splitlines()
     else:
-        mesh = chosen_part(ms.load_mesh(path), component, join)
+        mesh = chosen_part(ms.load_mesh(path, up=up), component, join)
+    say(*(f"{path}: {line}" for line in (told_up(path, up), *lines)), sep="\n")
     if triangles is None:
         return mesh
     made = ms.remesh(mesh, triangles)
-    print(f"{path}: remeshed: {len(made.faces)} triangles in place of {len(mesh.faces)}")
+    say(f"{path}: remeshed: {len(made.faces)} triangles in place of {len(mesh.faces)}")
     return made
 
 
@@ -175,7 +188,7 @@ def _solve_modes(shell: ms.Shell, count: int) -> ms.Basis:
     """Compute the modes of a shell and print their range."""
     basis = ms.solve_modes(shell, count)
     span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
-    print(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
+    say(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
     return basis
 
 
@@ -245,18 +258,18 @@ def simulate(
         tables["motion"] |= {"dt": timing.dt if dt is None else dt, "damping": damping or timing.damping}
     scene = replace(options.scene(mesh, built_mesh, tables), name=f"{mesh.stem}_{model}")
     built = scene.build_shell(built_mesh)
-    print(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
+    say(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     if description:
-        print(f"{mesh}: {description}")
+        say(f"{mesh}: {description}")
     name = scene.model.spec.name
     rate = look.rate or (_FILM_RATE if timing is not _TIMING and dt is None else None)
     look = replace(look, rate=rate, title=f"{mesh.stem}, {name}")
     with progress(f"{name} steps") as on_step, progress("film") as on_frame:
         found = ShellRun(scene, built, out, look, on_frame, _solve_modes).run(restart, on_step)
-    print(f"{name}: {found.summary}")
+    say(f"{name}: {found.summary}")
     if built.clamped.any():
-        print(f"{name}: {motion_in_words(found.trajectory, built.mesh.size)}")
-    print(*found.files, sep="\n")
+        say(f"{name}: {motion_in_words(found.trajectory, built.mesh.size)}")
+    say(*found.files, sep="\n")
     end_with(found.outcome)
 
 
@@ -272,6 +285,7 @@ def modes(
 
     Example: modalshell modes meshes/leaf.obj --clamp "x < 0.08" --count 8
     """
+    refuse_foreign(out / f"{mesh.stem}_basis.npz")
     options = shell or _ShellOptions()
     loaded = options.mesh(mesh)
     built = options.scene(mesh, loaded, {}).build_shell(loaded)
@@ -282,8 +296,8 @@ def modes(
         table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if k < basis.rigid_modes else "elastic")
     CONSOLE.print(table)
     basis.save(out / f"{mesh.stem}_basis.npz")
-    print(out / f"{mesh.stem}_basis.npz")
-    print(basis.plot().save(out / f"{mesh.stem}_modes.png"))
+    say(out / f"{mesh.stem}_basis.npz")
+    say(basis.plot().save(out / f"{mesh.stem}_modes.png"))
 
 
 def repair(
@@ -294,15 +308,15 @@ def repair(
     component: Part = None,
     join: Join = None,
     triangles: Triangles = None,
+    up: UpAxis = None,
 ) -> None:
     """Repair a mesh so that it can be a shell, and list what was done (see ms.repair); holes stay open.
 
     Example: modalshell repair scan.stl --out scan_repaired.ply --component largest
     """
-    if out.exists() and mesh.exists() and out.samefile(mesh):
-        raise ms.OptionError(f"--out {out} is the mesh itself, which is never overwritten; name another file")
-    ms.save_mesh(_read(mesh, True, split, component, join, triangles), out)
-    print(out)
+    checked_target("--out", out, WRITABLE, mesh)
+    ms.save_mesh(_read(mesh, True, split, component, join, triangles, up), out)
+    say(out)
 
 
 def register(app: App) -> None:

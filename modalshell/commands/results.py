@@ -8,8 +8,10 @@ from typing import Annotated, Literal
 from cyclopts import App, Parameter
 
 import modalshell as ms
-from modalshell.commands.terminal import progress
+from modalshell.commands.terminal import progress, say
 from modalshell.export import check_formats, compress, save_modal_body, save_modes_gltf
+from modalshell.export.near_origin import centred
+from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.page import clip_page
 
 _SUFFIXES = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
@@ -31,40 +33,40 @@ def export(
     """
     result = _result_of(result)
     target = out or (result.with_name(f"{result.stem}_body.npz") if to == "body" else result.with_suffix(_SUFFIXES[to]))
-    if target.suffix != _SUFFIXES[to]:
-        raise ms.OptionError(f"--out must end in {_SUFFIXES[to]} for {to} (got {target.name!r})")
-    if target.resolve() == result.resolve():
-        raise ms.OptionError(f"{result} would be overwritten: give another file with --out")
+    checked_target("--out", target, (_SUFFIXES[to],), result)
+    rest = target.with_name(f"{target.stem}_rest.obj")
+    if to in ("pc2", "mdd"):
+        refuse_foreign(rest)
     if to == "body":
-        print(*save_modal_body(ms.Basis.load(result), target), sep="\n")
+        refuse_foreign(target.with_suffix(".json"), *([target] if out is None else []))
+        say(*save_modal_body(ms.Basis.load(result), target), sep="\n")
         return
     check_formats([target.suffix[1:]])
     try:
-        run = ms.load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result)
+        run = ms.load_clip(result) if result.suffix == ".clip" else ms.load_trajectory(result, verify=True)
     except ms.FileFormatError:
         if (basis := _saved_basis(result)) is None:
             raise
         if to == "page":
-            print(basis.page(title=result.stem).save(target))
+            say(basis.page(title=result.stem).save(target))
         elif to == "gltf":
-            print(save_modes_gltf(basis, target))
+            say(save_modes_gltf(basis, target))
         else:
             raise ms.OptionError(f"{result} is a basis, which is written as gltf or page (got {to})") from None
         return
     if to == "page":
-        motion = compress(run)
+        motion = compress(centred(run)[0])
         shapes = motion.displacements()
         page = clip_page(
             motion.times, motion.rest_positions, motion.faces, shapes, motion.amplitudes, title=result.stem
         )
-        print(page.save(target))
+        say(page.save(target))
         return
     with progress(f"{result.stem} frames") as on_frame:
-        print(ms.save_trajectory(run, target, on_frame=on_frame))
+        say(ms.save_trajectory(run, target, on_frame=on_frame))
     if target.suffix in (".pc2", ".mdd"):
-        rest = target.with_name(f"{target.stem}_rest.obj")
         ms.save_mesh(ms.TriangleMesh(run.rest_positions, run.faces), rest)
-        print(rest)
+        say(rest)
 
 
 def _result_of(path: Path) -> Path:

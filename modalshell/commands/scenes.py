@@ -10,9 +10,11 @@ from cyclopts import App, Parameter
 import modalshell as ms
 from modalshell.commands.measurements import read_measurements
 from modalshell.commands.pages import scene_page
-from modalshell.commands.terminal import end_with, progress
+from modalshell.commands.terminal import end_with, progress, say
 from modalshell.files.atomic_io import make_folder, write_record
+from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.run.path_files import write_path
+from modalshell.scene.parts import input_files
 from modalshell.scene.paths import scene_path
 from modalshell.viewer import attach as follow_run
 from modalshell.viewer import open_window, serve_page, take_picture
@@ -33,7 +35,7 @@ def run(
     """
     with progress(f"{scene.stem} steps") as on_step:
         result = ms.run_scene(scene, out=out, color=color, restart=restart, on_step=on_step)
-    print(f"{scene.stem}: {result.summary}", *result.files, sep="\n")
+    say(f"{scene.stem}: {result.summary}", *result.files, sep="\n")
     end_with(result.outcome)
 
 
@@ -71,7 +73,7 @@ def view(
     elif screenshot is None:
         open_window(declared)
     else:
-        print(take_picture(declared, 30 if frames is None else frames, screenshot))
+        say(take_picture(declared, 30 if frames is None else frames, screenshot))
 
 
 def sweep(
@@ -104,8 +106,8 @@ def sweep(
             on_step=on_step,
         )
     counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
-    print(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
-    print(*([found.note] if found.note else []), *found.files, sep="\n")
+    say(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
+    say(*([found.note] if found.note else []), *found.files, sep="\n")
     end_with(*found.counts())
 
 
@@ -121,16 +123,17 @@ def path(
     Example: modalshell path studies/scenes/v_beam_stiff.toml --branches 1
     """
     declared = ms.load_scene(scene)
+    refuse_foreign(out / f"{declared.name}_path.npz")
     changed = {name: value for name, value in (("until", until), ("branches", branches)) if value is not None}
     make_folder(out)
     with progress(f"{scene.stem} points") as on_step:
         found = scene_path(declared, on_step, **changed)
-    print(f"{declared.name}: {found.outcome.with_message(found.message)}, {len(found.factors)} points")
+    say(f"{declared.name}: {found.outcome.with_message(found.message)}, {len(found.factors)} points")
     for number, one in enumerate([found, *found.branches]):
         begin = "" if one is found else f"branch {number}: "
         for kind, index, factor in one.events:
-            print(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
-    print(*write_path(found, out, declared.name, declared.require_shell().unit_system), sep="\n")
+            say(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
+    say(*write_path(found, out, declared.name, declared.require_shell().unit_system), sep="\n")
     end_with(found.outcome)
 
 
@@ -155,6 +158,8 @@ def fit(
     Example: modalshell fit strip.toml --data tip.csv --wrt young --where "x > 0.299"
     """
     declared = ms.load_scene(scene).require_shell()
+    if out is not None:
+        checked_target("--out", out, (".json",), *input_files(declared), data)
     measured = read_measurements(data)
     if "positions" in measured and where is None:
         raise ms.OptionError("measured positions need --where: a selection of vertices, such as 'x > 0.29'")
@@ -170,12 +175,12 @@ def fit(
     found = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
     for name, value in found.values.items():
         low, high = found.intervals[name]
-        print(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
+        say(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
     left = f"{100 * found.residual:.3g} %" if found.state is None else f"{found.residual:.3g} m"
-    print(f"left: {left} (root mean square); {found.evaluations} shells were solved")
+    say(f"left: {left} (root mean square); {found.evaluations} shells were solved")
     if out is not None:
         content = {"values": found.values, "intervals": found.intervals, "confidence": confidence}
-        print(write_record(out, content | {"residual": found.residual, "converged": found.converged}))
+        say(write_record(out, content | {"residual": found.residual, "converged": found.converged}))
     if not found.converged:
         end_with(ms.Outcome.NOT_CONVERGED)
 
@@ -191,7 +196,9 @@ def page(
 
     Example: modalshell page studies/scenes/v_beam.toml --out v_beam.html
     """
-    print(scene_page(ms.load_scene(scene)).save(out))
+    declared = ms.load_scene(scene)
+    checked_target("--out", out, (".html", ".htm"), *input_files(declared))
+    say(scene_page(declared).save(out))
 
 
 def register(app: App) -> None:

@@ -7,8 +7,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from modalshell.core.checks import printable
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 
@@ -16,12 +18,17 @@ CONSOLE = Console()
 ERRORS = Console(stderr=True)
 
 
+def say(*lines: object, sep: str = " ") -> None:
+    """Print what may hold names of files, without the control characters that would steer the terminal."""
+    print(*(printable(str(line)) for line in lines), sep=sep)
+
+
 @contextmanager
 def progress(text: str, *, delay: float = 0.0) -> Iterator[Callable[[int, int], None]]:
     """A progress bar with the time left, as a callback of (done, total); it is shown after ``delay`` [s]."""
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}/{task.total}"))
     bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=ERRORS)
-    task, watch = bar.add_task(text, total=None), Stopwatch()
+    task, watch = bar.add_task(escape(printable(text)), total=None), Stopwatch()
 
     def advance(done: int, total: int) -> None:
         if watch() >= delay:
@@ -34,7 +41,7 @@ def progress(text: str, *, delay: float = 0.0) -> Iterator[Callable[[int, int], 
     try:
         yield advance
     except KeyboardInterrupt as stop:  # cyclopts would end without a word
-        stopped = ": ".join(["modalshell: stopped", *map(str, stop.args)])
+        stopped = printable(": ".join(["modalshell: stopped", *map(str, stop.args)]))
     finally:
         if bar.live.is_started:
             bar.stop()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,6 +19,8 @@ LARGEST = 1e50
 """Numbers above this overflow when raised to powers in the energies; numbers below its inverse underflow."""
 _APART = 1e-15
 """Shortest time [s] between keyframes; splines divide by its third power."""
+_STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Control characters, and those that turn the direction of writing."""
 _SHOWN = 80
 """Characters of a refused value shown in a message."""
 _PLAIN = (str, bytes, int, float, complex, list, tuple, dict, type(None), np.ndarray, np.generic)
@@ -27,6 +30,11 @@ def shortened(text: str, most: int = 300) -> str:
     """``text`` on one line of at most ``most`` characters."""
     line = " ".join(text.split())
     return line if len(line) <= most else line[: most - 3] + "..."
+
+
+def printable(text: str) -> str:
+    """``text`` for a terminal: characters that steer it as escapes; line ends and tabs stay."""
+    return _STEERING.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 def shown(value: Any) -> str:

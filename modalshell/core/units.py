@@ -10,6 +10,8 @@ from typing import Final, final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.checks import checked_choice
+
 _DIMENSIONS: Final[dict[str, tuple[int, int, int]]] = {
     "m": (1, 0, 0),
     "kg": (0, 1, 0),
@@ -30,6 +32,13 @@ _DIMENSIONS: Final[dict[str, tuple[int, int, int]]] = {
 }
 """Powers of length, mass and time."""
 
+LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+"""Known units of length [m]."""
+MASSES: Final = {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "t": 1e3, "lb": 0.45359237}
+"""Known units of mass [kg]."""
+TIMES: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+"""Known units of time [s]."""
+
 
 @final
 @dataclass(frozen=True)
@@ -40,11 +49,30 @@ class UnitSystem:
     ----------
     length, mass, time : str
         Such as "mm", "t" and "s".
+
+    Raises
+    ------
+    OptionError
+        For units that are not known.
     """
 
     length: str = "m"
     mass: str = "kg"
     time: str = "s"
+
+    def __post_init__(self) -> None:
+        for name, known in (("length", LENGTHS), ("mass", MASSES), ("time", TIMES)):
+            checked_choice(f"the unit of {name}", getattr(self, name), tuple(known))
+
+    @property
+    def metres(self) -> float:
+        """The unit of length [m]."""
+        return LENGTHS[self.length]
+
+    @property
+    def seconds(self) -> float:
+        """The unit of time [s]."""
+        return TIMES[self.time]
 
     def of(self, unit: str) -> str:
         """What a unit of SI is here: "Pa" is "t/(mm s^2)" with mm, t and s; angles and numbers stay."""

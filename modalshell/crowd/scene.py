@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, final
@@ -20,6 +21,7 @@ from modalshell.crowd.flock import MOST, MOST_THREADS, Flock
 from modalshell.modes import Basis, solve_modes
 from modalshell.scene import tables
 from modalshell.scene.kinds import KINDS, SceneKind
+from modalshell.scene.load import pickled_scene
 from modalshell.scene.parts import checked_keyframes
 from modalshell.scene.read import located
 from modalshell.scene.scene import Scene, ShellScene
@@ -200,3 +202,4 @@ def declared_flock(declared: dict[str, Any]) -> FlockScene:
 
 
 KINDS["flock"] = SceneKind(FlockTable, declared_flock)
+copyreg.pickle(FlockScene, pickled_scene)

@@ -12,7 +12,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import shortened
+from modalshell.core.checks import checked_folder, shortened
 from modalshell.core.errors import FileFormatError
 from modalshell.core.outcome import Outcome
 from modalshell.core.units import UnitSystem
@@ -105,7 +105,7 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
     FileFormatError
         If the file is missing, cut off, damaged, or not a saved trajectory.
     """
-    file = Path(path)
+    file = checked_folder("path", path)
     try:
         with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
             mark = int(read_member(archive, _MARK))

@@ -10,6 +10,7 @@ import numpy as np
 
 from modalshell.core.typing import Array
 from modalshell.export.compression import compress
+from modalshell.export.near_origin import centre_of, centred
 from modalshell.files.atomic_io import write_bytes
 from modalshell.modes import Basis
 from modalshell.motion import Trajectory
@@ -22,17 +23,19 @@ _TURN = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
 
 def save_gltf(run: Trajectory, path: Path) -> Path:
     """Write a binary glTF file whose morph targets, with weights over time, bake the motion."""
-    motion = compress(run)
+    near, centre = centred(run)
+    motion, metres = compress(near), run.units.metres
     shapes, names, weights = [], [], []
     for k, (shape, amplitude) in enumerate(zip(motion.displacements(), motion.amplitudes.T.astype(float), strict=True)):
         for sign in (1.0, -1.0):  # readers clamp weights to [0, 1], so that each side has a target of its own
             weight = np.maximum(sign * amplitude, 0.0)
             if reach := weight.max():
-                shapes.append(sign * reach * shape)
+                shapes.append(metres * (sign * reach * shape))
                 names.append(f"shape {k + 1}{'+' if sign > 0 else '-'}")
                 weights.append(weight / reach)
-    moved = (motion.times, np.array(weights).T)
-    return _write(path, motion.rest_positions.astype(float), motion.faces, shapes, names, moved)
+    moved = (run.units.seconds * motion.times, np.array(weights).T)
+    rest = metres * motion.rest_positions.astype(float)
+    return _write(path, rest, motion.faces, shapes, names, moved, metres * centre)
 
 
 def save_modes_gltf(basis: Basis, path: Path) -> Path:
@@ -41,7 +44,9 @@ def save_modes_gltf(basis: Basis, path: Path) -> Path:
     reach = np.linalg.norm(modes, axis=2).max(axis=1)
     shapes = modes * (_SHOWN_SHARE * basis.shell.size / reach)[:, None, None]
     names = [f"mode {k + 1}, {frequency:.4g} Hz" for k, frequency in enumerate(basis.frequencies)]
-    return _write(path, basis.shell.rest_positions, basis.shell.mesh.faces, shapes, names, None)
+    rest = basis.shell.rest_positions
+    centre = centre_of(rest)
+    return _write(path, rest - centre, basis.shell.mesh.faces, shapes, names, None, centre)
 
 
 def _write(
@@ -51,8 +56,12 @@ def _write(
     shapes: Iterable[Array],
     names: Sequence[str],
     weights: tuple[Array, Array] | None,
+    centre: Array,
 ) -> Path:
-    """A mesh with morph targets (K, n, 3), and an animation of their weights (F, K) at times (F,)."""
+    """A mesh about a centre (3,), with morph targets (K, n, 3), and an animation of their weights (F, K) at times (F,).
+
+    The node is turned to y up first and moved to the centre then.
+    """
     import pygltflib as gltf
 
     blob, views, accessors = bytearray(), [], []
@@ -80,11 +89,13 @@ def _write(
     )
     mesh = gltf.Mesh(primitives=[primitive], weights=[0.0] * len(targets), extras={"targetNames": list(names)})
     colour = gltf.PbrMetallicRoughness(baseColorFactor=[0.36, 0.55, 0.78, 1.0], metallicFactor=0.0, roughnessFactor=0.8)
+    x, y, z = map(float, centre)
+    node = gltf.Node(mesh=0, name="Shell", rotation=_TURN, translation=[x, z, -y] if centre.any() else None)
     document = gltf.GLTF2(
         asset=gltf.Asset(version="2.0", generator="modalshell"),
         scene=0,
         scenes=[gltf.Scene(nodes=[0])],
-        nodes=[gltf.Node(mesh=0, name="Shell", rotation=_TURN)],
+        nodes=[node],
         meshes=[mesh],
         materials=[gltf.Material(pbrMetallicRoughness=colour, doubleSided=True)],
     )

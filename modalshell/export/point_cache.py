@@ -8,12 +8,14 @@ from typing import IO
 
 import numpy as np
 
+from modalshell.export.near_origin import demand_near_origin
 from modalshell.files.atomic_io import write_atomically
 from modalshell.motion import Trajectory
 
 
 def save_pc2(run: Trajectory, path: Path) -> Path:
     """Write a PC2 file: one sample per frame from frame 0, little-endian float32, z up; the times are not in it."""
+    demand_near_origin(run.rest_positions, run.units.length, "point caches")
     frames, vertices = run.positions.shape[:2]
 
     def write(file: IO[bytes]) -> None:
@@ -26,11 +28,12 @@ def save_pc2(run: Trajectory, path: Path) -> Path:
 
 def save_mdd(run: Trajectory, path: Path) -> Path:
     """Write an MDD file: big-endian float32 times [s] and positions, z up."""
+    demand_near_origin(run.rest_positions, run.units.length, "point caches")
     frames, vertices = run.positions.shape[:2]
 
     def write(file: IO[bytes]) -> None:
         file.write(struct.pack(">ii", frames, vertices))
-        file.write(np.asarray(run.times, dtype=">f4").tobytes())
+        file.write(np.asarray(run.units.seconds * run.times, dtype=">f4").tobytes())
         for frame in run.positions:
             file.write(np.ascontiguousarray(frame, dtype=">f4").tobytes())
 

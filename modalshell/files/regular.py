@@ -66,5 +66,8 @@ def read_regular(path: str | os.PathLike[str], most: int | None = None) -> bytes
 
 
 def read_text(path: str | os.PathLike[str], most: int = DOCUMENT) -> str:
-    """Contents of a regular file as UTF-8 text; UnicodeDecodeError otherwise. See :func:`read_regular`."""
-    return read_regular(Path(path), most).decode("utf-8")
+    """Contents of a regular file as UTF-8 text without a byte order mark; UnicodeDecodeError if it is other text.
+
+    See :func:`read_regular`.
+    """
+    return read_regular(Path(path), most).decode("utf-8").removeprefix("\ufeff")

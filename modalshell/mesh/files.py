@@ -8,13 +8,15 @@ import io
 import logging
 import os
 import warnings
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from modalshell.core.checks import checked_kind, shown
+from modalshell.core.checks import checked_choice, checked_folder, checked_kind, shown
 from modalshell.core.errors import MeshError, ModalShellWarning
+from modalshell.files.outputs import SIGNATURE
 from modalshell.files.regular import read_regular
 from modalshell.mesh import validation
 from modalshell.mesh.file_checks import check_gltf, check_stl
@@ -32,19 +34,49 @@ READABLE = (".obj", ".ply", ".stl", ".off", ".glb", ".gltf")
 POLYGONS = {".obj": read_obj, ".off": read_off, ".ply": read_ply}
 """Readers of formats that hold polygons."""
 WRITABLE = (".obj", ".ply", ".stl", ".off", ".glb")
+Up = Literal["x", "y", "z"]
+"""Axes of a file that may point up."""
+_GLTF = (".glb", ".gltf")
+_WELDED = (".stl", *_GLTF)
+"""Formats in which triangles may each have vertices of their own."""
+_TURNED: dict[str, tuple[list[int], list[float]]] = {
+    "x": ([2, 1, 0], [-1.0, 1.0, 1.0]),
+    "y": ([0, 2, 1], [1.0, -1.0, 1.0]),
+}
+"""Axes of the file, and their signs, that become x, y and z."""
 
 
-def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
+def up_axis(path: str | os.PathLike[str], up: Up | None = None) -> Up:
+    """The axis of a mesh file that points up: ``up`` if it is given, by definition y in glTF, and z in other formats.
+
+    OptionError for another axis.
+    """
+    if up is not None:
+        checked_choice("up", up, ("x", "y", "z"))
+        return up
+    return "y" if Path(path).suffix.lower() in _GLTF else "z"
+
+
+def told_up(path: str | os.PathLike[str], up: Up | None = None) -> str:
+    """The axis that points up, as text."""
+    axis = up_axis(path, up)
+    return "z is up" if axis == "z" else f"{axis} is up in the file and was rotated to z"
+
+
+def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> TriangleMesh:
     """Read a triangle mesh from an OBJ, PLY, STL, OFF, GLB or glTF file.
 
     Polygons are split into triangles and the parts of a scene are joined. Materials, normals and texture coordinates
-    are ignored, so texture seams of an OBJ do not cut the shell. STL vertices are merged. Vertices in no face are
-    dropped with a warning.
+    are ignored, so texture seams of an OBJ do not cut the shell. Coincident vertices of STL and glTF are merged.
+    Vertices in no face are dropped with a warning.
 
     Parameters
     ----------
     path : path
         The file; its suffix names the format. Coordinates are taken as metres.
+    up : str, optional
+        Axis of the file that points up, "x", "y" or "z", which is rotated to z; by default y for glTF, as it is
+        defined, else z.
 
     Returns
     -------
@@ -57,14 +89,15 @@ def load_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
         When the file cannot be read or holds no valid shell; names the file, the fault and the first offending
         indices, counted from 0 in the file's own order.
     """
-    file = Path(path)
-    found = read_polygons(file)
+    file = checked_folder("path", path)
+    found = read_polygons(file, up)
     try:
         vertices = validation.as_vertices(found.vertices)
         faces = validation.as_faces(found.triangles(), len(vertices))
-        if file.suffix.lower() == ".stl":
-            vertices, faces = _weld_stl(file, vertices, faces)
-        return _build(file, vertices, faces)
+        vertices, faces = _without_unused(file, vertices, faces)
+        if file.suffix.lower() in _WELDED:
+            vertices, faces = _weld(file, vertices, faces)
+        return TriangleMesh(vertices, faces)
     except MeshError as error:
         raise _located(file, error, split=bool((found.sizes > 3).any())) from error
 
@@ -75,18 +108,28 @@ def repair_mesh(
     tolerance: float | None = None,
     component: Component | None = None,
     split: bool = False,
+    up: Up | None = None,
 ) -> tuple[TriangleMesh, RepairReport]:
     """Apply :func:`~modalshell.repair` to a file of a format that :func:`load_mesh` reads; same parameters."""
-    file = Path(path)
-    found = read_polygons(file)
+    file = checked_folder("path", path)
+    found = read_polygons(file, up)
     try:
         return repair(found.vertices, found, tolerance=tolerance, component=component, split=split)
     except MeshError as error:
         raise _located(file, error, split=True) from error
 
 
-def read_polygons(file: Path) -> Polygons:
-    """Vertices and polygons of a mesh file in its own order; MeshError if it is not of the format of its suffix."""
+def read_polygons(file: Path, up: Up | None = None) -> Polygons:
+    """Vertices, z up, and polygons of a mesh file in its own order; MeshError if it is not of its suffix's format."""
+    axis = up_axis(file, up)
+    found = _read_as_stored(file)
+    if axis == "z" or found.vertices.ndim != 2 or found.vertices.shape[1] != 3:
+        return found
+    order, signs = _TURNED[axis]
+    return replace(found, vertices=found.vertices[:, order] * signs)
+
+
+def _read_as_stored(file: Path) -> Polygons:
     suffix = _check_suffix(file, READABLE, "read")
     try:
         data = read_regular(file)
@@ -152,7 +195,8 @@ def save_mesh(mesh: TriangleMesh, path: str | os.PathLike[str]) -> None:
     else:
         import trimesh
 
-        plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        upright = mesh.vertices[:, [0, 2, 1]] * [1.0, 1.0, -1.0] if suffix == ".glb" else mesh.vertices  # y is up
+        plain = trimesh.Trimesh(upright, mesh.faces, process=False)
         exported = plain.export(file_type=suffix[1:])
         data = exported if isinstance(exported, bytes) else str(exported).encode()
     try:
@@ -208,11 +252,11 @@ def _trimesh_load(file: Path, data: bytes, suffix: str) -> Any:
         ) from error
 
 
-def _weld_stl(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+def _weld(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     welded, kept, dropped = weld_arrays(vertices, faces)
     if dropped:
         warnings.warn(
-            f"{file}: dropped {dropped} of {len(faces)} triangles that collapsed when the STL's vertices were merged; "
+            f"{file}: dropped {dropped} of {len(faces)} triangles that collapsed when coincident vertices were merged; "
             "repair the file to silence this",
             ModalShellWarning,
             stacklevel=3,
@@ -220,7 +264,7 @@ def _weld_stl(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[FloatA
     return welded, kept
 
 
-def _build(file: Path, vertices: FloatArray, faces: IntArray) -> TriangleMesh:
+def _without_unused(file: Path, vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
     unused = validation.unused_vertices(faces, len(vertices))
     if len(unused):
         # Checked before vertices are renumbered, so that an error names the file's own indices.
@@ -233,7 +277,7 @@ def _build(file: Path, vertices: FloatArray, faces: IntArray) -> TriangleMesh:
             ModalShellWarning,
             stacklevel=3,
         )
-    return TriangleMesh(vertices, faces)
+    return vertices, faces
 
 
 def _text(mesh: TriangleMesh, suffix: str) -> str:
@@ -242,7 +286,7 @@ def _text(mesh: TriangleMesh, suffix: str) -> str:
     points = [" ".join(map(repr, p)) for p in mesh.vertices.tolist()]
     faces = [" ".join(map(str, f)) for f in (mesh.faces + int(obj)).tolist()]
     if obj:
-        lines = ["# written by modalshell; metres", *(f"v {p}" for p in points), *(f"f {f}" for f in faces)]
+        lines = [f"{SIGNATURE}; metres", *(f"v {p}" for p in points), *(f"f {f}" for f in faces)]
     else:
         lines = ["OFF", f"{len(points)} {len(faces)} {len(mesh.edges)}", *points, *(f"3 {f}" for f in faces)]
     return "\n".join(lines) + "\n"

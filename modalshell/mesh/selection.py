@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.core.checks import as_array, shortened, shown
+from modalshell.core.checks import LARGEST, as_array, shortened, shown
 from modalshell.core.errors import ModalShellError, OptionError
 from modalshell.core.thread_safety import read_only_copy
 from modalshell.mesh import TriangleMesh
@@ -176,7 +176,10 @@ def _mask(node: ast.expr, text: str, surface: TriangleMesh | NDArray[np.float64]
             return select(_mesh(surface, node, text), *_numbers(node, text, count))
         if name in _ON_POINTS:
             count, select = _ON_POINTS[name]
-            return select(_points(surface), *_numbers(node, text, count))
+            numbers = _numbers(node, text, count)
+            if name == "nearest" and not all(abs(number) <= LARGEST for number in numbers):
+                raise OptionError(f"nearest must have finite numbers of at most {LARGEST:g} (got {shown(text)})")
+            return select(_points(surface), *numbers)
     raise _refuse(node, text)
 
 

@@ -7,13 +7,19 @@ import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import checked_count, checked_kind, checked_vectors, finite_answer, shortened
+from modalshell.core.checks import (
+    checked_count,
+    checked_folder,
+    checked_kind,
+    checked_vectors,
+    finite_answer,
+    shortened,
+)
 from modalshell.core.drawn import Paged
 from modalshell.core.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
@@ -156,9 +162,10 @@ class Basis(ReadOnlyArrays, Paged):
         FileFormatError
             If the file is missing, damaged, or not a saved basis.
         """
+        file = checked_folder("path", path)
         load_plugins()
         try:
-            data = read_npz(path)
+            data = read_npz(file)
             if int(data["modalshell_basis"]) != _FORMAT:
                 raise ValueError(f"format {data['modalshell_basis']} (this version reads {_FORMAT})")
             kind = Isotropic if "young" in data else Material
@@ -178,7 +185,7 @@ class Basis(ReadOnlyArrays, Paged):
                 raise ValueError(f"{data['rigid_modes']} rigid modes of {values.size}")
             counts = (int(data["rigid_modes"]), float(data["residual"]), str(data["backend"]))
         except Exception as error:  # zip, zlib, OS, key, mesh and value errors all mean the same to the user
-            raise FileFormatError(f"cannot read a saved basis from {Path(path)}: {shortened(str(error))}") from error
+            raise FileFormatError(f"cannot read a saved basis from {file}: {shortened(str(error))}") from error
         return cls(shell, values, modes, rotations, *counts)
 
 

@@ -16,6 +16,7 @@ from typing import Any, final
 import numpy as np
 from numpy.typing import NDArray
 
+from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.files.atomic_io import write_text
@@ -56,6 +57,7 @@ def filled_page(
 
     ``KIND.html`` and ``KIND.js`` are in the ``folder`` of that package; ``page.html`` and ``common.js`` are here.
     """
+    checked_kind("title", title, str)
     picture = Picture.of_views([View([ShadedSurface(vertices, np.asarray(faces))])], size=(640, 400)).base64
     own, common = files(folder), files(__package__)
     controls, *scripts = (

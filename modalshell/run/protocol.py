@@ -15,10 +15,12 @@ from llvmlite.binding import get_host_cpu_name
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import read_record, write_record
+from modalshell.files.outputs import refuse_foreign, refuse_inputs
 from modalshell.files.provenance import run_record
 from modalshell.files.regular import open_regular
 from modalshell.run.frame_file import FrameFile
 from modalshell.scene import Scene
+from modalshell.scene.parts import input_files
 from modalshell.shell import Shell
 
 
@@ -78,7 +80,7 @@ class SceneRun(ABC, Generic[Result]):
         self.identity = run_identity(scene, shell)
         self.formats: list[str] = list(dict.fromkeys(["npz", *scene.output.formats]))
         self.frames = 0
-        self._content = scene.content()
+        self._content, self._inputs = scene.content(), input_files(scene)
 
     @abstractmethod
     def find_results(self, record: dict[str, Any], whole: list[str]) -> bool:
@@ -111,6 +113,10 @@ class SceneRun(ABC, Generic[Result]):
     def run(self, restart: bool, on_step: Progress | None) -> Result:
         """Compute and write what is missing; see :func:`modalshell.run_scene`."""
         with FrameFile(self.path("frames")) as file:
+            refuse_foreign(self.path("npz"))
+            if not self.path("npz").exists():  # else the record next to it is its own, damaged or not
+                refuse_foreign(self.path("json"))
+            refuse_inputs([self.path(suffix) for suffix in self.formats], *self._inputs)
             remove_leftovers(self.folder, self.name)
             record = None if restart else read_record(self.path("json"))
             if record is not None and record.get("identity") != self.identity:

@@ -17,6 +17,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import brief
 from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
+from modalshell.export.near_origin import demand_near_origin
 from modalshell.models import Equilibrium
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion, Trajectory
@@ -125,6 +126,10 @@ class ShellRun(SceneRun[SceneResult]):
     def compute(self, file: FrameFile, restart: bool, on_step: Progress | None) -> int:
         """Find the equilibrium, or step to the end of the motion."""
         scene = self._scene
+        if scene.output.positions == "float32":
+            kind = 'positions = "float32"'
+            with located(scene.file, "output", scene.output):
+                demand_near_origin(self.shell.rest_positions, scene.unit_system.length, kind)
         built = scene.build(self.shell, self._solve)
         if scene.motion is None:
             self._answer = built.equilibrium()

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import copyreg
 import os
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
+from modalshell.core.checks import checked_folder
 from modalshell.core.errors import SceneError
 from modalshell.core.plugins import load_plugins
 from modalshell.scene import tables
@@ -41,7 +46,8 @@ def load_scene(path: str | os.PathLike[str]) -> Scene:
         key's path, the value and what is allowed. Values that depend on the mesh are checked by
         :meth:`ShellScene.build`.
     """
-    return parse_scene(Path(path), read_toml(Path(path)))
+    file = checked_folder("path", path)
+    return parse_scene(file, read_toml(file))
 
 
 def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
@@ -94,6 +100,20 @@ def parse_scene(file: Path, raw: dict[str, Any]) -> Scene:
     )
     own = next((kind for key, kind in KINDS.items() if key in declared), None)
     return ShellScene(**declared) if own is None else own.builder(declared)
+
+
+def pickled_scene(scene: Scene) -> tuple[Any, ...]:
+    """What a scene is pickled as: its tables as plain dicts and lists, whose types are made as the scene is read."""
+    raw = {field.name: getattr(scene, field.name) for field in fields(scene) if field.name != "file"}
+    plain = {name: msgspec.to_builtins(value) for name, value in raw.items() if value is not None}
+    if "constraints" in plain:
+        plain["constraints"] = list(plain["constraints"])
+    if isinstance(scene.supports, tables.SupportList):
+        plain["supports"] = plain["supports"]["entries"]
+    return parse_scene, (scene.file, plain)
+
+
+copyreg.pickle(ShellScene, pickled_scene)
 
 
 def _mesh_table(file: Path, raw: Any) -> tables.MeshFile | Shape:

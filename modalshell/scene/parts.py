@@ -60,8 +60,8 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
         return table.build()
     file = _found(table.file, folder)
     if not (table.repair or table.split):
-        return chosen_part(load_mesh(file), table.component, table.join)
-    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component, split=table.split)
+        return chosen_part(load_mesh(file, up=table.up), table.component, table.join)
+    mesh, report = repair_mesh(file, tolerance=table.join, component=table.component, split=table.split, up=table.up)
     if report.changed:
         warnings.warn(f"{file}: {'; '.join(report.messages)}", ModalShellWarning, stacklevel=2)
     return mesh
@@ -70,6 +70,14 @@ def build_mesh(table: MeshFile | Shape, folder: Path) -> TriangleMesh:
 def _found(name: str, folder: Path) -> Path:
     file = folder / name
     return repository_file(name) if not file.exists() and name.startswith("meshes/") else file
+
+
+def input_files(scene: Any) -> list[Path]:
+    """Files that a scene reads: its own, that of its mesh, and those of its material's fields."""
+    folder = scene.file.parent
+    names = [getattr(scene.material, name, None) for name in ("young", "poisson", "thickness", "density")]
+    names.append(getattr(scene.mesh, "file", None))
+    return [scene.file, *(folder / name for name in names if isinstance(name, str))]
 
 
 def build_material(table: Stiffnesses | PhysicalSheet, mesh: TriangleMesh, folder: Path) -> Material | Isotropic:

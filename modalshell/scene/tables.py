@@ -43,6 +43,8 @@ class MeshFile(Table, frozen=True):
     """Whether the mesh is repaired first, by ``ms.repair``; a warning lists what was done."""
     split: bool = False
     """Whether it is repaired and cut apart at edges of three or more faces: a rib then holds its plate no longer."""
+    up: Literal["x", "y", "z"] | None = None
+    """Axis of the file that points up and is rotated to z; by default y for glTF, else z."""
 
 
 class Stiffnesses(Table, frozen=True):

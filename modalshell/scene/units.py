@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
+from modalshell.core.units import LENGTHS, MASSES, TIMES
 from modalshell.scene.tables import PhysicalSheet, Stiffnesses, Units
 
-_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
-_MASS = {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "t": 1e3, "lb": 0.45359237}
-_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 _THICKEST = 0.2
 """Thickness, as a share of the size, above which a body is no sheet."""
 _DENSITIES = (1.0, 3e4)
@@ -19,7 +17,7 @@ def odd_values(material: Stiffnesses | PhysicalSheet, units: Units, size: float)
     """Message about implausible values of a material on a mesh of ``size``; values from files are not checked."""
     if isinstance(material, Stiffnesses):
         return []
-    length, mass, time = _LENGTH[units.length], _MASS[units.mass], _TIME[units.time]
+    length, mass, time = LENGTHS[units.length], MASSES[units.mass], TIMES[units.time]
     found = []
     thickness, density, young = material.thickness, material.density, material.young
     if isinstance(thickness, float | int) and thickness > _THICKEST * size:

@@ -50,6 +50,11 @@ def connect(address: str, certificates: Sequence[str | os.PathLike[str]] | None 
             )
         names = dict(zip(("tls_ca_file", "tls_client_cert", "tls_client_key"), map(str, files), strict=True))
         security = Security(require_encryption=True, **names)
+    elif address.startswith("tls://") and Security().get_connection_args("client")["ssl_context"] is None:
+        raise OptionError(
+            f"{shown(address)} needs certificates: give the files of authority, certificate and key (--certificates), "
+            "or name them in the configuration of dask"
+        )
     try:
         if not re.search(r"://|:\d+$", address):
             raise ValueError("the address names no port")

@@ -6,6 +6,7 @@ import os
 import time
 from pathlib import Path
 
+from modalshell.core.checks import printable
 from modalshell.core.errors import OptionError
 from modalshell.render.content import checked_path
 from modalshell.run import RunFollower
@@ -106,14 +107,14 @@ def attach(
             AttachedWindow(follower).show()
         else:
             AttachedWindow(follower, off_screen=True).save_picture(screenshot)
-            print(screenshot)
+            print(printable(str(screenshot)))
     finally:
         follower.close()
 
 
 def _print_frames(run: RunFollower) -> None:
-    print(run.status(), flush=True)
+    print(printable(run.status()), flush=True)
     while run.state != "finished":
         time.sleep(FRAME_SECONDS)
         if run.poll():
-            print(run.status(), flush=True)
+            print(printable(run.status()), flush=True)

@@ -429,8 +429,8 @@ def test_a_drawn_front_never_runs_up(bent):
     """It is that of the axis on which it is drawn, whatever the counted work says."""
     findings = bent.findings()
     times = np.linspace(5.0, 1.0, len(findings["rows"]))  # the reverse of the counted order
-    for row, time in zip(findings["rows"], times, strict=True):
-        row["frame_ms"] = float(time)
+    for row, milliseconds in zip(findings["rows"], times, strict=True):
+        row["frame_ms"] = float(milliseconds)
     marks = pareto_panel(findings, "reversed").marks
     front = sorted((mark for mark in marks if mark.front), key=lambda mark: mark.x)
     assert front

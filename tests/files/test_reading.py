@@ -189,7 +189,7 @@ def test_links_are_not_written_through(tmp_path, scene_file):
 
 @pytest.mark.parametrize("told", ["Unable to allocate 22.4 GiB for an array", ""])
 def test_memory_that_runs_out_is_one_line(told, monkeypatch, capsys):
-    def no_memory(_path):
+    def no_memory(_path, **_):
         raise MemoryError(told)
 
     monkeypatch.setattr("modalshell.commands.cli.ms.load_mesh", no_memory)

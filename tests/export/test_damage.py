@@ -1,0 +1,94 @@
+"""Damaged archives and clips are refused by what reads them."""
+
+import numpy as np
+import pytest
+from scenes import cantilever
+
+import modalshell as ms
+from modalshell.commands.cli import main
+
+
+@pytest.fixture(scope="module")
+def run():
+    model = ms.ModalWarping(ms.solve_modes(cantilever((8, 4)), 4))
+    return ms.simulate(model, duration=0.5, dt=0.05, gravity=(0, 0.5, -6), damping=(0.5, 0.001))
+
+
+@pytest.mark.parametrize("kind", ["pc2", "clip", "page", "mdd"])
+def test_export_verifies_archives_of_any_size(run, tmp_path, monkeypatch, capsys, kind):
+    data = bytearray(ms.save_trajectory(run, tmp_path / "run.npz").read_bytes())
+    data[data.rindex(b"positions.npy", 0, len(data) - 500) + 2000] ^= 1
+    (tmp_path / "run.npz").write_bytes(data)
+    monkeypatch.setattr("modalshell.export.archive._VERIFIED", 100)
+    with pytest.raises(SystemExit) as stop:
+        main(["export", str(tmp_path / "run.npz"), "--to", kind])
+    assert stop.value.code == 2
+    assert "CRC" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["run.npz"]
+
+
+def entry(index, value):
+    def change(array):
+        changed = array.copy()
+        changed[index] = value
+        return changed
+
+    return change
+
+
+DAMAGE = [
+    ("times", entry(3, np.nan)),
+    ("times", lambda a: a[::-1]),
+    ("times", lambda a: a.astype(str)),
+    ("times", lambda a: a[:0]),
+    ("times", lambda a: a.astype(complex)),
+    ("rest", entry((0, 0), np.inf)),
+    ("rest", lambda a: a[:-1]),
+    ("rest", lambda a: a.astype(np.int32)),
+    ("rest", lambda a: a.astype(float) * 1e100),
+    ("faces", lambda a: a.astype(float)),
+    ("faces", lambda a: a.astype(np.int64) - 5),
+    ("faces", lambda a: a + 500),
+    ("faces", lambda a: a[:0]),
+    ("faces", lambda a: a[:, :2]),
+    ("shapes", lambda a: a.astype(float) * np.nan),
+    ("shapes", lambda a: a.astype(np.int64) * 2**40),
+    ("shapes", lambda a: a.astype(np.uint16)),
+    ("shapes", lambda a: a[:, ::2]),
+    ("scales", lambda a: -a),
+    ("scales", lambda a: a * 0.0),
+    ("scales", lambda a: a[:, None]),
+    ("scales", lambda a: np.full_like(a, 1e308)),
+    ("amplitudes", entry((0, 0), np.nan)),
+    ("amplitudes", lambda a: a.T),
+    ("amplitudes", lambda a: a.astype(bool)),
+    ("error", lambda a: -a - 1.0),
+    ("error", lambda _: np.array(np.nan)),
+    ("error", lambda _: np.zeros(2)),
+    ("error", lambda _: np.array("small")),
+    ("units", lambda _: np.array("furlongs")),
+    ("unit_system", lambda _: np.array(["furlong", "kg", "s"])),
+    ("unit_system", lambda _: np.array(["mm", "t", "s"])),
+    ("unit_system", lambda _: np.array(["m", "kg"])),
+    ("unit_system", lambda _: np.arange(3)),
+    ("modalshell_clip", lambda _: np.array(2)),
+]
+
+
+@pytest.mark.parametrize(("name", "change"), DAMAGE)
+def test_clips_of_other_arrays_are_refused(run, tmp_path, name, change):
+    with np.load(ms.save_trajectory(run, tmp_path / "run.clip")) as data:
+        arrays = {key: data[key] for key in data if key != "sha256"}
+    arrays[name] = change(arrays[name])
+    with open(tmp_path / "run.clip", "wb") as file:
+        np.savez(file, **arrays)
+    with pytest.raises(ms.FileFormatError, match="cannot read a clip"):
+        ms.load_clip(tmp_path / "run.clip")
+
+
+@pytest.mark.parametrize("units", [("furlong", "kg", "s"), ("m", "pound", "s"), ("m", "kg", 3), ("", "kg", "s")])
+def test_units_are_those_that_are_known(units):
+    from modalshell.core.units import UnitSystem
+
+    with pytest.raises(ms.OptionError, match="the unit of"):
+        UnitSystem(*units)
