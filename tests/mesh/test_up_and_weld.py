@@ -116,7 +116,7 @@ def test_many_parts_and_many_held_vertices_are_refused():
         faces = [mesh.faces + k * len(mesh.vertices) for k in range(count)]
         return ms.TriangleMesh(np.vstack(moved), np.vstack(faces))
 
-    assert "20 parts" in hold_one_end(copies(20, strip), GRAVITY).description
+    assert "20 parts" in hold_one_end(copies(20, strip), GRAVITY)[1]
     with pytest.raises(ms.SupportError, match=r"21 parts.*--join.*--repair"):
         hold_one_end(copies(21, strip), GRAVITY)
     coarse = ms.sheet(length=1.0, width=0.8, cells=(2, 2))
