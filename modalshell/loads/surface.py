@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import as_array, checked_number, checked_switch, checked_vectors
 from modalshell.core.errors import LoadError, OptionError
-from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only_copy
 from modalshell.core.typing import Array, Index, Vector
 from modalshell.loads.applied import AppliedLoad, Corners, SurfaceForm, length
 from modalshell.loads.base import LiveLoad
@@ -91,7 +91,7 @@ def _boundary(faces: Index) -> Index:
 
 
 @final
-class Wind(LiveLoad, key="wind"):
+class Wind(LiveLoad, ReadOnlyArrays, key="wind"):
     r"""Wind on the surface, by its velocity relative to every triangle.
 
     With the relative velocity :math:`u = u_n n + u_t` at the triangle's centre, split along its unit normal n and its
