@@ -395,3 +395,22 @@ def test_a_ply_declares_each_name_once(axes, rows, words, tmp_path):
     (tmp_path / "mesh.ply").write_text(PLY.format(axes, rows + "3 0 1 2\n"))
     with pytest.raises(ms.MeshError, match=words):
         ms.load_mesh(tmp_path / "mesh.ply")
+
+
+@pytest.mark.parametrize(("until", "begin"), [(5e-324, 0.0), (1e-310, 0.0), (5e-324, 1e-323)])
+def test_ranges_of_load_factors_that_vanish(until, begin):
+    with pytest.raises(ms.OptionError, match=r"until must differ from begin by at least 1e-50 .* scale the load"):
+        ms.equilibrium_path(shell(), gravity=(0.0, 0.0, -2.0), until=until, begin=begin)
+
+
+@pytest.mark.parametrize("shape", [(2,), (2, 2), (1, 1, 3), (7, 3)])
+def test_winds_of_a_wrong_shape(shape):
+    wind = ms.Wind(lambda _points, _time: np.ones(shape))
+    with pytest.raises(ms.LoadError, match=r"wind's velocity must have shape \(\d+, 3\), a row for each point"):
+        ms.DiscreteShell(shell()).equilibrium(loads=[wind])
+
+
+@pytest.mark.parametrize("value", [np.zeros(3), "no", None, 1], ids=shown)
+def test_switches(value):
+    with pytest.raises(ms.OptionError, match="follower must be True or False"):
+        ms.Pressure(1.0, follower=value)

@@ -9,7 +9,15 @@ from typing import cast, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.core.checks import checked_choice, checked_count, checked_kind, checked_number, checked_vectors, shown
+from modalshell.core.checks import (
+    LARGEST,
+    checked_choice,
+    checked_count,
+    checked_kind,
+    checked_number,
+    checked_vectors,
+    shown,
+)
 from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.short_repr import brief
@@ -175,6 +183,10 @@ def equilibrium_path(
     until, begin = checked_number("until", until), checked_number("begin", begin)
     if until == begin:
         raise OptionError(f"until must differ from begin (got {until:g} for both)")
+    if abs(until - begin) < 1.0 / LARGEST:
+        raise OptionError(
+            f"until must differ from begin by at least {1.0 / LARGEST:g} (got {until:g} and {begin:g}): scale the load"
+        )
     checked_choice("control", control, CONTROLS)
     steps, points = checked_count("steps", steps), checked_count("points", points, at_least=2)
     branches = checked_count("branches", branches, at_least=0)

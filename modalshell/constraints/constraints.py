@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from modalshell.core.checks import checked_number, checked_vectors, shown
 from modalshell.core.errors import OptionError, SupportError
-from modalshell.core.thread_safety import read_only
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Index
 from modalshell.kernels import rotations
 from modalshell.shell import Shell
@@ -21,7 +21,7 @@ Target = ArrayLike | Callable[[float], ArrayLike]
 """Three numbers, or a function of the time [s] that gives them."""
 
 
-class Constraint:
+class Constraint(ReadOnlyArrays):
     """A constraint on the mean of a patch; make a :class:`PositionConstraint` or an :class:`OrientationConstraint`.
 
     Attributes

@@ -100,6 +100,13 @@ def checked_choice(name: str, value: Any, choices: tuple[str, ...]) -> str:
     return value
 
 
+def checked_switch(name: str, value: Any) -> bool:
+    """Return ``value`` as a bool if it is True or False, else raise OptionError."""
+    if not isinstance(value, bool | np.bool_):
+        raise OptionError(f"{name} must be True or False (got {shown(value)})")
+    return bool(value)
+
+
 def checked_kind(name: str, value: Any, kind: type[T]) -> T:
     """Return ``value`` if it is an instance of ``kind``, else raise OptionError."""
     if not isinstance(value, kind):

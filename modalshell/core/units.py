@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, final
@@ -31,6 +32,22 @@ _DIMENSIONS: Final[dict[str, tuple[int, int, int]]] = {
     "J/m^2": (0, 1, -2),
 }
 """Powers of length, mass and time."""
+_TENS: Final = {
+    "m": 0,
+    "cm": -2,
+    "mm": -3,
+    "um": -6,
+    "km": 3,
+    "kg": 0,
+    "g": -3,
+    "mg": -6,
+    "t": 3,
+    "s": 0,
+    "ms": -3,
+    "us": -6,
+}
+_PREFIXES: Final = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+"""Powers of ten of the units that have a place in SI, and what SI calls them."""
 
 LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 """Known units of length [m]."""
@@ -75,9 +92,11 @@ class UnitSystem:
         return TIMES[self.time]
 
     def of(self, unit: str) -> str:
-        """What a unit of SI is here: "Pa" is "t/(mm s^2)" with mm, t and s; angles and numbers stay."""
+        """What a unit of SI is here: "Pa" is "MPa" with mm, t and s, "kg/(ft s^2)" with ft, kg and s."""
         if self == SI or unit not in _DIMENSIONS:
             return unit
+        if (named := self._named(unit)) is not None:
+            return named
         powers = list(zip((self.mass, self.length, self.time), (_DIMENSIONS[unit][k] for k in (1, 0, 2)), strict=True))
         above, below = (
             [name if abs(power) == 1 else f"{name}^{abs(power)}" for name, power in powers if sign * power > 0]
@@ -85,6 +104,17 @@ class UnitSystem:
         )
         under = f"/({' '.join(below)})" if len(below) > 1 else "".join(f"/{name}" for name in below)
         return (" ".join(above) or "1") + under
+
+    def _named(self, unit: str) -> str | None:
+        """A unit made of N, Pa or J by its prefix here; None where SI has no name for it."""
+        first, *rest = re.split(r"(?=[ /])", unit, maxsplit=1)
+        system = (self.length, self.mass, self.time)
+        if first not in ("N", "Pa", "J") or not all(name in _TENS for name in system):
+            return None
+        ten = sum(power * _TENS[name] for power, name in zip(_DIMENSIONS[first], system, strict=True))
+        if ten not in _PREFIXES:
+            return None
+        return _PREFIXES[ten] + first + "".join(rest).replace("m", self.length)
 
     def labels(self, units: Mapping[str, str]) -> dict[str, str]:
         """Names with their units here; "1" for plain numbers."""

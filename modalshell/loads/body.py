@@ -8,14 +8,14 @@ import numpy as np
 
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import LoadError
-from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only_copy
 from modalshell.core.typing import Array, Index, Vector
 from modalshell.loads.applied import AppliedLoad, BodyForm, Corners
 from modalshell.loads.base import LiveLoad
 from modalshell.mesh import TriangleMesh
 
 
-class _MassLoad(LiveLoad):
+class _MassLoad(LiveLoad, ReadOnlyArrays):
     """A load in proportion to the masses of the vertices."""
 
     def force(self, mesh: TriangleMesh) -> Array:  # noqa: ARG002

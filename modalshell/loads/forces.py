@@ -8,14 +8,14 @@ import numpy as np
 
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import OptionError
-from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only_copy
 from modalshell.core.typing import Array, Vector
 from modalshell.loads.base import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, selected
 
 
-class _SelectedForce(Load):
+class _SelectedForce(Load, ReadOnlyArrays):
     """One vector for selected vertices."""
 
     def __init__(self, sel: Selection, force: Vector) -> None:

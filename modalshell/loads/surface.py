@@ -8,9 +8,9 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import as_array, checked_number, checked_vectors
+from modalshell.core.checks import as_array, checked_number, checked_switch, checked_vectors
 from modalshell.core.errors import LoadError, OptionError
-from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only_copy
 from modalshell.core.typing import Array, Index, Vector
 from modalshell.loads.applied import AppliedLoad, Corners, SurfaceForm, length
 from modalshell.loads.base import LiveLoad
@@ -54,10 +54,13 @@ class Pressure(LiveLoad, key="pressure"):
     ------
     LoadError
         If ``p`` is not finite.
+    OptionError
+        If ``follower`` is not True or False.
     """
 
     def __init__(self, p: float, follower: bool = True, sel: Selection | None = None) -> None:
-        self.p, self.follower, self.sel = checked_number("p", p, unit="Pa", error=LoadError), bool(follower), sel
+        self.p, self.sel = checked_number("p", p, unit="Pa", error=LoadError), sel
+        self.follower = checked_switch("follower", follower)
 
     def force(self, mesh: TriangleMesh) -> Array:
         """Force on every vertex (n, 3) [N] at rest; OptionError where ``sel`` selects no triangle of ``mesh``."""
@@ -88,7 +91,7 @@ def _boundary(faces: Index) -> Index:
 
 
 @final
-class Wind(LiveLoad, key="wind"):
+class Wind(LiveLoad, ReadOnlyArrays, key="wind"):
     r"""Wind on the surface, by its velocity relative to every triangle.
 
     With the relative velocity :math:`u = u_n n + u_t` at the triangle's centre, split along its unit normal n and its
@@ -141,6 +144,11 @@ class Wind(LiveLoad, key="wind"):
         if not callable(self.velocity):
             return self.velocity
         found = as_array("the wind's velocity", self.velocity(points, time), f"{points.shape}", LoadError)
+        if found.shape not in ((), (1,), (3,), (1, 3), (len(points), 1), points.shape):
+            raise LoadError(
+                f"the wind's velocity must have shape {points.shape}, a row for each point (got {found.shape}): "
+                "return one velocity (3,) or as many as points"
+            )
         return checked_vectors("the wind's velocity", np.broadcast_to(found, points.shape), points.shape)
 
     def applied(self, mesh: TriangleMesh, mass: Array) -> AppliedLoad:  # noqa: ARG002

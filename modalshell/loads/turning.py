@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.core.checks import checked_number, checked_vectors
 from modalshell.core.errors import LoadError, OptionError
-from modalshell.core.thread_safety import read_only_copy
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only_copy
 from modalshell.core.typing import Array, Index, Vector
 from modalshell.loads.applied import AppliedLoad, Corners, TurningForm, length
 from modalshell.loads.base import LiveLoad
@@ -79,7 +79,7 @@ class EdgeMoment(LiveLoad, key="moment"):
 
 
 @final
-class FollowerForce(LiveLoad, key="follower"):
+class FollowerForce(LiveLoad, ReadOnlyArrays, key="follower"):
     """A force at each selected vertex that rotates with the triangles around it. It has no potential.
 
     Every triangle at the vertex carries a share by its area at rest, which keeps its components along the triangle's

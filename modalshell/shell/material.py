@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.core.errors import MaterialError, ModalShellWarning
 from modalshell.core.short_repr import brief
+from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.bending import bending_constants
@@ -21,7 +22,7 @@ from modalshell.shell.orientation import orient
 
 @brief
 @dataclass(frozen=True)
-class Material:
+class Material(ReadOnlyArrays):
     """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3] and area density.
 
     Each may be one number or one value per element of the mesh that the shell is built on.

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from modalshell.core.checks import checked_kind, checked_vectors, shown
 from modalshell.core.errors import SupportError
 from modalshell.core.registry import Registry
-from modalshell.core.thread_safety import read_only
+from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array, Vector
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.selection import Selection, checked_selection, selected
 
 
-class Support(ABC):
+class Support(ReadOnlyArrays, ABC):
     """What holds selected vertices of a shell.
 
     A subclass with a key is known to scenes: with ``class Pin(Support, key="pin")`` each table ``[[supports]]`` of

@@ -94,6 +94,32 @@ def test_public_arrays_are_read_only_and_stay_so_in_copies(name, again):
     assert not [name for name, value in arrays.items() if value.flags.writeable]
 
 
+ONCE_MADE = {
+    "material": lambda: ms.Material(np.full(4, 20.0), 20.0, 0.05, 0.2),
+    "isotropic": lambda: ms.Isotropic(np.full(4, 1e6), 0.3, 0.01, 1000.0),
+    "support": lambda: ms.Pin(np.array([0, 1])),
+    "direction": lambda: ms.Roller("x < 0.1", (0.0, 0.0, 1.0)),
+    "position": lambda: ms.PositionConstraint([8, 9], np.ones(3)),
+    "orientation": lambda: ms.OrientationConstraint(8, np.ones(3)),
+    "wind": lambda: ms.Wind((1.0, 2.0, 3.0)),
+    "follower": lambda: ms.FollowerForce("x > 0.1", (1.0, 2.0, 3.0)),
+    "point": lambda: ms.PointForce("x > 0.1", (1.0, 2.0, 3.0)),
+    "line": lambda: ms.LineForce("x > 0.1", (1.0, 2.0, 3.0)),
+    "weight": lambda: ms.SelfWeight(),
+    "frame": lambda: ms.FrameInertia((1.0, 2.0, 3.0), (4.0, 5.0, 6.0)),
+}
+
+
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+@pytest.mark.parametrize("name", ONCE_MADE)
+def test_copies_of_what_is_made_once_are_read_only(name, again):
+    made = ONCE_MADE[name]()
+    for one in (made, again(made)):
+        assert not [
+            name for name, value in vars(one).items() if isinstance(value, np.ndarray) and value.flags.writeable
+        ]
+
+
 def test_a_stiffness_matrix_is_the_callers_own():
     shell = world()["shell"]
     before = shell.stiffness()

@@ -25,8 +25,8 @@ from modalshell.shell import Shell
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.path import Followable
 
-NO_POTENTIAL = "the load has no potential"
-"""Said of every answer under such a load."""
+NO_POTENTIAL = "follower load"
+"""Said of every answer under a load without a potential: no fault."""
 RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
 
