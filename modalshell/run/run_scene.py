@@ -28,7 +28,7 @@ def run_scene(
     color: str | None = None,
     restart: bool = False,
     on_step: Progress | None = None,
-) -> Any:
+) -> RunResult:
     """Run a scene and write its results; a stopped or killed run resumes after its last stored frame.
 
     Stored frames are kept in ``NAME.frames`` until the results are complete; :class:`RunFollower` shows them to other
