@@ -142,20 +142,73 @@ def test_messages_that_ask_for_memory_get_none(page):
     assert resident(process) - before < 100e6
 
 
-def test_connections_are_counted(page):
-    port, _, _ = page
+def test_browsers_are_counted_once_they_gave_the_secret(page):
+    port, secret, _ = page
+    address = f"http://127.0.0.1:{port}/ws"
+
+    async def greeted(session):
+        socket = await session.ws_connect(address)
+        await socket.send_bytes(message("wslink.hello", {"secret": secret}))
+        assert "error" not in await answer(socket)
+        return socket
 
     async def crowd():
-        async with aiohttp.ClientSession() as session:
-            sockets = [await session.ws_connect(f"http://127.0.0.1:{port}/ws") for _ in range(32)]
+        async with aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0)) as session:
+            silent = [await session.ws_connect(address) for _ in range(150)]
+            await silent[0].receive()  # the oldest ones make room
+            sockets = [await greeted(session) for _ in range(32)]
             with pytest.raises(aiohttp.WSServerHandshakeError) as caught:
-                await session.ws_connect(f"http://127.0.0.1:{port}/ws")
+                await session.ws_connect(address)
             assert caught.value.status == 503
-            for socket in sockets:
-                await socket.close()
-            return await session.ws_connect(f"http://127.0.0.1:{port}/ws")
+            await silent[-1].send_bytes(message("wslink.hello", {"secret": secret}))  # of a crowd that came together
+            for socket in silent:  # and silent ones are heard for some seconds
+                found = await asyncio.wait_for(socket.receive(), 20)
+                assert found.type in (aiohttp.WSMsgType.CLOSED, aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.BINARY)
+            assert not any(socket.closed for socket in sockets)
+            await sockets[0].close()
+            await sockets[1].send_bytes(message("trame.state.get", name="rpc:1"))
+            assert "error" not in await answer(sockets[1])
+            return await greeted(session)
 
     assert asyncio.run(crowd()) is not None
+
+
+def deep(levels):
+    value = 1
+    for _ in range(levels):
+        value = [value]
+    return value
+
+
+def test_messages_of_a_wrong_form_are_dropped(page):
+    port, secret, _ = page
+    head = {"wslink": "1.0", "id": "system:1", "method": "wslink.hello"}
+
+    async def talked(socket):
+        for wrong in ({"args": 5}, {"args": None}, {"args": {}}, {"args": deep(400)}):
+            body = msgpack.packb(head | wrong)
+            await socket.send_bytes(struct.pack("<III", 1, 0, len(body)) + body)
+        await socket.send_bytes(message("wslink.hello", {"secret": secret}))
+        return await answer(socket)
+
+    assert "error" not in talk(port, talked)
+
+
+def test_requests_for_other_protocols_are_refused(page):
+    port, _, _ = page
+    assert status(port, "/ws") == 400
+    assert status(port, "/ws", Upgrade="WebSocket, h2c", Connection="Upgrade") == 400
+    assert status(port, Upgrade="h2c", Connection="Upgrade") == 400
+
+
+@pytest.mark.parametrize("path", ["/index.html", "/", "/none", "/ws"])
+def test_no_page_may_be_framed(page, path):
+    async def asked():
+        address = f"http://127.0.0.1:{page[0]}{path}"
+        async with aiohttp.ClientSession() as session, session.get(address, allow_redirects=False) as found:
+            return found.headers["Content-Security-Policy"]
+
+    assert asyncio.run(asked()) == "frame-ancestors 'none'"
 
 
 def test_own_addresses_are_told_from_others():
