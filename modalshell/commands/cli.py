@@ -20,6 +20,7 @@ from modalshell.commands.pages import write_pages
 from modalshell.commands.terminal import CONSOLE, progress, say
 from modalshell.compare import MODES
 from modalshell.core.checks import printable, shortened
+from modalshell.core.errors import ModalShellError
 from modalshell.core.memory import available_memory, gigabytes
 from modalshell.files.atomic_io import make_folder
 from modalshell.files.outputs import checked_target
@@ -165,7 +166,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     try:
         app(given, exit_on_error=False, print_error=False)
-    except (ms.ModalShellError, CycloptsError, OSError) as error:
+    except (ModalShellError, CycloptsError, OSError) as error:
         if debug:
             raise
         print(f"modalshell: {printable(shortened(str(error), _LONGEST_MESSAGE))}", file=sys.stderr)
