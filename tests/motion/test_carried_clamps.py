@@ -98,12 +98,12 @@ def test_every_model_on_every_support_ends_as_a_rigid_copy(key, material, suppor
 def test_steps_of_a_carried_clamp_follow_the_linear_modes_where_the_motion_is_small(integrator):
     shell = shell_of(ISOTROPIC, "clamped row")
     path = ms.SupportPath([0.0, 0.1], [[0, 0, 0], [0, 0, 0.004]], [[0, 0, 0], [0.0, 0.004, 0.0]])
-    options = {"duration": 0.1, "dt": 4e-4, "damping": (1.0, 1e-4), "supports": path}
+    # Without damping by the mass, which is relative to the supports in modal models and absolute in full ones.
+    options = {"duration": 0.1, "dt": 4e-4, "damping": (0.0, 1e-4), "supports": path}
     modal = ms.simulate(ms.LinearModal(ms.solve_modes(shell, 8)), **options)
     full = ms.simulate(ms.DiscreteShell(shell, integrator=integrator), **options).positions
     carried = np.array([path.at(float(time)).to_world(shell.rest_positions) for time in modal.times])
-    # Two held rows, whose clamp is vertices alone, differ by 6 %.
-    assert np.abs(full - modal.positions).max() < 0.06 * np.abs(modal.positions - carried).max()
+    assert np.abs(full - modal.positions).max() < 0.02 * np.abs(modal.positions - carried).max()
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "verlet"])
