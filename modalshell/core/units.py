@@ -6,7 +6,8 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, final
+from math import isclose, log10
+from typing import Any, Final, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,29 +33,21 @@ _DIMENSIONS: Final[dict[str, tuple[int, int, int]]] = {
     "J/m^2": (0, 1, -2),
 }
 """Powers of length, mass and time."""
-_TENS: Final = {
-    "m": 0,
-    "cm": -2,
-    "mm": -3,
-    "um": -6,
-    "km": 3,
-    "kg": 0,
-    "g": -3,
-    "mg": -6,
-    "t": 3,
-    "s": 0,
-    "ms": -3,
-    "us": -6,
-}
-_PREFIXES: Final = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-"""Powers of ten of the units that have a place in SI, and what SI calls them."""
-
 LENGTHS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 """Known units of length [m]."""
 MASSES: Final = {"kg": 1.0, "g": 1e-3, "mg": 1e-6, "t": 1e3, "lb": 0.45359237}
 """Known units of mass [kg]."""
 TIMES: Final = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 """Known units of time [s]."""
+_TENS: Final = {
+    name: round(log10(size))
+    for known in (LENGTHS, MASSES, TIMES)
+    for name, size in known.items()
+    if isclose(size, 10.0 ** round(log10(size)))
+}
+"""Powers of ten of the units that have a place in SI."""
+_PREFIXES: Final = {-3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+"""What SI calls powers of ten."""
 
 
 @final
@@ -80,6 +73,13 @@ class UnitSystem:
     def __post_init__(self) -> None:
         for name, known in (("length", LENGTHS), ("mass", MASSES), ("time", TIMES)):
             checked_choice(f"the unit of {name}", getattr(self, name), tuple(known))
+
+    @classmethod
+    def from_array(cls, names: NDArray[Any]) -> UnitSystem:
+        """The units of an archive's ``unit_system``: three texts; ValueError for another array."""
+        if names.shape != (3,) or names.dtype.kind != "U":
+            raise ValueError(f"unit_system must be three names (got {names.dtype} {names.shape})")
+        return cls(*map(str, names))
 
     @property
     def metres(self) -> float:

@@ -143,10 +143,7 @@ def _holds(archive: zipfile.ZipFile, name: str) -> bool:
 def _system(archive: zipfile.ZipFile) -> UnitSystem:
     """The units of an archive."""
     read_member(archive, "units")  # damaged ones are refused
-    names = read_member(archive, _SYSTEM)
-    if names.shape != (3,) or names.dtype.kind != "U":
-        raise ValueError(f"unit_system must be three names (got {names.dtype} {names.shape})")
-    return UnitSystem(*(str(name) for name in names))
+    return UnitSystem.from_array(read_member(archive, _SYSTEM))
 
 
 def _check_fields(fields: dict[str, NDArray[Any]], frames: int, triangles: int) -> None:

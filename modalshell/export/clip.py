@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from modalshell.core.checks import LARGEST, checked_folder, shortened
 from modalshell.core.errors import FileFormatError
 from modalshell.core.outcome import Outcome
-from modalshell.core.units import SI, UnitSystem
+from modalshell.core.units import UnitSystem
 from modalshell.export.compression import CompressedMotion, compress
 from modalshell.export.near_origin import demand_near_origin
 from modalshell.files.atomic_io import read_npz, write_npz
@@ -64,14 +64,9 @@ def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:
         if int(data["modalshell_clip"]) != _FORMAT:
             raise ValueError(f"format {data['modalshell_clip']} (this version reads {_FORMAT})")
         _check_arrays(data)
-        units = SI  # of earlier files
-        if "unit_system" in data:
-            names = data["unit_system"]
-            if names.shape != (3,) or names.dtype.kind != "U":
-                raise ValueError(f"unit_system must be three names (got {names.dtype} {names.shape})")
-            units = UnitSystem(*(str(name) for name in names))
-            if str(data["units"]) != str(units.array(_UNITS)):
-                raise ValueError(f"units are not those of {units.length}, {units.mass}, {units.time}")
+        units = UnitSystem.from_array(data["unit_system"])
+        if str(data["units"]) != str(units.array(_UNITS)):
+            raise ValueError(f"units are not those of {units.length}, {units.mass}, {units.time}")
         times, rest, faces, shapes = (data[name] for name in ("times", "rest", "faces", "shapes"))
         scales, amplitudes = data["scales"], data["amplitudes"]
         return CompressedMotion(times, rest, faces, shapes, scales, amplitudes, float(data["error"]), units)

@@ -145,7 +145,7 @@ class Motion:
     @property
     def present_model(self) -> Model:
         """The model with its supports where they are now."""
-        if self.supports is None:
+        if self.supports is None or self.model.in_shell_frame:
             return self.model
         pose = self._pose(self.supports, self.time)
         return self.model.carried(pose, pose)
@@ -175,8 +175,9 @@ class Motion:
             load = self.loading.moving_force(load, *self._last_positions(), 1.0 / dt, time)
         if self.supports is not None:
             pose = self._pose(self.supports, time)
-            model = model.carried(self._pose(self.supports, self.time), pose)
-            if model.in_shell_frame:
+            if not model.in_shell_frame:
+                model = model.carried(self._pose(self.supports, self.time), pose)
+            else:
                 current = self._own(self.state)
                 velocities = (current - self._own(self._before)) / dt
                 load = pose.shell_load(load, model.shell.mass, current, velocities)

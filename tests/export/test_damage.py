@@ -92,3 +92,12 @@ def test_units_are_those_that_are_known(units):
 
     with pytest.raises(ms.OptionError, match="the unit of"):
         UnitSystem(*units)
+
+
+def test_a_clip_without_its_units_is_refused(run, tmp_path):
+    with np.load(ms.save_trajectory(run, tmp_path / "run.clip")) as data:
+        arrays = {key: data[key] for key in data if key not in ("sha256", "unit_system")}
+    with open(tmp_path / "run.clip", "wb") as file:
+        np.savez(file, **arrays)
+    with pytest.raises(ms.FileFormatError, match="unit_system"):
+        ms.load_clip(tmp_path / "run.clip")

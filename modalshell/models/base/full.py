@@ -279,7 +279,7 @@ class FullModel(Model):
 
     def carried(self, before: Placement, after: Placement) -> Self:
         """The model for a step of moving supports, which take along what clamps edges next to the held vertices."""
-        if self.in_shell_frame or (end := self.shell.posed(after.to_world)) is self.shell:
+        if (end := self.shell.posed(after.to_world)) is self.shell:
             return self
         model = copy.copy(self)
         model.shell, model._start_shell = end, self.shell.posed(before.to_world)
