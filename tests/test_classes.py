@@ -10,13 +10,13 @@ import msgspec
 
 import modalshell
 from modalshell.constraints.constraints import Constraint
-from modalshell.core.drawn import Drawn, Paged
+from modalshell.core.drawn import Drawn
 from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.models.base.model import Model
 
 BARE = (Exception, msgspec.Struct)
 """Roots whose branches may themselves be made: errors, which are caught by their root, and tables of scenes."""
-MIXED = (ReadOnlyArrays, Constraint, Drawn, Paged)
+MIXED = (ReadOnlyArrays, Constraint, Drawn)
 """Roots that nobody makes, though no method says so."""
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from typing import Any
 
@@ -23,17 +22,3 @@ class Drawn:
     def _repr_html_(self) -> str:
         shown: str = DRAWING["as_html"](self)
         return shown
-
-
-class Paged(Drawn):
-    """Base of what also has a web page."""
-
-    def page(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Any:
-        """A self-contained :class:`modalshell.page.Page` that moves in a browser; ``path`` names a file to write it to.
-
-        See :func:`modalshell.plot.basis_page` for the options.
-        """
-        page = DRAWING["basis_page"](self, **options)
-        if path is not None:
-            page.save(path)
-        return page

@@ -20,7 +20,7 @@ from modalshell.core.checks import (
     finite_answer,
     shortened,
 )
-from modalshell.core.drawn import Paged
+from modalshell.core.drawn import DRAWING, Drawn
 from modalshell.core.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
 from modalshell.core.plugins import load_plugins
@@ -56,7 +56,7 @@ _COPIES, _RIGID_COPIES = 6, 6
 
 @brief
 @dataclass(frozen=True)
-class Basis(ReadOnlyArrays, Paged):
+class Basis(ReadOnlyArrays, Drawn):
     """What the modal models need of a shell.
 
     Attributes
@@ -152,6 +152,16 @@ class Basis(ReadOnlyArrays, Paged):
             backend=np.array(self.backend),
             units=SI.array(_UNITS | _CONSTANTS[type(material)]),
         )
+
+    def page(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Any:
+        """A self-contained :class:`modalshell.page.Page` that moves in a browser; ``path`` names a file to write it to.
+
+        See :func:`modalshell.plot.basis_page` for the options.
+        """
+        page = DRAWING["basis_page"](self, **options)
+        if path is not None:
+            page.save(path)
+        return page
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Basis:

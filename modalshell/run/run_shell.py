@@ -100,7 +100,7 @@ class ShellRun(SceneRun[SceneResult]):
         self._answer: Equilibrium | None = None
 
     def _take(self, run: Trajectory) -> None:
-        path = build_path(self._scene.supports) if self._scene.supports else None
+        path = build_path(self._scene.supports)
         self._trajectory, self.frames = with_fields(run, self.shell, self._fields, path), len(run.times)
 
     @property

@@ -117,8 +117,8 @@ def _numbers(name: str, file: Path) -> Array:
         ) from error
 
 
-def build_path(declared: Supports | SupportList) -> SupportPath | None:
-    """The path of the supports; None if they rest."""
+def build_path(declared: Supports | SupportList | None) -> SupportPath | None:
+    """The path of the supports; None if they rest, or there are none."""
     table = declared.path if isinstance(declared, SupportList) else declared
     if table is None:
         return None

@@ -204,7 +204,7 @@ class ShellScene(Scene):
                 load + loading.largest_force(),
                 "loads that change are taken as they are at rest, at their largest",
             )
-        path = build_path(self.supports) if self.supports else None
+        path = build_path(self.supports)
         if path is None:
             return load, note
         still = np.zeros_like(load)
