@@ -19,7 +19,7 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.discrete_shell import DiscreteShell
 from modalshell.modes import solve_modes
 from modalshell.shell import Isotropic, Material, Shell
-from modalshell.statics.newton import GOAL
+from modalshell.statics.mixed_newton import GOAL
 
 _SHARE, _LOOSE = 1e-3, 1e-3
 """Residual of an equilibrium over the constants' change since the last one, and at most."""

@@ -15,9 +15,9 @@ from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.full import FullModel
 from modalshell.models.base.model import NO_POTENTIAL
 from modalshell.shell import EXACT
-from modalshell.statics.newton import GOAL, Factored, mixed_newton
+from modalshell.statics.mixed_newton import ACCEPTED, GOAL
+from modalshell.statics.newton import Factored, mixed_newton
 from modalshell.statics.potential import Potential
-from modalshell.statics.verdict import ACCEPTED
 
 _ITERATIONS = 12
 """Newton's at most, before an equilibrium counts as not near."""

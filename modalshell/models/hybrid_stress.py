@@ -32,9 +32,10 @@ from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
 from modalshell.models.hybrid.training import Trained, train
 from modalshell.shell import Shell
+from modalshell.statics.mixed_newton import ACCEPTED
 from modalshell.statics.newton import NewtonResult
 from modalshell.statics.trust_region import minimise
-from modalshell.statics.verdict import ACCEPTED, verdict
+from modalshell.statics.verdict import verdict
 
 _MISSED, _OFF = 0.02, 0.05
 """Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""

@@ -10,7 +10,8 @@ from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.shell import EXACT
 from modalshell.statics.bifurcation import branch_end
-from modalshell.statics.newton import GOAL, Matrix, NewtonResult, Problem, is_minimum, mixed_newton
+from modalshell.statics.mixed_newton import GOAL
+from modalshell.statics.newton import Matrix, NewtonResult, Problem, is_minimum, mixed_newton
 
 _LOAD_STEPS = 200
 """Load steps at most."""

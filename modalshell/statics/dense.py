@@ -17,9 +17,9 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array
 from modalshell.shell import EXACT
 from modalshell.statics.least_potential import Workable
-from modalshell.statics.newton import GOAL, NewtonResult, Problem
+from modalshell.statics.mixed_newton import ACCEPTED, GOAL
+from modalshell.statics.newton import NewtonResult, Problem
 from modalshell.statics.trust_region import minimise
-from modalshell.statics.verdict import ACCEPTED
 
 _SOFTEST = 1e-12
 """Least stiffness of an unknown, as a share of the largest, that forces are scaled by."""

@@ -1,11 +1,4 @@
-"""Newton iteration with projected and exact Hessians, shared by full and reduced problems.
-
-A nearly inextensible sheet defeats plain Newton: a step along the tangent stretches the membrane by its square, so a
-line search lets only tiny steps through. The mixed step [magisano2017] treats the element stresses as unknowns of
-their own: after elimination the equations are Newton's, but the geometric part of the Hessian takes each stress from
-the last linearised step instead of the (huge) stress of the over-stretched iterate. Full steps then converge in a few
-iterations whatever the membrane stiffness.
-"""
+"""Problems of Newton's method, full and reduced, and mixed Newton on them; :mod:`.mixed_newton` has the method."""
 
 from __future__ import annotations
 
@@ -18,13 +11,7 @@ import numpy as np
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
-from modalshell.statics.verdict import ACCEPTED
-
-GOAL = 1e-10
-"""Relative residual that is aimed at."""
-
-_LINEAR = 0.3
-"""Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
+from modalshell.statics.mixed_newton import ACCEPTED, BEST, GOAL, MOST, Rules, Solved, iterate
 
 Matrix = TypeVar("Matrix")
 
@@ -214,66 +201,96 @@ class Problem(ABC, Generic[Matrix]):
         return np.asarray(quadratic @ u)
 
 
+class Iterate(Generic[Matrix]):
+    """An iterate of a problem with its stresses and factor: the operations of :mod:`.mixed_newton`.
+
+    Parameters
+    ----------
+    problem : Problem
+        The problem.
+    start : ndarray
+        The first iterate.
+    scale : float
+        Size of the force that residuals are relative to.
+    stresses : list of ndarray, optional
+        Those predicted with the start; without them the first step leaves the geometric part out.
+    """
+
+    def __init__(
+        self, problem: Problem[Matrix], start: Array, scale: float, stresses: list[Array] | None = None
+    ) -> None:
+        self.problem, self.x, self.scale, self.stresses = problem, start, scale, stresses
+        self.factor: Factored | None = None
+        self.factored_at: Array | None = None
+        self.stable: bool | None = None
+        self.moves = 0
+        self._slots = {int(BEST): start}
+        self._keeping = True
+
+    def residual(self) -> float:
+        """Out-of-balance force."""
+        geometric = GAUSS_NEWTON if self.stresses is None else MIXED
+        self._gradient, self._hessian = self.problem.linearise(self.x, geometric, self.stresses)
+        return self.problem.measure(self._gradient) / self.scale
+
+    def solve(self, accuracy: float) -> bool:
+        """Find Newton's direction."""
+        kept = self.factor if self._keeping and self.is_near() else None
+        try:
+            self.factor, self._direction = self.problem.direction(self._hessian, self._gradient, kept, accuracy)
+        except SolverError:
+            return False
+        self._keeping = self._keeping and (kept is None or self.factor is kept)  # no second try once one was in vain
+        if self.factor is not kept:
+            self.factored_at = self.x
+        return bool(np.isfinite(self._direction).all())
+
+    def advance(self) -> float:
+        """Move along the direction."""
+        moved, self.stresses, _ = self.problem.moved(self.x, self._direction)
+        length = float(np.abs(moved - self.x).max())
+        self.x, self.moves = moved, self.moves + 1
+        return self.problem.rounding(moved, self._hessian, length) / self.scale
+
+    def store(self, slot: int) -> None:
+        """Keep the iterate."""
+        self._slots[int(slot)] = self.x
+
+    def recall(self, slot: int) -> None:
+        """Take up a kept iterate."""
+        self.x = self._slots[int(slot)]
+
+    def is_near(self) -> bool:
+        """Whether the factor serves at the iterate."""
+        at = self.factored_at
+        return at is not None and self.problem.keeps_factor(float(np.abs(self.x - at).max(initial=0.0)))
+
+    def result(self, solved: Solved) -> NewtonResult:
+        """The iterate as the result of a method that ended so."""
+        return NewtonResult(
+            self.x, solved.residual, solved.iterations, solved.solved, self.factor, self.stable,
+            left_saddle=solved.saddles > 0, factored_at=self.factored_at,
+        )  # fmt: skip
+
+
+def rules_of(problem: Problem[Matrix], goal: float, most: int = MOST) -> Rules:
+    """When mixed Newton ends on a problem with this goal."""
+    accepted = max(ACCEPTED, goal)
+    return Rules(goal, accepted, accepted if problem.quadratic is None else GOAL, 0, most)
+
+
 def mixed_newton(
     problem: Problem[Matrix],
     start: Array,
     scale: float,
     *,
-    limit: int = 40,
+    limit: int = MOST,
     goal: float = GOAL,
     stresses: list[Array] | None = None,
 ) -> NewtonResult:
-    """Full mixed Newton steps from ``start``; gives up when the residual stops falling.
-
-    ``stresses`` are those predicted with ``start``; without them the first step leaves the geometric part out.
-    """
-    x = start
-    best = NewtonResult(start, np.inf, 0, False)
-    stalled, length, last, keeping = 0, np.inf, np.inf, True
-    for iteration in range(limit + 1):
-        gradient, hessian = problem.linearise(x, GAUSS_NEWTON if stresses is None else MIXED, stresses)
-        residual = problem.measure(gradient) / scale
-        if not np.isfinite(residual):
-            break
-        if residual < best.residual:
-            stalled = stalled + 1 if residual > 0.5 * best.residual else 0
-            accepted = max(ACCEPTED, goal)
-            if iteration == 0 and problem.quadratic is not None:
-                accepted = GOAL  # a step must be taken, or a small load on a fast shell would never act
-            best = NewtonResult(x, residual, iteration, residual <= accepted, best.factor, factored_at=best.factored_at)
-        else:
-            stalled += 1
-        allowed = problem.rounding(x, hessian, length) / scale
-        if best.point is start and iteration > 0 and residual <= allowed:
-            # What rounding makes of the balance may be larger than the load itself: the start is no answer for that.
-            best = NewtonResult(x, residual, iteration, False, best.factor, factored_at=best.factored_at)
-        if best.residual <= allowed and best.point is not start:
-            best.converged = True
-        if (
-            (residual <= goal and best.converged)
-            or iteration == limit
-            or (best.converged and stalled >= 1)
-            or stalled >= 8
-        ):
-            break
-        # As Newton's method converges by squares, so may the linear equations [dembo1982].
-        accuracy = max(_LINEAR * goal / residual, min(_LINEAR, (residual / last) ** 2))
-        last = residual
-        try:
-            kept = best.factor if keeping and _is_near(problem, best, x) else None
-            best.factor, direction = problem.direction(hessian, gradient, kept, accuracy)
-            keeping = keeping and (kept is None or best.factor is kept)  # no second try once one was in vain
-            if best.factor is not kept:
-                best.factored_at = x
-        except SolverError:
-            break
-        if not np.isfinite(direction).all():
-            break
-        moved, stresses, _ = problem.moved(x, direction)
-        length = float(np.abs(moved - x).max())
-        x = moved
-        best.iterations = iteration + 1
-    return best
+    """Full mixed Newton steps from ``start``, with the ``stresses`` predicted there; see :func:`.iterate`."""
+    state = Iterate(problem, start, scale, stresses)
+    return state.result(iterate(state, rules_of(problem, goal, limit)))
 
 
 def is_minimum(problem: Problem[Matrix], result: NewtonResult, *, exactly: bool = True) -> bool:
@@ -283,14 +300,10 @@ def is_minimum(problem: Problem[Matrix], result: NewtonResult, *, exactly: bool 
     """
     if not result.converged:
         return False
-    near = not exactly and _is_near(problem, result, result.point)
+    at, near = result.factored_at, False
+    if not exactly and at is not None:
+        near = problem.keeps_factor(float(np.abs(result.point - at).max(initial=0.0)))
     if not (near and result.factor is not None and result.factor.is_definite()):
         result.factor = problem.definite_factor(problem.linearise(result.point, EXACT)[1])
     result.stable = result.factor is not None
     return result.stable
-
-
-def _is_near(problem: Problem[Matrix], result: NewtonResult, x: Array) -> bool:
-    """Whether the factor of a result serves at x."""
-    at = result.factored_at
-    return at is not None and problem.keeps_factor(float(np.abs(x - at).max(initial=0.0)))

@@ -20,20 +20,10 @@ from modalshell.kernels import rotations
 from modalshell.modes import Factor, Factoriser, TangentStiffness, condensed_factor
 from modalshell.modes.kept_factor import solution_by_kept_factor
 from modalshell.shell import EXACT, Shell
+from modalshell.statics import mixed_newton as method
 from modalshell.statics.live_loads import LiveLoads
-from modalshell.statics.newton import GOAL, Factored, NewtonResult, Problem, is_minimum, mixed_newton
+from modalshell.statics.newton import Factored, Iterate, NewtonResult, Problem, is_minimum, mixed_newton, rules_of
 
-_LARGEST_TURN = 1.0  # of a vertex in one step [rad]
-_LOOSE = 1e-3  # relative residual of the steps of a descent
-_ASIDE = 2.0 ** np.arange(-20.0, 0.0)
-"""Steps away from a saddle, in sizes of the shell."""
-_FIRST_MOVE = 0.05
-"""Move of a free shell under the load, in its sizes, that the first drag of a descent allows."""
-_DESCENT = 150
-"""Steps of a descent at most."""
-_NEAR = 0.3
-"""Out-of-balance force, as a share of the load, from which a descent tries to end by Newton's method."""
-_SADDLES = 4
 _LOWEST = 6
 """Eigenvalues of an unsymmetric Hessian that are looked at."""
 _REAL = 1e-6
@@ -122,17 +112,19 @@ class Potential(Problem[sps.csc_array]):
         """Eigenvalue [1/s^2] nearest to zero, over the mass, and its direction (N,)."""
         return TangentStiffness(self.shell, hessian, self.factoriser).nearest_mode()
 
-    def value(self, x: Array) -> float:
-        """Potential [J]."""
-        changing = 0.0 if self.live is None else self.live.energy(x)
-        return self.shell.raw_energy(x) + self._outer(x)[0] + changing
+    def potential(self, x: Array) -> tuple[float, Array]:
+        """Potential [J], and its gradient on the free unknowns (N,) [N]."""
+        energy, gradient = self.shell.energy_gradient(x)
+        outer, pull = self._outer(x)
+        value, total = energy + outer, gradient + pull
+        if self.live is not None:
+            value += self.live.energy(x)
+            total -= self.live.force(x)
+        return value, np.asarray(self.shell.unknowns.restrict(total.ravel()))
 
     def residual(self, x: Array) -> Array:
         """Gradient on the free unknowns (N,) [N]."""
-        gradient = self.shell.energy_gradient(x)[1] + self._outer(x)[1]
-        if self.live is not None:
-            gradient -= self.live.force(x)
-        return np.asarray(self.shell.unknowns.restrict(gradient.ravel()))
+        return self.potential(x)[1]
 
     def linearise(
         self, x: Array, geometric: int, stresses: list[Array] | None = None, led: Array | None = None
@@ -233,7 +225,7 @@ class Potential(Problem[sps.csc_array]):
 
     def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:
         """Positions and stresses after a :func:`warped_step`, and how much of ``direction`` (N,) that is."""
-        moved, step, share = warped_step(self.shell, x, direction, _LARGEST_TURN if reach is None else reach)
+        moved, step, share = warped_step(self.shell, x, direction, method.LARGEST_TURN if reach is None else reach)
         return moved, self.shell.predicted_stresses(x, step), share
 
     def rounding(self, x: Array, hessian: sps.csc_array, length: float) -> float:
@@ -247,52 +239,11 @@ class Potential(Problem[sps.csc_array]):
         return _EPSILON * float(np.abs(x).max()) * float(np.linalg.norm(hessian.diagonal()))
 
     def descend(self, start: Array, scale: float) -> NewtonResult:
-        """Go downhill to a minimum, as the shell would move in a thick fluid; saddles on the way are left.
-
-        Steps of implicit Euler on ``drag M dx/dt = -grad V``, each solved by mixed Newton, whose number of iterations
-        does not feel the membrane; the drag falls with success, down to plain Newton steps, and grows where a step
-        fails.
-        """
+        """Go downhill to a minimum; see :func:`.mixed_newton.descend`."""
         if self.unsymmetric:
             return self._settle(start, scale)
-        shell = self.shell
-        x, value = start, self.value(start)
-        result = NewtonResult(x, np.inf, 0, False)
-        iterations, left = 0, 0
-        residual = float(np.linalg.norm(self.residual(x)))
-        drag = residual / float(np.linalg.norm(shell.mass[shell.free])) / (_FIRST_MOVE * shell.size)
-        for _ in range(_DESCENT):
-            step = mixed_newton(self.dragged(x, drag), x, scale, limit=12, goal=_LOOSE, stresses=_present(shell, x))
-            iterations += step.iterations
-            reached = self.value(step.point) if step.converged else np.inf
-            if not reached <= value:
-                drag *= 4.0
-                if not np.isfinite(drag):
-                    break
-                continue
-            x, value = step.point, reached
-            drag *= 0.5 if step.iterations <= 5 else 1.0
-            residual = float(np.linalg.norm(self.residual(x))) / scale
-            if residual > _NEAR:
-                continue
-            iterations += 1
-            if self.definite_factor(self.linearise(x, EXACT)[1]) is None and residual > _LOOSE:
-                continue
-            polished = mixed_newton(self, x, scale, limit=15, stresses=_present(shell, x))
-            iterations += polished.iterations
-            if not polished.converged or self.value(polished.point) > value + 1e-9 * abs(value):
-                continue
-            result = polished
-            if is_minimum(self, result) or left == _SADDLES:
-                break
-            left += 1
-            x, drag = leave_saddle(self, result.point)
-            value = self.value(x)
-        else:
-            result = NewtonResult(x, residual, iterations, False)
-        result.converged = result.converged and bool(result.stable)
-        result.iterations, result.left_saddle = iterations, left > 0
-        return result
+        state = _Descent(self, start, scale)
+        return state.result(method.descend(state, rules_of(self, method.GOAL)))
 
     def _settle(self, start: Array, scale: float) -> NewtonResult:
         """Descend under dead loads, those of the last answer each time, until Newton's method ends at a minimum."""
@@ -344,31 +295,58 @@ def warped_step(shell: Shell, x: Array, direction: Array, largest_turn: float) -
     return x + shell.unknowns.project(displacement), step, fraction
 
 
-def leave_saddle(problem: Potential, x: Array) -> tuple[Array, float]:
-    """The way down along the direction in which the potential curves down most, and a drag that steadies it.
+@final
+class _Descent(Iterate[sps.csc_array]):
+    """An iterate of a shell's potential that goes downhill."""
 
-    Both ways are tried. Steps are warped, so that they bend the shell, and double for as long as the potential falls:
-    the first valley is looked for, not the deepest one.
-    """
-    shell = problem.shell
-    try:
-        tangent = TangentStiffness(shell, problem.linearise(x, EXACT)[1], problem.factoriser)
-        lowest, direction = tangent.lowest_mode()
-    except SolverError:
-        return x, 0.0
-    direction *= shell.size / float(np.abs(direction).max())
-    best, least = x, problem.value(x)
-    for sign in (1.0, -1.0):
-        last = np.inf
-        for size in _ASIDE:
-            trial = warped_step(shell, x, sign * size * direction, _LARGEST_TURN)[0]
-            value = problem.value(trial)
-            if not value < last:
-                break
-            last = value
-            if value < least:
-                best, least = trial, value
-    return best, 2.0 * abs(lowest)
+    problem: Potential
+
+    def __init__(self, problem: Potential, start: Array, scale: float, stresses: list[Array] | None = None) -> None:
+        super().__init__(problem, start, scale, stresses)
+        self._free = problem
+
+    def is_minimum(self) -> bool:
+        """Whether the exact Hessian is definite, or with inertia in it the last one on the way.
+
+        A kept factor is that of an earlier iterate, since which conjugate gradients have met no direction of negative
+        curvature. The first Hessian may have been without its geometric part, and says nothing of a minimum.
+        """
+        if self.problem.quadratic is None or self.factor is None or self.moves < 2:
+            self.factor = self.problem.definite_factor(self.problem.linearise(self.x, EXACT)[1])
+        self.stable = self.factor is not None and self.factor.is_definite()
+        return self.stable
+
+    def potential(self) -> tuple[float, float]:
+        """Potential and residual."""
+        value, gradient = self.problem.potential(self.x)
+        return value, self.problem.measure(gradient) / self.scale
+
+    def drag(self, factor: float) -> None:
+        """Add a drag about START, or leave it out."""
+        self.problem = self._free.dragged(self._slots[method.START], factor) if factor else self._free
+        self.stresses = _present(self.problem.shell, self.x)
+        self.factor, self.factored_at, self.moves = None, None, 0
+
+    def first_drag(self) -> float:
+        """Drag to begin with."""
+        shell = self.problem.shell
+        return self.scale / (float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * shell.size)
+
+    def point_downhill(self) -> float:
+        """Find the lowest mode of the exact Hessian."""
+        problem, shell = self.problem, self.problem.shell
+        try:
+            tangent = TangentStiffness(shell, problem.linearise(self.x, EXACT)[1], problem.factoriser)
+            lowest, direction = tangent.lowest_mode()
+        except SolverError:
+            lowest, direction = 0.0, np.zeros(len(self._gradient))
+        self._way = direction * (shell.size / max(float(np.abs(direction).max()), 1e-300))
+        return lowest
+
+    def step_aside(self, fraction: float) -> None:
+        """Move along that mode, warped, so that the shell bends."""
+        start = self._slots[method.START]
+        self.x = warped_step(self.problem.shell, start, fraction * self._way, method.LARGEST_TURN)[0]
 
 
 def _present(shell: Shell, x: Array) -> list[Array]:
@@ -377,23 +355,18 @@ def _present(shell: Shell, x: Array) -> list[Array]:
 
 
 def solve(
-    problem: Potential, start: Array, scale: float, goal: float = GOAL, stresses: list[Array] | None = None
+    problem: Potential, start: Array, scale: float, goal: float = method.GOAL, stresses: list[Array] | None = None
 ) -> NewtonResult:
-    """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum.
-
-    The last Hessian on the way stands for the one at the end: with inertia in it the two agree well enough, and a
-    factorisation is saved. A kept factor is that of an earlier iteration, since which conjugate gradients have met no
-    direction of negative curvature.
-    """
+    """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum."""
+    if not problem.unsymmetric:
+        state = _Descent(problem, start, scale, stresses)
+        state.store(method.START)
+        return state.result(method.solve_step(state, rules_of(problem, goal)))
     result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
-    if result.converged:
-        # The first Hessian may have been without its geometric part, and says nothing of a minimum.
-        late = result.factor is not None and result.iterations > 1 and not problem.unsymmetric
-        if result.factor.is_definite() if late and result.factor is not None else is_minimum(problem, result):
-            return result
+    if is_minimum(problem, result):
+        return result
     fallback = problem.descend(start, scale)
     fallback.iterations += result.iterations
     if fallback.converged or not result.converged:
         return fallback
-    result.iterations = fallback.iterations
-    return result
+    return replace(result, iterations=fallback.iterations)

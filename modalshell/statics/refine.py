@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from modalshell.statics.mixed_newton import ACCEPTED
 from modalshell.statics.newton import NewtonResult
 from modalshell.statics.potential import Potential
-from modalshell.statics.verdict import ACCEPTED
 
 _LIMIT = 10
 """Iterations at most."""

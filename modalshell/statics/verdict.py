@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from modalshell.core.outcome import Outcome
-
-ACCEPTED = 1e-7
-"""Out-of-balance force, as a share of the load, at which an answer counts as converged."""
+from modalshell.statics.mixed_newton import ACCEPTED
 
 
 def verdict(residual: float, stable: bool | None, *, limited: bool = False, note: str = "") -> tuple[Outcome, str]:

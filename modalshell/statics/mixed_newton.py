@@ -1,0 +1,291 @@
+"""Mixed Newton, descent in a thick fluid and the way off a saddle, for sparse, profile and dense algebra alike.
+
+A nearly inextensible sheet defeats plain Newton: a step along the tangent stretches the membrane by its square, so a
+line search lets only tiny steps through. The mixed step [magisano2017] treats the element stresses as unknowns of
+their own: after elimination the equations are Newton's, but the geometric part of the Hessian takes each stress from
+the last linearised step instead of the (huge) stress of the over-stretched iterate. Full steps then converge in a few
+iterations whatever the membrane stiffness.
+
+The methods are written once, over eleven operations of a problem that holds its iterate. Python calls them with an
+object that has these operations as methods. Compiled code calls them with a record, a ``NamedTuple`` of arrays, whose
+operations are registered by :func:`operation_of`; they are compiled with their caller.
+
+All residuals are relative to the problem's scale of forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+from numba.extending import overload, register_jitable
+
+GOAL = 1e-10
+"""Residual that is aimed at: near what double precision leaves."""
+ACCEPTED = 1e-7
+"""Residual at which an answer counts as converged."""
+STALLED = 8
+"""Iterations without halving the residual after which mixed Newton gives up."""
+LINEAR = 0.3
+"""Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
+LARGEST_TURN = 1.0
+"""Of a vertex in one step [rad]: a warped step is exact for a turn of its own, and neighbours differ by less."""
+MOST, SHORT = np.int64(40), np.int64(12)
+"""Iterations at most, and of one within a descent, where a failure costs a smaller step only."""
+DESCENT = 150
+"""Steps of a descent at most."""
+EASY = 5
+"""Iterations in a step of a descent up to which the drag falls."""
+LOOSE = 1e-3
+"""Residual of the steps of a descent: the next step mends what is left."""
+NEAR = 0.3
+"""Residual from which a descent tries to end by Newton's method."""
+FIRST_MOVE = 0.05
+"""Move of a free shell under the out-of-balance force, in its sizes, that the first drag of a descent allows."""
+HIGHER = 1e-9
+"""Rise of the potential, as a share of it, that rounding explains."""
+SADDLES = 4
+"""Saddles that a descent leaves."""
+HALVINGS = 20
+"""Halvings of the state's size where the search along the way off a saddle begins."""
+NONE, ONCE = np.int64(0), np.int64(1)
+"""First iterations that do not ask for the residual; a plain integer would be compiled in as a constant."""
+START, BEST = np.int64(0), np.int64(1)
+"""Slots of a problem: where a solve, or a step of a descent, begins; and the best iterate so far."""
+
+_jitable = register_jitable(error_model="numpy")
+
+
+class Rules(NamedTuple):
+    """When mixed Newton ends.
+
+    Attributes
+    ----------
+    goal : float
+        Residual that is aimed at.
+    accepted : float
+        Residual at which an iterate counts as solved once the residual no longer halves.
+    untouched : float
+        Residual at which the start itself counts as solved: a step must be taken, or a small load on a fast shell would
+        never act.
+    unchecked : int
+        First iterations that do not ask for the residual.
+    most : int
+        Iterations at most.
+    """
+
+    goal: float
+    accepted: float
+    untouched: float
+    unchecked: int
+    most: int
+
+
+class Solved(NamedTuple):
+    """How a solve ended: the residual, the iterations, whether it is solved, and the number of saddles left."""
+
+    residual: float
+    iterations: int
+    solved: bool
+    saddles: int
+
+
+# ---- operations
+
+
+def residual(problem: Any) -> float:
+    """Out-of-balance force at the iterate."""
+    return float(problem.residual())
+
+
+def solve(problem: Any, accuracy: float) -> bool:
+    """Find Newton's direction at the iterate, the linear equations to ``accuracy``; whether there is one."""
+    return bool(problem.solve(accuracy))
+
+
+def advance(problem: Any) -> float:
+    """Move the iterate along the direction and predict its stresses; the residual there that rounding explains."""
+    return float(problem.advance())
+
+
+def store(problem: Any, slot: int) -> None:
+    """Keep the iterate in a slot."""
+    problem.store(slot)
+
+
+def recall(problem: Any, slot: int) -> None:
+    """Take the iterate from a slot."""
+    problem.recall(slot)
+
+
+def is_minimum(problem: Any) -> bool:
+    """Whether the Hessian is positive definite, at the iterate or as last factorised."""
+    return bool(problem.is_minimum())
+
+
+def potential(problem: Any) -> tuple[float, float]:
+    """Potential and residual at the iterate."""
+    value, size = problem.potential()
+    return float(value), float(size)
+
+
+def drag(problem: Any, factor: float) -> None:
+    """Add ``factor |x - START|^2 / 2`` in the norm of the mass, in place of an earlier one; stresses of the iterate."""
+    problem.drag(factor)
+
+
+def first_drag(problem: Any) -> float:
+    """Drag under which the mass moves by :data:`FIRST_MOVE` of the shell's size, by a residual of one."""
+    return float(problem.first_drag())
+
+
+def point_downhill(problem: Any) -> float:
+    """Find the way in which the potential curves down most, as long as the state is large; its curvature."""
+    return float(problem.point_downhill())
+
+
+def step_aside(problem: Any, fraction: float) -> None:
+    """Move the iterate from START along that way, by a fraction of it."""
+    problem.step_aside(fraction)
+
+
+def operation_of(record: type, operation: Callable[..., Any]) -> Callable[[Any], Any]:
+    """Decorator: the compiled function is ``operation`` for a problem of this record."""
+
+    def register(function: Any) -> Any:
+        def serves(problem: Any) -> bool:
+            return isinstance(problem, types.NamedTuple) and problem.instance_class is record  # type: ignore[attr-defined]
+
+        def alone(problem):  # type: ignore[no-untyped-def]
+            return (lambda problem: function(problem)) if serves(problem) else None
+
+        def with_argument(problem, argument):  # type: ignore[no-untyped-def]
+            return (lambda problem, argument: function(problem, argument)) if serves(problem) else None
+
+        overload(operation)(alone if operation.__code__.co_argcount == 1 else with_argument)
+        return function
+
+    return register
+
+
+# ---- methods
+
+
+@_jitable
+def iterate(problem, rules):  # type: ignore[no-untyped-def]
+    """Full mixed Newton steps from the iterate with its stresses; gives up when the residual stops falling.
+
+    The problem's best iterate is its iterate at the end.
+    """
+    best, found_at, stalled, allowed, last, solved = np.inf, 0, 0, 0.0, np.inf, False
+    accuracy = LINEAR
+    for iteration in range(rules.most + 1):
+        if iteration >= rules.unchecked:
+            size = residual(problem)
+            if not np.isfinite(size):
+                break
+            stalled = 0 if size <= 0.5 * best else stalled + 1
+            # What rounding makes of the balance may exceed the load itself: the start is no answer for that.
+            if size < best or (found_at == 0 and iteration > 0 and size <= allowed):
+                best, found_at = size, iteration
+                store(problem, BEST)
+                solved = size <= (rules.accepted if iteration > 0 else rules.untouched)
+            solved = solved or (found_at > 0 and best <= allowed)
+            ended = solved and (size <= rules.goal or stalled > 0)
+            if ended or iteration == rules.most or stalled == STALLED:
+                break
+            # As Newton's method converges by squares, so may the linear equations [dembo1982].
+            accuracy = max(LINEAR * rules.goal / size, min(LINEAR, (size / last) ** 2))
+            last = size
+        if not solve(problem, accuracy):
+            break
+        allowed = advance(problem)
+    if best < np.inf:
+        recall(problem, BEST)
+    return Solved(best, iteration, solved, 0)
+
+
+@_jitable
+def descend(problem, rules):  # type: ignore[no-untyped-def]
+    """Go downhill from the iterate to a minimum, as the shell would move in a thick fluid; saddles are left.
+
+    Steps of implicit Euler on ``drag M dx/dt = -grad V``, each solved by mixed Newton, whose number of iterations does
+    not feel the membrane. The drag falls with success, down to plain Newton steps, and grows where a step fails.
+    """
+    loose = Rules(LOOSE, LOOSE, GOAL, NONE, SHORT)
+    value, size = potential(problem)
+    factor, iterations, saddles = size * first_drag(problem), 0, 0
+    for _ in range(DESCENT):
+        store(problem, START)
+        drag(problem, factor)
+        step = iterate(problem, loose)
+        iterations += step.iterations
+        drag(problem, 0.0)
+        reached, size = potential(problem) if step.solved else (np.inf, np.inf)
+        if not reached <= value:
+            recall(problem, START)
+            factor *= 4.0
+            if not np.isfinite(factor):
+                break
+            continue
+        value = reached
+        if step.iterations <= EASY:
+            factor *= 0.5
+        if size > NEAR or (size > LOOSE and not is_minimum(problem)):
+            continue
+        store(problem, START)
+        last = iterate(problem, Rules(rules.goal, rules.accepted, rules.accepted, NONE, SHORT))
+        iterations += last.iterations
+        reached = potential(problem)[0] if last.solved else np.inf
+        if not reached <= value + HIGHER * abs(value):
+            recall(problem, START)
+            continue
+        minimum = is_minimum(problem)
+        if minimum or saddles == SADDLES:
+            return Solved(last.residual, iterations, minimum, saddles)
+        saddles += 1
+        value, factor = _leave_saddle(problem, reached)
+    return Solved(size, iterations, False, saddles)
+
+
+@_jitable
+def _leave_saddle(problem, value):  # type: ignore[no-untyped-def]
+    """Move the iterate off a saddle; the potential there, and a drag that steadies the way down.
+
+    Both ways are tried. Steps double for as long as the potential falls: the first valley is looked for, not the
+    deepest one.
+    """
+    store(problem, START)
+    store(problem, BEST)
+    curvature = point_downhill(problem)
+    for sign in (1.0, -1.0):
+        last = np.inf
+        for halvings in range(HALVINGS, 0, -1):
+            step_aside(problem, sign * 0.5**halvings)
+            reached = potential(problem)[0]
+            if not reached < last:
+                break
+            last = reached
+            if reached < value:
+                value = reached
+                store(problem, BEST)
+    recall(problem, BEST)
+    return value, 2.0 * abs(curvature)
+
+
+@_jitable
+def solve_step(problem, rules):  # type: ignore[no-untyped-def]
+    """One implicit step: mixed Newton, and descent from START where it fails or ends at no minimum.
+
+    The last Hessian on the way stands for the one at the end: with inertia in it the two agree well enough, and a
+    factorisation is saved.
+    """
+    found = iterate(problem, rules)
+    if found.solved and is_minimum(problem):
+        return found
+    recall(problem, START)
+    drag(problem, 0.0)
+    further = descend(problem, rules)
+    return Solved(further.residual, found.iterations + further.iterations, further.solved, further.saddles)
