@@ -26,7 +26,7 @@ GOAL = 1e-10
 """Residual that is aimed at: near what double precision leaves."""
 ACCEPTED = 1e-7
 """Residual at which an answer counts as converged."""
-STALLED = 8
+STALLED = 7
 """Iterations without halving the residual after which mixed Newton gives up."""
 LINEAR = 0.3
 """Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
@@ -50,8 +50,8 @@ SADDLES = 4
 """Saddles that a descent leaves."""
 HALVINGS = 20
 """Halvings of the state's size where the search along the way off a saddle begins."""
-NONE, ONCE = np.int64(0), np.int64(1)
-"""First iterations that do not ask for the residual; a plain integer would be compiled in as a constant."""
+NONE = np.int64(0)
+"""Of the first iterations go without a residual; a plain integer would be compiled in as a constant."""
 START, BEST = np.int64(0), np.int64(1)
 """Slots of a problem: where a solve, or a step of a descent, begins; and the best iterate so far."""
 
@@ -71,7 +71,7 @@ class Rules(NamedTuple):
         Residual at which the start itself counts as solved: a step must be taken, or a small load on a fast shell would
         never act.
     unchecked : int
-        First iterations that do not ask for the residual.
+        First iterations that do not ask for the residual, where a solution assembles its own equations.
     most : int
         Iterations at most.
     """
@@ -151,20 +151,15 @@ def step_aside(problem: Any, fraction: float) -> None:
     problem.step_aside(fraction)
 
 
-def operation_of(record: type, operation: Callable[..., Any]) -> Callable[[Any], Any]:
-    """Decorator: the compiled function is ``operation`` for a problem of this record."""
+def operation_of(record: type, operation: Callable[..., Any], **options: Any) -> Callable[[Any], Any]:
+    """Decorator: ``operation`` for a problem of this record, in compiled code, is the function, by numba's options."""
 
     def register(function: Any) -> Any:
-        def serves(problem: Any) -> bool:
-            return isinstance(problem, types.NamedTuple) and problem.instance_class is record  # type: ignore[attr-defined]
+        def choose(problem: Any, *_: Any) -> Any:
+            of_record = isinstance(problem, types.NamedTuple) and problem.instance_class is record  # type: ignore[attr-defined]
+            return function if of_record else None
 
-        def alone(problem):  # type: ignore[no-untyped-def]
-            return (lambda problem: function(problem)) if serves(problem) else None
-
-        def with_argument(problem, argument):  # type: ignore[no-untyped-def]
-            return (lambda problem, argument: function(problem, argument)) if serves(problem) else None
-
-        overload(operation)(alone if operation.__code__.co_argcount == 1 else with_argument)
+        overload(operation, jit_options=options, strict=False)(choose)
         return function
 
     return register
@@ -179,7 +174,7 @@ def iterate(problem, rules):  # type: ignore[no-untyped-def]
 
     The problem's best iterate is its iterate at the end.
     """
-    best, found_at, stalled, allowed, last, solved = np.inf, 0, 0, 0.0, np.inf, False
+    best, found_at, stalled, allowed, last, solved = np.inf, -1, 0, 0.0, np.inf, False
     accuracy = LINEAR
     for iteration in range(rules.most + 1):
         if iteration >= rules.unchecked:
@@ -188,21 +183,22 @@ def iterate(problem, rules):  # type: ignore[no-untyped-def]
                 break
             stalled = 0 if size <= 0.5 * best else stalled + 1
             # What rounding makes of the balance may exceed the load itself: the start is no answer for that.
-            if size < best or (found_at == 0 and iteration > 0 and size <= allowed):
+            if size < best or (found_at == 0 and size <= allowed):
                 best, found_at = size, iteration
-                store(problem, BEST)
                 solved = size <= (rules.accepted if iteration > 0 else rules.untouched)
             solved = solved or (found_at > 0 and best <= allowed)
             ended = solved and (size <= rules.goal or stalled > 0)
             if ended or iteration == rules.most or stalled == STALLED:
                 break
+            if found_at == iteration:
+                store(problem, BEST)
             # As Newton's method converges by squares, so may the linear equations [dembo1982].
             accuracy = max(LINEAR * rules.goal / size, min(LINEAR, (size / last) ** 2))
             last = size
         if not solve(problem, accuracy):
             break
         allowed = advance(problem)
-    if best < np.inf:
+    if 0 <= found_at < iteration:
         recall(problem, BEST)
     return Solved(best, iteration, solved, 0)
 

@@ -1,6 +1,6 @@
 """Compiled Newton solver of implicit Euler for small discrete shells: assembly, factorisation, line search.
 
-The algorithms are those of :mod:`modalshell.statics`, on the storage of a profile factorisation.
+The method is that of :mod:`modalshell.statics.mixed_newton`, on the storage of a profile factorisation.
 """
 
 from __future__ import annotations
@@ -15,23 +15,11 @@ from modalshell.kernels.compiler import njit
 from modalshell.linalg.profile import LANES, add_product, factorise, solve, substitute_back
 from modalshell.shell import GAUSS_NEWTON, MIXED
 from modalshell.shell.kernels.generated import flexure, shear, stretch
+from modalshell.statics import mixed_newton as method
+from modalshell.statics.mixed_newton import FIRST_MOVE, LARGEST_TURN, MOST, START, Rules, operation_of, solve_step
 
-_LEAST, _ONCE = np.int64(2), np.int64(1)
-"""Mixed iterations that a step, and one of a descent, takes at least: a single one is 8 to 21 % off across a snap."""
-_MOST, _SHORT = np.int64(40), np.int64(12)
-"""And at most."""
-_STALLED = 6
-"""Iterations without halving the residual after which mixed Newton is aborted."""
-_TURN = 1.0
-"""Largest turn of a vertex in an iteration [rad]."""
-_DESCENT, _EASY = 150, 5
-"""Steps of a descent at most, and iterations in one up to which the drag falls."""
-_SADDLES = 4
-"""Saddles that a descent leaves."""
-_LOOSE, _NEAR = 1e-3, 0.3
-"""Relative residuals of a descent's steps, and from which it tries to end by mixed Newton."""
-_FIRST_MOVE = 0.05
-"""Move of a free shell, in its sizes, that the first drag of a descent allows."""
+_UNCHECKED = np.int64(2)
+"""First iterations of a step that do not ask for the residual: a single one is 8 to 21 % off across a snap."""
 _FLOOR = 1e-3
 """Share of the inertia of the displacement itself below which a residual is not compared with the load."""
 _STRETCHING, _LINEARISED = np.int64(GAUSS_NEWTON), np.int64(MIXED)  # a plain integer is compiled in as a constant
@@ -52,6 +40,7 @@ class Body(NamedTuple):
     """What a step needs of a shell; ``free`` are its free vertices in order of elimination."""
 
     rest: Array
+    size: float
     faces: Index
     mass: Array
     free: Index
@@ -64,15 +53,15 @@ class Body(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Arrays that a step writes to: of vertices (n, 3), of the profile, of unknowns (N,), and of elements."""
+    """Arrays that a step writes to: of vertices (n, 3), of the profile, of unknowns (N,), of elements, and numbers."""
 
+    x: Array
     push: Array
-    pull: Array
-    trial: Array
     gradient: Array
     step: Array
     turns: Array
     moved: Array
+    slots: Array
     values: Array
     viscous: Array
     own: Array
@@ -81,18 +70,34 @@ class Room(NamedTuple):
     displacement: Array
     way: Array
     stresses: tuple[Array, Array, Array]
+    numbers: Array
 
 
 def make_room(body: Body) -> Room:
     """Room for the steps of a body; every thread needs its own."""
     count, unknowns = len(body.rest), 3 * body.first.size
-    push, pull, trial, gradient, step, turns, moved = np.empty((7, count, 3))
+    x, push, gradient, step, turns, moved = np.empty((6, count, 3))
     values, viscous = np.empty((2, int(body.starts[-1])))
     residual, displacement, way = np.empty((3, unknowns))
     own, pivots = np.empty((body.first.size, 3)), np.empty(unknowns + LANES)
     stresses = np.empty(body.triangles.rest.size), np.empty(body.edges.rest.size), np.empty(body.hinges.rest.size)
-    vertices = (push, pull, trial, gradient, step, turns, moved)
-    return Room(*vertices, values, viscous, own, pivots, residual, displacement, way, stresses)
+    return Room(
+        x, push, gradient, step, turns, moved, np.empty((2, count, 3)), values, viscous, own, pivots, residual,
+        displacement, way, stresses, np.zeros(4),
+    )  # fmt: skip
+
+
+class Step(NamedTuple):
+    """A step about ``origin`` (n, 3): the problem of :mod:`modalshell.statics.mixed_newton`."""
+
+    body: Body
+    room: Room
+    origin: Array
+    viscous: Array
+
+
+_SCALE, _INERTIA, _DRAG, _NEGATIVE = range(4)
+"""Places in a room's numbers: of forces, of the mass, of a descent, and the negative pivots of the last factor."""
 
 
 @njit(**_options)
@@ -141,16 +146,21 @@ def _predict(body, room, x):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def _outer(body, room, x, origin, inertia, push, viscous):  # type: ignore[no-untyped-def]
+def _outer(p):  # type: ignore[no-untyped-def]
     """Residual of the whole step in order of elimination, and the potential without its elastic part."""
-    value = 0.0
-    displacement, residual = room.displacement, room.residual
+    value, body, room, x, origin = 0.0, p.body, p.room, p.room.x, p.origin
+    displacement, residual, inertia, drag = (
+        room.displacement,
+        room.residual,
+        room.numbers[_INERTIA],
+        room.numbers[_DRAG],
+    )
     residual[:] = 0.0
-    if viscous.size:
+    if p.viscous.size:
         for k in range(body.free.size):
             for axis in range(3):
                 displacement[3 * k + axis] = x[body.free[k], axis] - origin[body.free[k], axis]
-        add_product(viscous, body.first, body.starts, displacement, residual)
+        add_product(p.viscous, body.first, body.starts, displacement, residual)
         for k in range(residual.size):
             value += 0.5 * displacement[k] * residual[k]
     for k in range(body.free.size):
@@ -158,172 +168,149 @@ def _outer(body, room, x, origin, inertia, push, viscous):  # type: ignore[no-un
         mass = inertia * body.mass[v]
         for axis in range(3):
             u = x[v, axis] - origin[v, axis]
-            value += u * (0.5 * mass * u - push[v, axis])
-            residual[3 * k + axis] += room.gradient[v, axis] + mass * u - push[v, axis]
+            value += u * (0.5 * mass * u - room.push[v, axis])
+            residual[3 * k + axis] += room.gradient[v, axis] + mass * u - room.push[v, axis]
+    if drag > 0.0:
+        for k in range(body.free.size):
+            v = body.free[k]
+            for axis in range(3):
+                residual[3 * k + axis] += drag * body.mass[v] * (x[v, axis] - room.slots[START, v, axis])
     return value
 
 
+@operation_of(Step, method.residual, **_options)
+def _residual(p):  # type: ignore[no-untyped-def]
+    """Size of the out-of-balance force."""
+    _gradient(p.body, p.room, p.room.x)
+    _outer(p)
+    return _size(p)
+
+
+@operation_of(Step, method.potential, **_options)
+def _potential(p):  # type: ignore[no-untyped-def]
+    """Potential, and size of the out-of-balance force."""
+    value = _gradient(p.body, p.room, p.room.x) + _outer(p)
+    return value, _size(p)
+
+
 @njit(**_options)
-def _size(vector):  # type: ignore[no-untyped-def]
+def _size(p):  # type: ignore[no-untyped-def]
+    """Size of the residual over that of the forces."""
     total = 0.0
-    for k in range(vector.size):
-        total += vector[k] * vector[k]
-    return np.sqrt(total)
+    for part in p.room.residual:
+        total += part * part
+    return np.sqrt(total) / p.room.numbers[_SCALE]
 
 
-@njit(**_options)
-def _direction(body, room, inertia, viscous):  # type: ignore[no-untyped-def]
-    """Newton's direction into ``room.step``, minus sign included; returns what :func:`factorise` does."""
-    values = room.values
+@operation_of(Step, method.solve, **_options)
+def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Newton's direction into ``room.step``."""
+    body, room = p.body, p.room
+    values, inertia = room.values, room.numbers[_INERTIA] + room.numbers[_DRAG]
+    _assemble(body, room, room.x)
+    _outer(p)
     for k in range(body.free.size):
         begin, stride = body.starts[k], body.strides[body.free[k]]
         for axis in range(3):
             place = begin + axis * stride + 3 * k - body.first[k] + axis
             values[place] += inertia * body.mass[body.free[k]]
-    for k in range(viscous.size):
-        values[k] += viscous[k]
+    for k in range(p.viscous.size):
+        values[k] += p.viscous[k]
     negative = factorise(values, body.first, body.starts, room.own, room.pivots)
+    room.numbers[_NEGATIVE] = negative
     if negative >= 0:
         solve(values, body.first, body.starts, room.own, room.pivots, room.residual)
-        room.step[:] = 0.0
-        for k in range(body.free.size):
-            for axis in range(3):
-                room.step[body.free[k], axis] = -room.residual[3 * k + axis]
-    return negative
+        _spread(body, room, room.residual, -1.0)
+    return negative >= 0
 
 
 @njit(**_options)
-def _warped(body, room, x):  # type: ignore[no-untyped-def]
+def _spread(body, room, unknowns, factor):  # type: ignore[no-untyped-def]
+    """Write ``factor`` times values of unknowns, in order of elimination, to ``room.step``."""
+    room.step[:] = 0.0
+    for k in range(body.free.size):
+        for axis in range(3):
+            room.step[body.free[k], axis] = factor * unknowns[3 * k + axis]
+
+
+@njit(**_options)
+def _warp(body, room, x):  # type: ignore[no-untyped-def]
     """Write ``x`` moved by the warped ``room.step``, shortened to turn no vertex too far, to ``room.moved``."""
     rotations.vertex_rotations(x, room.step, body.faces, room.turns)
     angle = rotations.largest_angle(room.turns)
-    if angle > _TURN:
-        room.step[:] *= _TURN / angle
-        room.turns[:] *= _TURN / angle
+    if angle > LARGEST_TURN:
+        room.step[:] *= LARGEST_TURN / angle
+        room.turns[:] *= LARGEST_TURN / angle
     rotations.warp(room.turns, room.step, 1.0, room.moved)
     room.moved[:] += x
 
 
-@njit(**_options)
-def _mixed(body, room, x, origin, inertia, push, viscous, goal, least, most):  # type: ignore[no-untyped-def]
-    """Mixed Newton from ``x``, which it moves; returns its iterations, and whether it has found a minimum.
-
-    ``room.stresses`` are those predicted with ``x``. The first ``least`` iterations do not ask for the residual.
-    """
-    best, stalled, negative = np.inf, 0, 0
-    for iteration in range(most + 1):
-        if iteration >= least:
-            _gradient(body, room, x)
-            _outer(body, room, x, origin, inertia, push, viscous)
-            size = _size(room.residual)
-            if size <= goal:
-                return iteration, negative == 0
-            stalled = 0 if size < 0.5 * best else stalled + 1
-            best = min(best, size)
-            if stalled > _STALLED or iteration == most or not np.isfinite(size):
-                break
-        _assemble(body, room, x)
-        _outer(body, room, x, origin, inertia, push, viscous)
-        negative = _direction(body, room, inertia, viscous)
-        if negative < 0:
-            room.residual[:] = np.inf
-            break
-        _warped(body, room, x)
-        _predict(body, room, x)
-        x[:] = room.moved
-    return iteration, False
+@operation_of(Step, method.advance, **_options)
+def _advance(p):  # type: ignore[no-untyped-def]
+    """Move along the warped direction."""
+    _warp(p.body, p.room, p.room.x)
+    _predict(p.body, p.room, p.room.x)
+    p.room.x[:] = p.room.moved
+    return 0.0
 
 
-@njit(**_options)
-def _value(body, room, x, origin, inertia, push, viscous):  # type: ignore[no-untyped-def]
-    """Potential of the step; its residual stays in ``room``."""
-    return _gradient(body, room, x) + _outer(body, room, x, origin, inertia, push, viscous)
+@operation_of(Step, method.store, **_options)
+def _store(p, slot):  # type: ignore[no-untyped-def]
+    """Keep the iterate."""
+    p.room.slots[slot] = p.room.x
 
 
-@njit(**_options)
-def _leave_saddle(body, room, x, origin, inertia, push, viscous, size):  # type: ignore[no-untyped-def]
-    """Move ``x`` off a saddle, along a direction in which the potential curves down; returns the potential there.
+@operation_of(Step, method.recall, **_options)
+def _recall(p, slot):  # type: ignore[no-untyped-def]
+    """Take up a kept iterate."""
+    p.room.x[:] = p.room.slots[slot]
 
-    The factor of the last Hessian gives the direction, that of its smallest pivot. Steps double for as long as the
-    potential falls: the first valley is looked for, on either side.
-    """
-    way, best = room.way, room.pull
+
+@operation_of(Step, method.is_minimum, **_options)
+def _is_minimum(p):  # type: ignore[no-untyped-def]
+    """Whether the last factor has no negative pivot."""
+    return p.room.numbers[_NEGATIVE] == 0.0
+
+
+@operation_of(Step, method.drag, **_options)
+def _drag(p, factor):  # type: ignore[no-untyped-def]
+    """Set the drag about START, and the stresses of the iterate."""
+    p.room.numbers[_DRAG] = factor
+    p.room.step[:] = 0.0
+    _predict(p.body, p.room, p.room.x)
+
+
+@operation_of(Step, method.first_drag, **_options)
+def _first_drag(p):  # type: ignore[no-untyped-def]
+    """Drag to begin with."""
+    total = 0.0
+    for k in range(p.body.free.size):
+        total += p.body.mass[p.body.free[k]] ** 2
+    return p.room.numbers[_SCALE] / (np.sqrt(total) * FIRST_MOVE * p.body.size)
+
+
+@operation_of(Step, method.point_downhill, **_options)
+def _point_downhill(p):  # type: ignore[no-untyped-def]
+    """Find a direction in which the potential curves down: that of the smallest pivot of the last factor."""
+    body, room, way = p.body, p.room, p.room.way
+    pivots = 1.0 / room.pivots[: way.size]
+    least = np.argmin(pivots)
     way[:] = 0.0
-    way[np.argmin(1.0 / room.pivots[: way.size])] = 1.0
+    way[least] = 1.0
     substitute_back(room.values, body.first, body.starts, room.own, way)
-    way /= np.abs(way).max()
-    best[:] = x
-    least = _value(body, room, x, origin, inertia, push, viscous)
-    for sign in (-1.0, 1.0):
-        last, length = np.inf, sign * size * 2.0**-20
-        while abs(length) < size:
-            room.step[:] = 0.0
-            for k in range(body.free.size):
-                for axis in range(3):
-                    room.step[body.free[k], axis] = length * way[3 * k + axis]
-            _warped(body, room, x)
-            value = _value(body, room, room.moved, origin, inertia, push, viscous)
-            if not value < last:
-                break
-            last = value
-            length *= 2.0
-            if value < least:
-                best[:] = room.moved
-                least = value
-    x[:] = best
-    return least
+    squares, largest = 0.0, np.abs(way).max()
+    for k in range(way.size):
+        squares += body.mass[body.free[k // 3]] * way[k] ** 2
+    way *= body.size / largest
+    return pivots[least] / squares
 
 
-@njit(**_options)
-def _descend(body, room, x, origin, inertia, push, viscous, scale, tolerance):  # type: ignore[no-untyped-def]
-    """Go downhill from ``x``, which it moves, as in a thick fluid; returns as :func:`_mixed` does.
-
-    Steps of implicit Euler on ``drag M dx/dt = -grad V``, each by mixed Newton; the drag falls with success and grows
-    where a step fails.
-    """
-    value = _value(body, room, x, origin, inertia, push, viscous)
-    size, total = 0.0, 0.0
-    for axis in range(3):
-        size = max(size, body.rest[:, axis].max() - body.rest[:, axis].min())
-    for k in range(body.free.size):
-        total += body.mass[body.free[k]] ** 2
-    drag = _size(room.residual) / np.sqrt(total) / (_FIRST_MOVE * size)
-    trial, pull = room.trial, room.pull
-    iterations, left = 0, 0
-    for _ in range(_DESCENT):
-        trial[:] = x
-        for polishing in (False, True):
-            added = 0.0 if polishing else drag
-            goal = (tolerance if polishing else _LOOSE) * scale
-            for v in range(x.shape[0]):
-                for axis in range(3):
-                    pull[v, axis] = push[v, axis] + added * body.mass[v] * (x[v, axis] - origin[v, axis])
-            room.step[:] = 0.0
-            _predict(body, room, x)
-            taken, minimum = _mixed(body, room, trial, origin, inertia + added, pull, viscous, goal, _ONCE, _SHORT)
-            iterations += taken
-            solved = _size(room.residual) <= goal
-            reached = _value(body, room, trial, origin, inertia, push, viscous) if solved else np.inf
-            if polishing or not reached <= value:
-                break
-            x[:] = trial
-            value = reached
-            if taken <= _EASY:
-                drag *= 0.5
-            if _size(room.residual) > _NEAR * scale:
-                break
-        if not polishing:
-            if not reached <= value:
-                drag *= 4.0
-                if not np.isfinite(drag):
-                    break
-        elif reached <= value + 1e-9 * abs(value):
-            x[:] = trial
-            if minimum or left == _SADDLES:
-                return iterations, minimum
-            left += 1
-            value = _leave_saddle(body, room, x, origin, inertia, push, viscous, size)
-    return iterations, False
+@operation_of(Step, method.step_aside, **_options)
+def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
+    """Move along that direction, warped."""
+    _spread(p.body, p.room, p.room.way, fraction)
+    _warp(p.body, p.room, p.room.slots[START])
+    p.room.x[:] = p.room.moved
 
 
 @njit(**_options)
@@ -342,8 +329,8 @@ def implicit_step(body, room, origin, rates, load, dt, drag, resistances, tolera
     solved : bool
         Whether the residual met the tolerance and the last Hessian was positive definite.
     """
-    x, push, viscous = body.rest.copy(), room.push, room.viscous[:0]
-    inertia = 1.0 / (dt * dt) + drag / dt
+    x, push, viscous, numbers = room.x, room.push, room.viscous[:0], room.numbers
+    numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0
     if resistances[0].size:
         viscous = room.viscous
         _add_viscosity(body, room, origin, resistances)
@@ -352,20 +339,17 @@ def implicit_step(body, room, origin, rates, load, dt, drag, resistances, tolera
     for v in range(origin.shape[0]):
         for axis in range(3):
             push[v, axis] = load[v, axis] + body.mass[v] * rates[v, axis] / dt
+    room.slots[START] = origin
+    x[:] = body.rest
     for k in range(body.free.size):
         v = body.free[k]
         for axis in range(3):
             x[v, axis] = origin[v, axis] + dt * rates[v, axis]
             forces += push[v, axis] ** 2
             displaced += (body.mass[v] * (origin[v, axis] - body.rest[v, axis])) ** 2
-    scale = max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
+    numbers[_SCALE] = max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
     room.step[:] = x
     room.step[:] -= origin
     _predict(body, room, origin)
-    goal = tolerance * scale
-    iterations, solved = _mixed(body, room, x, origin, inertia, push, viscous, goal, _LEAST, _MOST)
-    if not solved:
-        x[:] = origin
-        further, solved = _descend(body, room, x, origin, inertia, push, viscous, scale, tolerance)
-        iterations += further
-    return x, iterations, solved
+    found = solve_step(Step(body, room, origin, viscous), Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
+    return x.copy(), found.iterations, found.solved

@@ -61,6 +61,7 @@ class ProfileStep:
         # Writeable copies: kernels are compiled for one kind of argument alone.
         self._body = Body(
             shell.rest_positions.copy(),
+            float(shell.size),
             np.array(shell.mesh.faces, dtype=np.int64),
             shell.mass.copy(),
             free[analysis.order],

@@ -1,22 +1,20 @@
-"""Compiled implicit Euler steps of a reduced energy with assumed membrane stresses; see :mod:`.assumed_stress`."""
+"""Compiled implicit Euler steps of a reduced energy with assumed membrane stresses; see :mod:`.assumed_stress`.
+
+The method is that of :mod:`modalshell.statics.mixed_newton`, the d_k being its stresses.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from modalshell.core.typing import Array
 from modalshell.kernels.compiler import njit
+from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.shell.kernels.generated.flexure import first_derivatives
-
-_MOST, _STALLED = 25, 6
-"""Largest number of iterations per step, and of iterations without halving the residual before it fails."""
-_DESCENT = 100
-"""Steps of a descent at most."""
-_LOOSE, _NEAR = 1e-3, 0.3
-"""Relative residuals of a descent's steps, and from which it tries to end by mixed Newton."""
-_SADDLES, _HALVINGS = 4, 20
-"""Saddles that a descent leaves, and halvings of the state's size where the search along the way out begins."""
+from modalshell.statics import mixed_newton as method
+from modalshell.statics.mixed_newton import FIRST_MOVE, MOST, NONE, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _summing = _options | {"fastmath": {"contract", "nsz", "reassoc"}}
@@ -171,116 +169,127 @@ def _solve_in_place(matrix, vector):  # type: ignore[no-untyped-def]
     return negative
 
 
-@njit(**_options)
-def _mixed(reduced, start, moved, stresses, outer, push, goal, most, least):  # type: ignore[no-untyped-def]
-    """Mixed Newton from ``moved``, which it moves, with ``stresses`` (K,), which it updates.
+class Step(NamedTuple):
+    """A step about ``origin`` (m,), ``outer`` (m, m) being its quadratic part: the problem of mixed Newton."""
 
-    ``outer`` (m, m) is the quadratic part about ``start``. Returns whether it met ``goal``, and at a minimum, the
-    energy there, and the iterations.
-    """
-    count, modes = reduced.membrane.linear.shape
-    strains = np.empty(modes + reduced.angles.size)
-    slopes, gradient, hessian = np.empty((count, strains.size)), np.empty(count), np.empty((count, count))
-    best, stalled, negative = np.inf, 0, 0
-    for iteration in range(most + 1):
-        value = energy_terms(reduced, moved, stresses, strains, slopes, gradient, hessian)
-        residual = gradient + outer @ (moved - start) - push
-        size = np.sqrt(np.sum(residual * residual))
-        if iteration >= least and size <= goal:
-            stresses[:] = strains[:modes]
-            return True, negative == 0, value, iteration
-        stalled = 0 if size < 0.5 * best else stalled + 1
-        best = min(best, size)
-        if stalled > _STALLED or iteration == most or not np.isfinite(size):
-            break
-        hessian += outer
-        step = -residual
-        negative = _solve_in_place(hessian, step)
-        if negative < 0:
-            break
-        _predict(slopes, step, strains, stresses)
-        moved += step
-    return False, False, np.inf, iteration
+    reduced: ReducedStress
+    origin: Array
+    outer: Array
+    push: Array
+    x: Array
+    stresses: Array
+    strains: Array
+    slopes: Array
+    gradient: Array
+    hessian: Array
+    slots: Array
+    way: Array
+    numbers: Array
+
+
+_SCALE, _DRAG, _NEGATIVE, _ENERGY = range(4)
+"""Places in a step's numbers: of forces, of a descent, negative pivots of the last factor, the elastic energy."""
+
+
+@operation_of(Step, method.residual, **_options)
+def _residual(p):  # type: ignore[no-untyped-def]
+    """Energy, strains, Hessian and out-of-balance force; its size."""
+    return _balance(p)
 
 
 @njit(**_options)
-def potential(reduced, z, start, outer, push):  # type: ignore[no-untyped-def]
-    """Potential [J] with a quadratic part about ``start``, its gradient (m,), and the d_k (K,)."""
-    modes = reduced.membrane.linear.shape[1]
-    energy, strains, _, gradient, _ = evaluate(reduced, z, np.zeros(modes))
-    pull = outer @ (z - start)
-    return energy + np.sum((z - start) * (0.5 * pull - push)), gradient + pull - push, strains[:modes].copy()
+def _balance(p):  # type: ignore[no-untyped-def]
+    p.numbers[_ENERGY] = energy_terms(p.reduced, p.x, p.stresses, p.strains, p.slopes, p.gradient, p.hessian)
+    p.gradient[:] += p.outer @ (p.x - p.origin) - p.push
+    if p.numbers[_DRAG] > 0.0:
+        p.gradient[:] += p.numbers[_DRAG] * (p.x - p.slots[START])
+    return np.sqrt(np.sum(p.gradient * p.gradient)) / p.numbers[_SCALE]
 
 
-@njit(**_options)
-def _leave_saddle(reduced, moved, start, outer, push, stresses):  # type: ignore[no-untyped-def]
-    """Move ``moved`` off a saddle, along the direction in which the potential curves down most; the potential there.
+@operation_of(Step, method.potential, **_options)
+def _potential(p):  # type: ignore[no-untyped-def]
+    """Potential, and size of the out-of-balance force."""
+    size, u = _balance(p), p.x - p.origin
+    return p.numbers[_ENERGY] + np.sum(u * (0.5 * (p.outer @ u) - p.push)), size
 
-    Steps double for as long as the potential falls: the first valley is looked for, on either side.
-    """
-    hessian = evaluate(reduced, moved, stresses)[4] + outer
-    for i in range(moved.size):
+
+@operation_of(Step, method.solve, **_options)
+def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Newton's direction, into the array of the gradient."""
+    p.hessian[:] += p.outer
+    for i in range(p.x.size):
+        p.hessian[i, i] += p.numbers[_DRAG]
+        p.gradient[i] = -p.gradient[i]
+    p.numbers[_NEGATIVE] = _solve_in_place(p.hessian, p.gradient)
+    return p.numbers[_NEGATIVE] >= 0.0
+
+
+@operation_of(Step, method.advance, **_options)
+def _advance(p):  # type: ignore[no-untyped-def]
+    """Move along the direction."""
+    _predict(p.slopes, p.gradient, p.strains, p.stresses)
+    p.x[:] += p.gradient
+    return 0.0
+
+
+@operation_of(Step, method.store, **_options)
+def _store(p, slot):  # type: ignore[no-untyped-def]
+    """Keep the iterate."""
+    p.slots[slot] = p.x
+
+
+@operation_of(Step, method.recall, **_options)
+def _recall(p, slot):  # type: ignore[no-untyped-def]
+    """Take up a kept iterate."""
+    p.x[:] = p.slots[slot]
+
+
+@operation_of(Step, method.is_minimum, **_options)
+def _is_minimum(p):  # type: ignore[no-untyped-def]
+    """Whether the last factor has no negative pivot."""
+    return p.numbers[_NEGATIVE] == 0.0
+
+
+@operation_of(Step, method.drag, **_options)
+def _drag(p, factor):  # type: ignore[no-untyped-def]
+    """Set the drag about START, and the stresses of the iterate."""
+    p.numbers[_DRAG] = factor
+    _balance(p)
+    p.stresses[:] = p.strains[: p.stresses.size]
+
+
+@operation_of(Step, method.first_drag, **_options)
+def _first_drag(p):  # type: ignore[no-untyped-def]
+    """Drag to begin with, for coordinates of unit mass, that move vertices by the modes' mean."""
+    rest, modes, size = p.reduced.rest, p.reduced.modes, 0.0
+    for axis in range(3):
+        size = max(size, rest[:, axis].max() - rest[:, axis].min())
+    mean = np.sqrt(np.sum(modes * modes) / modes.size)
+    return p.numbers[_SCALE] / (np.sqrt(p.x.size) * FIRST_MOVE * size / mean)
+
+
+@operation_of(Step, method.point_downhill, **_options)
+def _point_downhill(p):  # type: ignore[no-untyped-def]
+    """Find the direction in which the potential curves down most."""
+    _balance(p)
+    hessian = p.hessian + p.outer
+    for i in range(p.x.size):
         for j in range(i):
             hessian[j, i] = hessian[i, j]
-    way = np.linalg.eigh(hessian)[1][:, 0].copy()
-    size = np.sqrt(np.sum(moved * moved))
-    best, least = moved.copy(), potential(reduced, moved, start, outer, push)[0]
-    for sign in (-1.0, 1.0):
-        last, length = np.inf, sign * size * 2.0**-_HALVINGS
-        while abs(length) < size:
-            trial = moved + length * way
-            value = potential(reduced, trial, start, outer, push)[0]
-            if not value < last:
-                break
-            last = value
-            length *= 2.0
-            if value < least:
-                best, least = trial, value
-    moved[:] = best
-    return least
+    curvatures, ways = np.linalg.eigh(hessian)
+    p.way[:] = np.sqrt(np.sum(p.x * p.x)) * ways[:, 0]
+    return curvatures[0]
 
 
-@njit(**_options)
-def _descend(reduced, start, moved, stresses, outer, push, scale, tolerance):  # type: ignore[no-untyped-def]
-    """Go downhill from ``moved``, which it moves, by steps with a drag; what :func:`_mixed` returns."""
-    value, gradient, present = potential(reduced, moved, start, outer, push)
-    drag = 1e-2 * outer[0, 0]
-    unit = np.eye(moved.size)
-    iterations, left = 0, 0
-    for _ in range(_DESCENT):
-        trial = moved.copy()
-        stresses[:] = present
-        solved, _, _, taken = _mixed(
-            reduced, moved, trial, stresses, outer + drag * unit, push - outer @ (moved - start), _LOOSE * scale, 12, 1
-        )
-        iterations += taken
-        reached, gradient, found = potential(reduced, trial, start, outer, push)
-        if not (solved and reached <= value):
-            drag *= 4.0
-            if not np.isfinite(drag):
-                break
-            continue
-        moved[:] = trial
-        value, present = reached, found
-        drag *= 0.25
-        if np.sqrt(np.sum(gradient * gradient)) > _NEAR * scale:
-            continue
-        stresses[:] = present
-        solved, minimum, energy, taken = _mixed(reduced, start, trial, stresses, outer, push, tolerance * scale, 12, 1)
-        iterations += taken
-        if solved and potential(reduced, trial, start, outer, push)[0] <= value + 1e-9 * abs(value):
-            moved[:] = trial
-            if minimum or left == _SADDLES:
-                return True, minimum, energy, iterations
-            left += 1
-            value = _leave_saddle(reduced, moved, start, outer, push, stresses)
-            present = potential(reduced, moved, start, outer, push)[2]
-    return False, False, np.inf, iterations
+@operation_of(Step, method.step_aside, **_options)
+def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
+    """Move along that direction."""
+    p.x[:] = p.slots[START] + fraction * p.way
 
 
 @njit(**_options)
 def implicit_step(reduced, z, rates, force, dt, drag, viscosity, tolerance):  # type: ignore[no-untyped-def]
-    """One step of implicit Euler by mixed Newton, the d_k being its stresses.
+    """One step of implicit Euler by mixed Newton, and descent where that fails.
 
     ``force`` (m,) is the load's; ``drag`` [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is
     that of the strains' slopes before the step, as for discrete shells.
@@ -313,13 +322,16 @@ def implicit_step(reduced, z, rates, force, dt, drag, viscosity, tolerance):  # 
         outer[i, i] += 1.0 / (dt * dt) + drag / dt
     push = force + rates / dt
     scale = max(np.sqrt(np.sum(push * push)), 1e-3 * np.sqrt(np.sum(z * z)) / (dt * dt))
-    moved = z + dt * rates
     stresses = np.zeros(modes)
     _quadratic(reduced.membrane, z, stresses, strains, slopes, unused)
     _predict(slopes, dt * rates, strains, stresses)
-    _, minimum, energy, iterations = _mixed(reduced, z, moved, stresses, outer, push, tolerance * scale, _MOST, 1)
-    if not minimum:
-        moved = z.copy()
-        _, minimum, energy, further = _descend(reduced, z, moved, stresses, outer, push, scale, tolerance)
-        iterations += further
-    return moved, minimum, energy, 0.5 * np.sum(stresses * stresses), iterations
+    slopes, strains = np.empty((count, modes + reduced.angles.size)), np.empty(modes + reduced.angles.size)
+    slots = np.empty((2, count))
+    slots[START] = z
+    step = Step(
+        reduced, z, outer, push, z + dt * rates, stresses, strains, slopes, np.empty(count), unused, slots,
+        np.empty(count), np.array([scale, 0.0, 0.0, np.inf]),
+    )  # fmt: skip
+    found = solve_step(step, Rules(tolerance, tolerance, 0.0, NONE, MOST))
+    seen = 0.5 * np.sum(strains[:modes] * strains[:modes])
+    return step.x, found.solved, step.numbers[_ENERGY], seen, found.iterations
