@@ -30,16 +30,15 @@ from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, reduce_energy
 from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
+from modalshell.models.hybrid.stress_potential import StressPotential
 from modalshell.models.hybrid.training import Trained, train
-from modalshell.shell import Shell
-from modalshell.statics.mixed_newton import ACCEPTED
-from modalshell.statics.newton import NewtonResult
-from modalshell.statics.trust_region import minimise
+from modalshell.models.reduction.derivatives import edge_changes
+from modalshell.shell import EXACT, Shell
+from modalshell.statics.continuation import equilibrium
 from modalshell.statics.verdict import verdict
 
 _MISSED, _OFF = 0.02, 0.05
 """Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""
-_LOAD_STEPS = 12
 _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
@@ -105,7 +104,9 @@ class HybridStress(Model):
         read = *self._reduced.membrane, self._reduced.flat, self._reduced.modes
         self._bytes = sum(part.nbytes for part in read)
         self._checked = sum(elements.rest.size for elements in coarse.elements[:2])
+        self._scaling = np.ones(size)
         own = self._energy(np.zeros(size))[2]
+        self._scaling = np.sqrt(np.diagonal(own))
         self._compliances = [np.linalg.inv(self._basis.T @ (stiffness @ self._basis)), scipy.linalg.pinvh(own)]
         self._last_load = PerThread(_LastLoad)
         self._free = coarse.free_unknowns
@@ -245,33 +246,23 @@ class HybridStress(Model):
         down = self.coarse.restrict(load)
         if reason := self.refusal(down):
             return self._handed_over(load, start, reason)
-        push = down.ravel() @ self._basis
-        scale = float(np.linalg.norm(push)) or 1.0
-        z = np.zeros_like(push)
-        shares = np.linspace(0.0, 1.0, _LOAD_STEPS + 1)[1:]
-        if start is not None:
-            z, shares = self._coordinates_of(self.coarse.sampled(start)), shares[-1:]
-        iterations = 0
-        for share in shares:
-            found = self._minimum(share * push, z, scale)
-            z, iterations = found.point, iterations + found.iterations
+        problem = self._statics(down.ravel() @ self._basis)
+        found = equilibrium(problem, None if start is None else self._coordinates_of(self.coarse.sampled(start)))
+        z = found.point
         if not found.converged or not self._sees_state(z):
             return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
         positions = self._fine(self._coarse_positions(z))
         return Equilibrium(
-            positions, *verdict(found.residual, True, note=self._range()), iterations, found.residual, True,
+            positions, *verdict(found.residual, True, note=self._range()), found.iterations, found.residual, True,
             coordinates=z,
         )  # fmt: skip
 
-    def _minimum(self, push: Array, start: Array, scale: float) -> NewtonResult:
-        """Minimum of the energy less the work of ``push`` (m,) near ``start``."""
+    def _statics(self, push: Array) -> StressPotential:
+        return StressPotential(push, np.zeros_like(push), self._reduced, self._scaling, self._edge_change, self._count)
 
-        def value_gradient(z: Array) -> tuple[float, Array]:
-            value, gradient, _ = self._energy(z)
-            return value - float(push @ z), gradient - push
-
-        radius = 0.1 * (1.0 + float(np.linalg.norm(start)))
-        return minimise(value_gradient, lambda z: self._energy(z)[2], start, ACCEPTED, scale=scale, radius=radius)
+    def _edge_change(self, z: Array) -> float:
+        """Largest relative change of an edge vector of the coarse shell by z."""
+        return float(edge_changes(self.coarse.coarse.shell, (self._basis @ z).reshape(-1, 3, 1)).max())
 
     def _handed_over(self, load: Array, start: Array | None, reason: str) -> Equilibrium:
         answer = self.coarse.equilibrium(force=load, start=start)
@@ -292,11 +283,9 @@ class HybridStress(Model):
 
     def _energy(self, z: Array) -> tuple[float, Array, Array]:
         """Energy, gradient and Hessian, that of hinges with a rest angle without their second derivatives."""
-        modes = self._reduced.membrane.linear.shape[1]
-        strains = evaluate(self._reduced, z, np.zeros(modes))[1]
-        self._count(2)
-        value, _, _, gradient, lower = evaluate(self._reduced, z, strains[:modes])
-        return value, gradient, np.tril(lower) + np.tril(lower, -1).T
+        problem = self._statics(np.zeros_like(z))
+        value, gradient = problem.potential(z)
+        return value, gradient, problem.linearise(z, EXACT)[1]
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium under dead loads as trained, no matter what training would change.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Generic, final
+from typing import Generic, final
 
 import numpy as np
 
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
-from modalshell.statics.newton import Factored, Matrix, NewtonResult, Problem
+from modalshell.statics.newton import Equations, Factored, Matrix, Problem
 
 
 @final
@@ -64,13 +64,11 @@ class _BorderedFactor(Generic[Matrix]):
 
 @final
 @dataclass(frozen=True)
-class Bordered(Problem[tuple[Matrix, Array]], Generic[Matrix]):
+class Bordered(Equations[tuple[Matrix, Array]], Generic[Matrix]):
     """A problem under a load factor that is an unknown too: the last one, after the flattened unknowns.
 
     Parameters
     ----------
-    load, origin : ndarray
-        Those of the problem.
     inner : Problem
         The problem under the whole load.
     plane : Plane
@@ -82,10 +80,6 @@ class Bordered(Problem[tuple[Matrix, Array]], Generic[Matrix]):
     inner: Problem[Matrix]
     plane: Plane
     unit: float
-
-    load_step: ClassVar = 0.0
-    path_goal: ClassVar = 0.0
-    snaps: ClassVar = 0
 
     def joined(self, x: Array, factor: float) -> Array:
         """Unknowns of the whole."""
@@ -123,11 +117,3 @@ class Bordered(Problem[tuple[Matrix, Array]], Generic[Matrix]):
     def rounding(self, x: Array, hessian: tuple[Matrix, Array], length: float) -> float:
         """That of the problem."""
         return self.inner.rounding(self.parts(x)[0], hessian[0], length)
-
-    def critical_mode(self, hessian: tuple[Matrix, Array]) -> tuple[float, Array]:
-        """That of the problem."""
-        return self.inner.critical_mode(hessian[0])
-
-    def descend(self, start: Array, scale: float) -> NewtonResult:  # noqa: ARG002 (as all problems have it)
-        """No descent direction: not converged."""
-        return NewtonResult(start, np.inf, 0, False)

@@ -1,8 +1,9 @@
-"""Load continuation: the whole load at once from a start, or in steps from rest."""
+"""Continuation in a fraction, of the load or of a motion of the boundary, and statics by it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import final
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.shell import EXACT
 from modalshell.statics.bifurcation import branch_end
-from modalshell.statics.mixed_newton import GOAL
+from modalshell.statics.mixed_newton import CONTINUED, GOAL
 from modalshell.statics.newton import Matrix, NewtonResult, Problem, is_minimum, mixed_newton
 
 _LOAD_STEPS = 200
@@ -18,8 +19,51 @@ _LOAD_STEPS = 200
 _BEYOND = 1.02
 """Load at which a shell is equilibrated after a snap, over the last one of its branch."""
 _SMALLEST_LOAD = 1e-3
-_SMALLEST_TRUST = 1.0 / 300.0
-"""Smallest trust radius of the load path."""
+_GROWTH, _SHRINK = 2.0, 0.25
+"""Factors on the step after a success and a failure: a failure costs as much as several successes."""
+_SMALLEST_STEP = 1.0 / 256.0
+"""Smallest step: it tells a branch that ends from one that is only steep."""
+
+
+@final
+class Steps:
+    """The steps of a continuation: a fraction grows from 0 to 1 by steps that follow the solver's success.
+
+    Parameters
+    ----------
+    first : float
+        The first step.
+
+    Attributes
+    ----------
+    fraction : float
+        Where the continuation has come to.
+    step : float
+        The next step.
+    """
+
+    def __init__(self, first: float = 1.0) -> None:
+        self.fraction, self.step = 0.0, first
+
+    @property
+    def target(self) -> float:
+        """Where the next step leads."""
+        return min(1.0, self.fraction + self.step)
+
+    def limit(self, step: float = 1.0) -> float:
+        """Make the next step no longer than ``step``, nor than the rest of the way; the step."""
+        self.step = min(self.step, step, 1.0 - self.fraction)
+        return self.step
+
+    def accept(self, reached: float | None = None) -> None:
+        """Go on from the target, or from what was reached instead, with a longer step."""
+        self.fraction, self.step = self.target if reached is None else reached, min(1.0, _GROWTH * self.step)
+
+    def refuse(self) -> bool:
+        """Shorten the step; False, and the step as it was, where it would become too small."""
+        possible = _SHRINK * self.step >= _SMALLEST_STEP
+        self.step *= _SHRINK if possible else 1.0
+        return possible
 
 
 def equilibrium(problem: Problem[Matrix], start: Array | None) -> NewtonResult:
@@ -48,36 +92,35 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
     Where the branch ends, the potential is minimised under a little more load, and the continuation resumes from there:
     the answer is that of a load that grows slowly, snaps included.
     """
-    x, factor, trust, iterations, steps, snaps, left = whole.origin, 0.0, 1.0, 0, 0, 0, False
+    x, steps, iterations, count, snaps, left, stuck = whole.origin, Steps(), 0, 0, 0, False, False
     path: list[tuple[float, Array]] = []
     jumps: list[tuple[str, float]] = []
     tangent: Array | None = None
     while True:
-        steps += 1
-        result = None
-        if trust >= _SMALLEST_TRUST and steps <= _LOAD_STEPS:
+        count += 1
+        factor = steps.fraction
+        if not stuck and count <= _LOAD_STEPS:
             try:
                 if tangent is None:  # at rest; later the factor that showed a minimum gives it
                     present = whole if whole.is_dead else whole.loaded(factor)
                     tangent = whole.step(whole.factor(present.linearise(x, EXACT)[1]), -whole.push_at(x))
                     iterations += 1
-                guess, stresses, share = whole.moved(x, (1.0 - factor) * tangent, trust * whole.load_step)
-                target = factor + share * (1.0 - factor) if share < 0.999 else 1.0
+                guess, stresses, part = whole.moved(x, (1.0 - factor) * tangent, steps.step * whole.load_step)
+                target = factor + part * (1.0 - factor) if part < 0.999 else 1.0
             except SolverError:
-                trust = 0.0
+                stuck = True
                 continue
             problem, goal = whole.loaded(target), GOAL if target == 1.0 else whole.path_goal
-            result = mixed_newton(problem, guess, scale, limit=25, goal=goal, stresses=stresses)
+            result = mixed_newton(problem, guess, scale, limit=CONTINUED, goal=goal, stresses=stresses)
             iterations += result.iterations
             if not is_minimum(problem, result, exactly=target == 1.0):
-                trust *= 0.25
+                stuck = not steps.refuse()
                 continue
-            trust = min(1.0, 2.0 * trust)
         else:
             snaps += 1
             if whole.is_dead and whole.snaps and (end := branch_end(whole, x, factor)) is not None:
                 jumps.append((end.kind, end.factor))
-            stop = snaps > whole.snaps or steps > _LOAD_STEPS
+            stop = snaps > whole.snaps or count > _LOAD_STEPS
             target = 1.0 if stop else min(1.0, max(_BEYOND * factor, _SMALLEST_LOAD))
             result = whole.loaded(target).descend(x, scale)
             iterations += result.iterations
@@ -85,9 +128,10 @@ def follow(whole: Problem[Matrix], scale: float) -> NewtonResult:
             if not result.converged and target < 1.0:
                 snaps = whole.snaps
                 continue
-            trust = 1.0
-        x, factor = result.point, target
-        path.append((factor, x))
+            steps.step, stuck = 1.0, False
+        steps.accept(target)
+        x = result.point
+        path.append((target, x))
         if target == 1.0:
             return replace(result, iterations=iterations, left_saddle=left, path=path, jumps=jumps)
         # A dead load leaves the Hessian alone: the minimum's serves the next step.

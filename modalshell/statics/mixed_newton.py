@@ -32,8 +32,8 @@ LINEAR = 0.3
 """Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
 LARGEST_TURN = 1.0
 """Of a vertex in one step [rad]: a warped step is exact for a turn of its own, and neighbours differ by less."""
-MOST, SHORT = np.int64(40), np.int64(12)
-"""Iterations at most, and of one within a descent, where a failure costs a smaller step only."""
+MOST, CONTINUED, SHORT = np.int64(40), np.int64(25), np.int64(12)
+"""Iterations at most; within a continuation and a descent, where a failure only costs a smaller step, fewer."""
 DESCENT = 150
 """Steps of a descent at most."""
 EASY = 5

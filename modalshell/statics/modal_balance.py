@@ -3,27 +3,71 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import final
 
 import numpy as np
 import scipy.linalg
 
+from modalshell.core.errors import SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
+from modalshell.shell import EXACT
+from modalshell.statics.continuation import Steps
+from modalshell.statics.dense import DenseFactor
 from modalshell.statics.least_potential import WOUND_UP, Statics
+from modalshell.statics.mixed_newton import SHORT
+from modalshell.statics.newton import Equations, mixed_newton
 
 _TOLERANCE = 1e-9
 """Relative residual at which an equilibrium has converged."""
-_NEWTON_LIMIT = 12
-"""Newton iterations at one share of the load at most."""
-_SMALLEST_STEP = 1.0 / 1024.0
-"""Smallest load step, relative to the load."""
+_CONDITION = 1e12
+"""Condition number from which a Jacobian counts as singular."""
 _LOAD_TURN = 0.5
 """Largest predicted rotation [rad] of a part of the shell per load step."""
 _DIFFERENCE = 1e-5
 """Turn [rad] over which a force is differenced."""
 
 Force = Callable[[Array, float], Array]
-"""Modal force (m,), or its derivatives (m, m), at coordinates (m,) under a share of the load."""
+"""Modal force (m,), or its derivatives (m, m), at coordinates (m,) under a fraction of the load."""
+
+
+@final
+@dataclass(frozen=True)
+class _ModalBalance(Equations[Array]):
+    """``y = p(q) / sqrt(lambda)`` under a fraction of the load, ``y = sqrt(lambda) q``: |y|^2 is twice the energy."""
+
+    force: Force
+    slope: Force
+    root: Array
+    rigid: int
+    fraction: float = 1.0
+
+    def coordinates(self, y: Array) -> Array:
+        """Q (m,), rigid modes at zero."""
+        return np.concatenate([np.zeros(self.rigid), y / self.root])
+
+    def linearise(
+        self,
+        x: Array,
+        geometric: int = EXACT,  # noqa: ARG002 (there are no stresses)
+        stresses: list[Array] | None = None,  # noqa: ARG002
+    ) -> tuple[Array, Array]:
+        """Out-of-balance force and Jacobian, which is unsymmetric."""
+        q, elastic, jacobian = self.coordinates(x), slice(self.rigid, None), np.eye(x.size)
+        if self.fraction:
+            jacobian -= self.slope(q, self.fraction)[elastic, elastic] / self.root[:, None] / self.root
+        return x - self.force(q, self.fraction)[elastic] / self.root, jacobian
+
+    def factor(self, hessian: Array) -> DenseFactor:
+        """The Jacobian itself, which is small; SolverError where it is singular."""
+        if not np.linalg.cond(hessian) <= _CONDITION:
+            raise SolverError("the Jacobian of the modal force is singular")
+        return DenseFactor(hessian, np.ones(len(hessian)))
+
+    def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:  # noqa: ARG002
+        """A straight step."""
+        return x + direction, [], 1.0
 
 
 def balance(
@@ -39,9 +83,8 @@ def balance(
 ) -> Statics:
     """Solve ``Lambda q = p(q)`` for the elastic modes by Newton, from a start or along a load that grows from rest.
 
-    Load steps halve where Newton fails and double where it does not. A step is also refused if it moves farther than
-    twice what the tangent at its beginning says, or turns a part far: Newton would jump to another branch. The Jacobian
-    is not symmetric, so that neither mixed Newton's minimum nor its symmetric factors serve here.
+    Load steps follow Newton's success. A step is also refused if it moves farther than twice what the tangent at its
+    beginning says, or turns a part far: Newton would jump to another branch.
 
     Parameters
     ----------
@@ -56,7 +99,7 @@ def balance(
     start : ndarray, shape (m,), optional
         Where to begin.
     first_step : float
-        Share of the load that is tried first.
+        Fraction of the load that is tried first.
     retry : bool
         Whether to follow the load from rest where Newton fails from the start.
 
@@ -65,67 +108,23 @@ def balance(
     Statics
         Its residual is ``|Lambda q - p| / |p(0)|`` in the norm of ``Lambda^-1``.
     """
-    # Unknowns y = sqrt(lambda) q: their squared length is twice the elastic energy.
     root = np.sqrt(eigenvalues[rigid:])
-    rest = np.zeros(root.size)
     if not root.size:
         return Statics(np.zeros(rigid), 0.0, 0, stable=True)
-
-    def whole(y: Array) -> Array:
-        return np.concatenate([np.zeros(rigid), y / root])
-
-    def left(y: Array, share: float) -> Array:
-        return np.asarray(y - force(whole(y), share)[rigid:] / root)
-
-    def jacobian(y: Array, share: float) -> Array:
-        if share == 0.0:
-            return np.eye(root.size)
-        return np.eye(root.size) - slope(whole(y), share)[rigid:, rigid:] / root[:, None] / root
-
-    scale = float(np.linalg.norm(left(rest, 1.0))) or 1.0
-
-    def newton(y: Array, share: float) -> tuple[Array, float, int, bool]:
-        """At one share of the load; gives up when the residual grows twice in a row."""
-        residual, growths = np.inf, 0
-        for iteration in range(_NEWTON_LIMIT + 1):
-            out_of_balance = left(y, share)
-            previous, residual = residual, float(np.linalg.norm(out_of_balance)) / scale
-            if residual <= _TOLERANCE:
-                return y, residual, iteration, True
-            growths = growths + 1 if residual >= previous else 0
-            if not np.isfinite(residual) or iteration == _NEWTON_LIMIT or growths == 2:
-                break
-            matrix = jacobian(y, share)
-            if not np.linalg.cond(matrix) <= 1e12:
-                break
-            y = y - np.linalg.solve(matrix, out_of_balance)
-        return y, residual, iteration, False
-
-    iterations, solved = 0, False
+    whole, rest = _ModalBalance(force, slope, root, rigid), np.zeros(root.size)
+    scale = whole.measure(whole.residual(rest)) or 1.0
+    y, iterations, solved = rest, 0, False
     if start is not None:
-        y, residual, iterations, solved = newton(root * start[rigid:], 1.0)
+        y, iterations, solved = _newton(whole, root * start[rigid:], scale)
     if start is None or (retry and not solved):
-        y, share, step = rest, 0.0, first_step
-        while share < 1.0:
-            step = min(step, 1.0 - share)
-            # dy/dshare = J^-1 p / sqrt(lambda), and p / sqrt(lambda) = y / share on the branch.
-            tangent = np.asarray(np.linalg.solve(jacobian(y, share), y / share if share > 0.0 else -left(y, 1.0)))
-            step = min(step, _LOAD_TURN / max(turn(whole(tangent)), 1e-300))
-            trial, _, used, solved = newton(y + step * tangent, share + step)
-            iterations += used
-            near = np.linalg.norm(trial - y - step * tangent) <= step * float(np.linalg.norm(tangent))
-            if solved and near and turn(whole(trial - y)) <= 2.0 * _LOAD_TURN:
-                y, share, step = np.asarray(trial), share + step, 2.0 * step
-                continue
-            step *= 0.5
-            if step < _SMALLEST_STEP:
-                break
-        residual, solved = float(np.linalg.norm(left(y, 1.0))) / scale, share >= 1.0
-    q = whole(y)
+        y, used, solved = _follow(whole, turn, scale, first_step)
+        iterations += used
+    q, (force_left, jacobian) = whole.coordinates(y), whole.linearise(y)
+    residual = whole.measure(force_left) / scale
     if not solved:
         message = "the branch from rest ends before this load"
         return Statics(q, residual, iterations, Outcome.NO_FIXED_POINT, message)
-    stable = bool(scipy.linalg.eigvals(jacobian(y, 1.0)).real.min() > 0.0)
+    stable = bool(scipy.linalg.eigvals(jacobian).real.min() > 0.0)
     if turn(q) > WOUND_UP:
         message = "a part of the shell has turned by more than 2 pi"
         return Statics(q, residual, iterations, Outcome.WOUND_UP, message, stable)
@@ -133,6 +132,35 @@ def balance(
         message = "a fixed point that even heavily damped motion leaves"
         return Statics(q, residual, iterations, Outcome.UNSTABLE, message, stable)
     return Statics(q, residual, iterations, stable=True)
+
+
+def _newton(problem: _ModalBalance, y: Array, scale: float) -> tuple[Array, int, bool]:
+    """The fixed point near y, the iterations, and whether it was found."""
+    found = mixed_newton(problem, y, scale, limit=SHORT, goal=_TOLERANCE)
+    return found.point, found.iterations, found.residual <= _TOLERANCE
+
+
+def _follow(
+    whole: _ModalBalance, turn: Callable[[Array], float], scale: float, first_step: float
+) -> tuple[Array, int, bool]:
+    """The fixed point under the whole load on the branch from rest, or the last one before the branch's end."""
+    y, steps, iterations = np.zeros(whole.root.size), Steps(first_step), 0
+    first = -whole.residual(y)
+    while steps.fraction < 1.0:
+        here = replace(whole, fraction=steps.fraction)
+        # dy/dfraction = J^-1 p / sqrt(lambda), and p / sqrt(lambda) = y / fraction on the branch.
+        push = y / steps.fraction if steps.fraction else first
+        tangent = np.asarray(np.linalg.solve(here.linearise(y)[1], push))
+        step = steps.limit(_LOAD_TURN / max(turn(whole.coordinates(tangent)), 1e-300))
+        trial, used, solved = _newton(replace(whole, fraction=steps.target), y + step * tangent, scale)
+        iterations += used
+        near = np.linalg.norm(trial - y - step * tangent) <= step * float(np.linalg.norm(tangent))
+        if solved and near and turn(whole.coordinates(trial - y)) <= 2.0 * _LOAD_TURN:
+            y = trial
+            steps.accept()
+        elif not steps.refuse():
+            return y, iterations, False
+    return y, iterations, True
 
 
 def differences(force: Callable[[Array], Array], q: Array, rotations: Array) -> Array:

@@ -72,57 +72,8 @@ class NewtonResult:
     factored_at: Array | None = None
 
 
-@dataclass(frozen=True)
-class Problem(ABC, Generic[Matrix]):
-    """A potential ``E(x) + u.Q u / 2 - b.u`` with ``u = x - origin``, and the algebra of its unknowns.
-
-    Parameters
-    ----------
-    load : ndarray
-        b, of the shape of x.
-    origin : ndarray
-        Where the quadratic part is centred; rest in statics.
-    quadratic : ndarray, optional
-        Q, inertia and damping of an implicit step; statics has none.
-    """
-
-    load: Array
-    origin: Array
-    quadratic: Array | None = field(default=None, kw_only=True)
-
-    load_step: ClassVar[float]
-    """Reach of the longest step that a growing load may predict."""
-    path_goal: ClassVar[float]
-    """Relative residual that load steps before the last aim at."""
-    snaps: ClassVar[int]
-    """Number of ends of branches after which the potential is minimised under the whole load at once."""
-
-    @property
-    def push(self) -> Array:
-        """Load (N,) on the free unknowns."""
-        return self.load
-
-    @property
-    def is_dead(self) -> bool:
-        """Whether the load leaves the Hessian alone."""
-        return True
-
-    @property
-    def weights(self) -> Array:
-        """Weight (N,) of each free unknown in the squared length of a step."""
-        return np.ones(self.push.size)
-
-    def push_at(self, x: Array) -> Array:  # noqa: ARG002 (of loads whose work is not linear in x)
-        """Load (N,) on the free unknowns at ``x``: what a growing load adds to minus the gradient."""
-        return self.push
-
-    def difference(self, x: Array, y: Array) -> Array:
-        """``x - y`` on the free unknowns (N,)."""
-        return (x - y).ravel()
-
-    @abstractmethod
-    def critical_mode(self, hessian: Matrix) -> tuple[float, Array]:
-        """Eigenvalue of a Hessian nearest to zero, over :attr:`weights`, and its direction (N,)."""
+class Equations(ABC, Generic[Matrix]):
+    """Equations that mixed Newton solves, and the algebra of their unknowns x."""
 
     @abstractmethod
     def linearise(self, x: Array, geometric: int, stresses: list[Array] | None = None) -> tuple[Array, Matrix]:
@@ -139,18 +90,14 @@ class Problem(ABC, Generic[Matrix]):
         ``reach`` is the largest rotation [rad], or relative change of an edge, of the step.
         """
 
-    @abstractmethod
-    def descend(self, start: Array, scale: float) -> NewtonResult:
-        """Go downhill to a minimum."""
+    @property
+    def is_step(self) -> bool:
+        """Whether they are those of a step in time, which must be taken."""
+        return False
 
     def residual(self, x: Array) -> Array:
         """Gradient (N,) on the free unknowns."""
         return self.linearise(x, GAUSS_NEWTON)[0]
-
-    def definite_factor(self, hessian: Matrix) -> Factored | None:
-        """Factor of a positive definite Hessian, None for any other."""
-        factor = self.factor(hessian)
-        return factor if factor.is_definite() else None
 
     def step(self, factor: Factored, gradient: Array) -> Array:
         """Newton direction (N,); SolverError if there is none."""
@@ -183,14 +130,81 @@ class Problem(ABC, Generic[Matrix]):
         """Size of the residual due to rounding after a step that moved no unknown by more than ``length``."""
         return 0.0
 
+
+@dataclass(frozen=True)
+class Problem(Equations[Matrix]):
+    """A potential ``E(x) + u.Q u / 2 - b.u`` with ``u = x - origin``, and the algebra of its unknowns.
+
+    Parameters
+    ----------
+    load : ndarray
+        b, of the shape of x.
+    origin : ndarray
+        Where the quadratic part is centred; rest in statics.
+    quadratic : ndarray, optional
+        Q, inertia and damping of an implicit step; statics has none.
+    """
+
+    load: Array
+    origin: Array
+    quadratic: Array | None = field(default=None, kw_only=True)
+
+    load_step: ClassVar[float]
+    """Reach of the longest step that a growing load may predict."""
+    path_goal: ClassVar[float]
+    """Relative residual that load steps before the last aim at."""
+    snaps: ClassVar[int]
+    """Number of ends of branches after which the potential is minimised under the whole load at once."""
+
+    @property
+    def is_step(self) -> bool:
+        """Whether there is inertia."""
+        return self.quadratic is not None
+
+    @property
+    def push(self) -> Array:
+        """Load (N,) on the free unknowns."""
+        return self.load
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether the load leaves the Hessian alone."""
+        return True
+
+    @property
+    def weights(self) -> Array:
+        """Weight (N,) of each free unknown in the squared length of a step."""
+        return np.ones(self.push.size)
+
+    def push_at(self, x: Array) -> Array:  # noqa: ARG002 (of loads whose work is not linear in x)
+        """Load (N,) on the free unknowns at ``x``: what a growing load adds to minus the gradient."""
+        return self.push
+
+    def difference(self, x: Array, y: Array) -> Array:
+        """``x - y`` on the free unknowns (N,)."""
+        return (x - y).ravel()
+
+    @abstractmethod
+    def critical_mode(self, hessian: Matrix) -> tuple[float, Array]:
+        """Eigenvalue of a Hessian nearest to zero, over :attr:`weights`, and its direction (N,)."""
+
+    @abstractmethod
+    def descend(self, start: Array, scale: float) -> NewtonResult:
+        """Go downhill to a minimum."""
+
+    def definite_factor(self, hessian: Matrix) -> Factored | None:
+        """Factor of a positive definite Hessian, None for any other."""
+        factor = self.factor(hessian)
+        return factor if factor.is_definite() else None
+
     def scale_at(self, start: Array | None) -> float:
         """Scale of residuals: the load's size, or without a load that of the forces at the start."""
         size = self.measure(self.push)
         return size or (0.0 if start is None else self.measure(self.residual(start))) or 1.0
 
-    def loaded(self, share: float) -> Self:
-        """The same problem under a share of the load."""
-        return replace(self, load=share * self.load)
+    def loaded(self, fraction: float) -> Self:
+        """The same problem under a fraction of the load."""
+        return replace(self, load=fraction * self.load)
 
     def _outer(self, x: Array) -> tuple[float, Array]:
         u = x - self.origin
@@ -206,8 +220,8 @@ class Iterate(Generic[Matrix]):
 
     Parameters
     ----------
-    problem : Problem
-        The problem.
+    problem : Equations
+        The equations.
     start : ndarray
         The first iterate.
     scale : float
@@ -217,7 +231,7 @@ class Iterate(Generic[Matrix]):
     """
 
     def __init__(
-        self, problem: Problem[Matrix], start: Array, scale: float, stresses: list[Array] | None = None
+        self, problem: Equations[Matrix], start: Array, scale: float, stresses: list[Array] | None = None
     ) -> None:
         self.problem, self.x, self.scale, self.stresses = problem, start, scale, stresses
         self.factor: Factored | None = None
@@ -273,14 +287,14 @@ class Iterate(Generic[Matrix]):
         )  # fmt: skip
 
 
-def rules_of(problem: Problem[Matrix], goal: float, most: int = MOST) -> Rules:
+def rules_of(problem: Equations[Matrix], goal: float, most: int = MOST) -> Rules:
     """When mixed Newton ends on a problem with this goal."""
     accepted = max(ACCEPTED, goal)
-    return Rules(goal, accepted, accepted if problem.quadratic is None else GOAL, 0, most)
+    return Rules(goal, accepted, GOAL if problem.is_step else accepted, 0, most)
 
 
 def mixed_newton(
-    problem: Problem[Matrix],
+    problem: Equations[Matrix],
     start: Array,
     scale: float,
     *,

@@ -182,7 +182,7 @@ class Tracer(Generic[Matrix]):
     ) -> tuple[NewtonResult, float] | None:
         """The equilibrium in a plane, and its factor, by mixed Newton; None if there is none nearby."""
         scale = self.scale(guess)
-        bordered = Bordered(self.problem.load, self.problem.origin, self.problem, plane, scale)
+        bordered = Bordered(self.problem, plane, scale)
         result = mixed_newton(
             bordered, bordered.joined(guess, factor), scale, limit=_LIMIT, goal=goal, stresses=stresses
         )

@@ -28,7 +28,7 @@ from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, l
 from modalshell.modes.rigid import left_free
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.bifurcation import BIFURCATION, LIMIT
-from modalshell.statics.boundary import lead
+from modalshell.statics.boundary import continue_boundary
 from modalshell.statics.continuation import equilibrium
 from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.newton import Factored
@@ -111,9 +111,8 @@ class FullModel(Model):
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             if patches:
                 # The load comes with the first step: a loose shell may have no rest of its own under it.
-                result = lead(
-                    shell, load, first, patches, origin, Factoriser(self.factoriser.backend), self.costs, live
-                )
+                own = Factoriser(self.factoriser.backend)
+                result = continue_boundary(shell, load, first, patches, origin, own, self.costs, live)
             else:
                 result = refine(problem, equilibrium(problem, first), problem.scale_at(first))
         notes = [f"a stable branch ends at a {_ENDS[kind]} at {share:.4g} of the load" for kind, share in result.jumps]

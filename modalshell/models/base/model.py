@@ -19,7 +19,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.settle import settled
+from modalshell.models.base.settle import self_consistent
 from modalshell.modes.rigid import left_free, rigid_motions
 from modalshell.shell import Shell
 from modalshell.statics.live_loads import LiveLoads
@@ -132,7 +132,7 @@ class Model(ABC):
 
     def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
         """Equilibrium under configuration-dependent loads; by a sequence of dead loads unless overridden."""
-        return settled(lambda load, begin: self._solve(load, begin, constraints), loading, start)
+        return self_consistent(lambda load, begin: self._solve(load, begin, constraints), loading, start)
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium by parameters of the shell and its load, by the implicit-function theorem.

@@ -11,49 +11,47 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
+from modalshell.statics.continuation import Steps
 
 _TOLERANCE = 1e-9
 """Change of the positions, as a share of the shell's size, at which the loads have settled."""
 _LIMIT = 60
-"""Answers to dead loads at one share of the loads at most."""
+"""Answers to dead loads at one fraction of the loads at most."""
 _KEPT = 6
 """Earlier answers that the next one is extrapolated from."""
-_SMALLEST_STEP = 1.0 / 64.0
 
 Solve = Callable[[Array, Array | None], Equilibrium]
 """Answer to a dead load (n, 3) [N] from positions (n, 3) [m], or from rest."""
 
 
-def settled(solve: Solve, loading: Loading, start: Array | None) -> Equilibrium:
+def self_consistent(solve: Solve, loading: Loading, start: Array | None) -> Equilibrium:
     """Equilibrium under loads that are, at the answer, those of the answer.
 
     The map from positions to the answer under the dead loads there is iterated with Anderson's extrapolation
-    [anderson1965]; where it does not settle, under loads that grow in steps.
+    [anderson1965]; where it does not converge, under loads that grow in steps.
     """
-    found, share, step, x, iterations = None, 0.0, 1.0, start, 0
-    while share < 1.0:
-        target = min(1.0, share + step)
-        trial = _settle_at(solve, loading, target, x)
-        iterations += trial.iterations
-        if trial.converged:
-            found, x, share, step = trial, trial.positions, target, 2.0 * step
-            continue
-        step *= 0.5
-        if step < _SMALLEST_STEP or trial.outcome is Outcome.NO_EQUILIBRIUM:
-            return replace(trial, iterations=iterations)
-    assert found is not None
-    return replace(found, iterations=iterations, stable=None)
+    steps, x, iterations = Steps(), start, 0
+    while True:
+        found = _fixed_point(solve, loading, steps.target, x)
+        iterations += found.iterations
+        if found.converged:
+            x = found.positions
+            steps.accept()
+            if steps.fraction == 1.0:
+                return replace(found, iterations=iterations, stable=None)
+        elif found.outcome is Outcome.NO_EQUILIBRIUM or not steps.refuse():
+            return replace(found, iterations=iterations)
 
 
-def _settle_at(solve: Solve, loading: Loading, share: float, start: Array | None) -> Equilibrium:
-    """The iteration under a share of the loads."""
+def _fixed_point(solve: Solve, loading: Loading, fraction: float, start: Array | None) -> Equilibrium:
+    """The iteration under a fraction of the loads."""
     size = float(np.ptp(loading.rest, axis=0).max())
     x, begin = (loading.rest if start is None else start), start
     points: list[Array] = []
     misses: list[Array] = []
     iterations, change = 0, np.inf
     for _ in range(_LIMIT):
-        found = solve(share * loading.force(x), begin)
+        found = solve(fraction * loading.force(x), begin)
         iterations += found.iterations
         if not found.converged:
             return replace(found, iterations=iterations)

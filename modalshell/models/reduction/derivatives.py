@@ -61,7 +61,7 @@ class DerivativeBasis:
 
     def edge_change(self, z: Array) -> float:
         """Largest change of an edge vector over its length for coordinates z (r,): about the largest turn [rad]."""
-        return float(_edge_changes(self.shell, (self.vectors @ z).reshape(-1, 3, 1)).max())
+        return float(edge_changes(self.shell, (self.vectors @ z).reshape(-1, 3, 1)).max())
 
 
 _DERIVATIVE_BYTES = 40.0
@@ -127,7 +127,7 @@ def _derivative_forces(modes: Basis) -> tuple[Array, float, float]:
     """
     shell, count = modes.shell, modes.count
     fields = modes.modes.reshape(-1, 3, count)
-    steps = _STEP / _edge_changes(shell, fields).max(axis=0)
+    steps = _STEP / edge_changes(shell, fields).max(axis=0)
     forces = np.empty((count, count, shell.rest_positions.size))
     error = 0.0
     for j in range(count):
@@ -150,7 +150,7 @@ def _stiffness_slope(modes: Basis, direction: Array, step: float) -> Array:
     return (shell.pattern.product(ahead, modes.modes) - shell.pattern.product(behind, modes.modes)) / (2.0 * step)
 
 
-def _edge_changes(shell: Shell, fields: Array) -> Array:
+def edge_changes(shell: Shell, fields: Array) -> Array:
     """Change of every edge vector over its length (edges, k) for displacement fields (n, 3, k)."""
     ends = shell.mesh.edges
     return np.linalg.norm(fields[ends[:, 1]] - fields[ends[:, 0]], axis=1) / shell.mesh.edge_lengths[:, None]
