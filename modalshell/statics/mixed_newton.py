@@ -32,7 +32,9 @@ LINEAR = 0.3
 """Residual of linear equations that a kept factor solves, at most: over the gradient, and over the goal."""
 LARGEST_TURN = 1.0
 """Of a vertex in one step [rad]: a warped step is exact for a turn of its own, and neighbours differ by less."""
-MOST, CONTINUED, SHORT = np.int64(40), np.int64(25), np.int64(12)
+MOST: int = np.int64(40)  # type: ignore[assignment]  # compiled code takes a plain integer for a constant
+CONTINUED: int = np.int64(25)  # type: ignore[assignment]
+SHORT: int = np.int64(12)  # type: ignore[assignment]
 """Iterations at most; within a continuation and a descent, where a failure only costs a smaller step, fewer."""
 DESCENT = 150
 """Steps of a descent at most."""
@@ -50,9 +52,10 @@ SADDLES = 4
 """Saddles that a descent leaves."""
 HALVINGS = 20
 """Halvings of the state's size where the search along the way off a saddle begins."""
-NONE = np.int64(0)
-"""Of the first iterations go without a residual; a plain integer would be compiled in as a constant."""
-START, BEST = np.int64(0), np.int64(1)
+ALL_CHECKED: int = np.int64(0)  # type: ignore[assignment]
+"""Of the first iterations go without a residual."""
+START: int = np.int64(0)  # type: ignore[assignment]
+BEST: int = np.int64(1)  # type: ignore[assignment]
 """Slots of a problem: where a solve, or a step of a descent, begins; and the best iterate so far."""
 
 _jitable = register_jitable(error_model="numpy")
@@ -156,10 +159,10 @@ def operation_of(record: type, operation: Callable[..., Any], **options: Any) ->
 
     def register(function: Any) -> Any:
         def choose(problem: Any, *_: Any) -> Any:
-            of_record = isinstance(problem, types.NamedTuple) and problem.instance_class is record  # type: ignore[attr-defined]
+            of_record = isinstance(problem, types.NamedTuple) and problem.instance_class is record
             return function if of_record else None
 
-        overload(operation, jit_options=options, strict=False)(choose)
+        overload(operation, jit_options=options, strict=False)(choose)  # type: ignore[arg-type]
         return function
 
     return register
@@ -169,7 +172,7 @@ def operation_of(record: type, operation: Callable[..., Any], **options: Any) ->
 
 
 @_jitable
-def iterate(problem, rules):  # type: ignore[no-untyped-def]
+def iterate(problem: Any, rules: Rules) -> Solved:
     """Full mixed Newton steps from the iterate with its stresses; gives up when the residual stops falling.
 
     The problem's best iterate is its iterate at the end.
@@ -204,13 +207,13 @@ def iterate(problem, rules):  # type: ignore[no-untyped-def]
 
 
 @_jitable
-def descend(problem, rules):  # type: ignore[no-untyped-def]
+def descend(problem: Any, rules: Rules) -> Solved:
     """Go downhill from the iterate to a minimum, as the shell would move in a thick fluid; saddles are left.
 
     Steps of implicit Euler on ``drag M dx/dt = -grad V``, each solved by mixed Newton, whose number of iterations does
     not feel the membrane. The drag falls with success, down to plain Newton steps, and grows where a step fails.
     """
-    loose = Rules(LOOSE, LOOSE, GOAL, NONE, SHORT)
+    loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
     value, size = potential(problem)
     factor, iterations, saddles = size * first_drag(problem), 0, 0
     for _ in range(DESCENT):
@@ -232,7 +235,7 @@ def descend(problem, rules):  # type: ignore[no-untyped-def]
         if size > NEAR or (size > LOOSE and not is_minimum(problem)):
             continue
         store(problem, START)
-        last = iterate(problem, Rules(rules.goal, rules.accepted, rules.accepted, NONE, SHORT))
+        last = iterate(problem, Rules(rules.goal, rules.accepted, rules.accepted, ALL_CHECKED, SHORT))
         iterations += last.iterations
         reached = potential(problem)[0] if last.solved else np.inf
         if not reached <= value + HIGHER * abs(value):
@@ -247,7 +250,7 @@ def descend(problem, rules):  # type: ignore[no-untyped-def]
 
 
 @_jitable
-def _leave_saddle(problem, value):  # type: ignore[no-untyped-def]
+def _leave_saddle(problem: Any, value: float) -> tuple[float, float]:
     """Move the iterate off a saddle; the potential there, and a drag that steadies the way down.
 
     Both ways are tried. Steps double for as long as the potential falls: the first valley is looked for, not the
@@ -272,7 +275,7 @@ def _leave_saddle(problem, value):  # type: ignore[no-untyped-def]
 
 
 @_jitable
-def solve_step(problem, rules):  # type: ignore[no-untyped-def]
+def solve_step(problem: Any, rules: Rules) -> Solved:
     """One implicit step: mixed Newton, and descent from START where it fails or ends at no minimum.
 
     The last Hessian on the way stands for the one at the end: with inertia in it the two agree well enough, and a

@@ -18,7 +18,7 @@ from modalshell.shell.kernels.generated import flexure, shear, stretch
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.mixed_newton import FIRST_MOVE, LARGEST_TURN, MOST, START, Rules, operation_of, solve_step
 
-_UNCHECKED = np.int64(2)
+_UNCHECKED: int = np.int64(2)  # type: ignore[assignment]
 """First iterations of a step that do not ask for the residual: a single one is 8 to 21 % off across a snap."""
 _FLOOR = 1e-3
 """Share of the inertia of the displacement itself below which a residual is not compared with the load."""

@@ -14,7 +14,7 @@ from modalshell.kernels.compiler import njit
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.shell.kernels.generated.flexure import first_derivatives
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.mixed_newton import FIRST_MOVE, MOST, NONE, START, Rules, operation_of, solve_step
+from modalshell.statics.mixed_newton import FIRST_MOVE, MOST, ALL_CHECKED, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _summing = _options | {"fastmath": {"contract", "nsz", "reassoc"}}
@@ -332,6 +332,6 @@ def implicit_step(reduced, z, rates, force, dt, drag, viscosity, tolerance):  # 
         reduced, z, outer, push, z + dt * rates, stresses, strains, slopes, np.empty(count), unused, slots,
         np.empty(count), np.array([scale, 0.0, 0.0, np.inf]),
     )  # fmt: skip
-    found = solve_step(step, Rules(tolerance, tolerance, 0.0, NONE, MOST))
+    found = solve_step(step, Rules(tolerance, tolerance, 0.0, ALL_CHECKED, MOST))
     seen = 0.5 * np.sum(strains[:modes] * strains[:modes])
     return step.x, found.solved, step.numbers[_ENERGY], seen, found.iterations

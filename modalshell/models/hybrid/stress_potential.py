@@ -67,4 +67,4 @@ class StressPotential(DenseProblem):
 
     def _evaluated(self, z: Array, stresses: Array | None) -> tuple[float, Array, Array, Array, Array]:
         self.count(1)
-        return evaluate(self.reduced, z, np.zeros(self._modes) if stresses is None else stresses)  # type: ignore[no-any-return]
+        return evaluate(self.reduced, z, np.zeros(self._modes) if stresses is None else stresses)

@@ -1,0 +1,110 @@
+"""The nonlinear solver and the continuation stand once: their constants in one file each, one method for all algebra."""
+
+import ast
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import modalshell as ms
+from modalshell.statics import mixed_newton as method
+from modalshell.statics.continuation import Steps
+from modalshell.statics.newton import Iterate
+
+PACKAGE = Path(ms.__file__).parent
+SOLVERS = sorted(
+    {
+        *(PACKAGE / "statics").glob("*.py"),
+        *(PACKAGE / "integrators").rglob("*.py"),
+        *(PACKAGE / "models" / "base").glob("*.py"),
+        *(PACKAGE / "models" / "coarse").glob("profile_*.py"),
+        *(PACKAGE / "models" / "hybrid").glob("*st*.py"),
+        PACKAGE / "compare" / "path.py",
+    }
+)
+ARC_LENGTH = PACKAGE / "statics" / "path.py"
+
+
+def constants(path):
+    """Names of numbers that a module defines, without the underscore of private ones."""
+    names = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for target in getattr(node, "targets", [getattr(node, "target", None)]):
+            for name in target.elts if isinstance(target, ast.Tuple) else [target]:
+                if isinstance(name, ast.Name) and name.id.isupper():
+                    names.add(name.id.lstrip("_"))
+    return names
+
+
+def holders(words):
+    """Files that define a constant whose name has one of some words in it."""
+    return {path for path in SOLVERS for name in constants(path) if set(name.split("_")) & words}
+
+
+def test_the_constants_of_the_solver_stand_in_one_file():
+    own = constants(PACKAGE / "statics" / "mixed_newton.py")
+    assert {"STALLED", "LOOSE", "NEAR", "SADDLES", "DESCENT", "EASY", "FIRST_MOVE", "LARGEST_TURN"} <= own
+    for path in SOLVERS:
+        if path.name != "mixed_newton.py":
+            # Paths aim at a residual of their own: their points carry derivatives.
+            assert not constants(path) & own - ({"GOAL"} if path == ARC_LENGTH else set()), path
+
+
+def test_the_constants_of_continuation_stand_in_one_file():
+    assert holders({"GROWTH", "SHRINK", "SMALLEST"}) - {ARC_LENGTH} == {
+        PACKAGE / "statics" / "continuation.py",
+        PACKAGE / "statics" / "bifurcation.py",  # the least load at which the end of a branch is looked for
+    }
+
+
+def test_steps_grow_with_success_and_shrink_with_failure_to_an_end():
+    steps, taken = Steps(0.25), []
+    while steps.fraction < 1.0:
+        steps.limit()
+        taken.append(steps.target)
+        steps.accept()
+    assert taken == [0.25, 0.75, 1.0]
+    steps, sizes = Steps(), [1.0]
+    while steps.refuse():
+        sizes.append(steps.step)
+    assert sizes == [4.0**-k for k in range(5)]
+    steps.accept(0.5)
+    assert steps.fraction == 0.5
+    assert steps.step == 2.0 * sizes[-1]
+
+
+def strip():
+    """A soft strip clamped at its end, and its weight."""
+    mesh = ms.flat_beam(cells=(8, 2))
+    shell = ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.2)
+    return shell, shell.gravity_force((0.0, 0.0, -9.81))
+
+
+@pytest.mark.parametrize("steps", [1, 2, 3])
+def test_it_stops_after_so_many_steps(steps):
+    """The residual after each step falls, and the point is that of the last one."""
+    shell, load = strip()
+    problem = ms.DiscreteShell(shell).followable(load).problem
+    state = Iterate(problem, shell.rest_positions, problem.scale_at(None))
+    found = method.iterate(state, method.Rules(0.0, 0.0, 0.0, 0, steps))
+    assert found.iterations == steps
+    assert not found.solved
+    reached = problem.measure(problem.residual(state.x)) / problem.scale_at(None)
+    assert found.residual == pytest.approx(reached, rel=1e-9)
+
+
+def test_profile_and_sparse_algebra_take_the_same_steps():
+    """Long steps under a load that crumples the strip, descents among them: one method, two storages."""
+    mesh = ms.v_beam(fold=150.0, cells=(10, 4))
+    shell = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.15)
+    load = shell.gravity_force((0.0, 40.0, -200.0))
+    compiled = ms.CoarseDiscreteShell(shell, shell, step_tolerance=1e-9)
+    sparse = ms.DiscreteShell(shell, step_tolerance=1e-9)
+    one, other = compiled.start_motion(), sparse.start_motion()
+    for _ in range(8):
+        one, solved = compiled.step(one, 1 / 30, load, ms.Damping(0.5, 0.0))
+        other, expected = sparse.step(other, 1 / 30, load, ms.Damping(0.5, 0.0))
+        assert solved
+        assert expected
+        apart = np.abs(compiled.positions(one) - sparse.positions(other)).max()
+        assert apart < 1e-5 * shell.size
