@@ -41,7 +41,7 @@ DESCENT = 150
 EASY = 5
 """Iterations in a step of a descent up to which the drag falls."""
 LOOSE = 1e-3
-"""Residual of the steps of a descent: the next step mends what is left."""
+"""Residual of the steps of a descent: the next step lowers the rest."""
 NEAR = 0.3
 """Residual from which a descent tries to end by Newton's method."""
 FIRST_MOVE = 0.05

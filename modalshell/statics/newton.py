@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Generic, Protocol, Self, TypeVar
+from typing import ClassVar, Generic, Protocol, Self, TypeVar, final
 
 import numpy as np
 
@@ -215,7 +215,7 @@ class Problem(Equations[Matrix]):
         return np.asarray(quadratic @ u)
 
 
-class Iterate(Generic[Matrix]):
+class Iterate(ABC, Generic[Matrix]):
     """An iterate of a problem with its stresses and factor: the operations of :mod:`.mixed_newton`.
 
     Parameters
@@ -271,7 +271,7 @@ class Iterate(Generic[Matrix]):
         self._slots[int(slot)] = self.x
 
     def recall(self, slot: int) -> None:
-        """Take up a kept iterate."""
+        """Go back to a kept iterate."""
         self.x = self._slots[int(slot)]
 
     def is_near(self) -> bool:
@@ -285,6 +285,11 @@ class Iterate(Generic[Matrix]):
             self.x, solved.residual, solved.iterations, solved.solved, self.factor, self.stable,
             left_saddle=solved.saddles > 0, factored_at=self.factored_at,
         )  # fmt: skip
+
+
+@final
+class NewtonIterate(Iterate[Matrix]):
+    """An iterate of mixed Newton alone."""
 
 
 def rules_of(problem: Equations[Matrix], goal: float, most: int = MOST) -> Rules:
@@ -303,7 +308,7 @@ def mixed_newton(
     stresses: list[Array] | None = None,
 ) -> NewtonResult:
     """Full mixed Newton steps from ``start``, with the ``stresses`` predicted there; see :func:`.iterate`."""
-    state = Iterate(problem, start, scale, stresses)
+    state = NewtonIterate(problem, start, scale, stresses)
     return state.result(iterate(state, rules_of(problem, goal, limit)))
 
 

@@ -1,4 +1,4 @@
-"""The nonlinear solver and the continuation stand once: their constants in one file each, one method for all algebra."""
+"""The nonlinear solver and the continuation stand once: constants in one file each, one method for all algebra."""
 
 import ast
 from pathlib import Path
@@ -9,7 +9,7 @@ import pytest
 import modalshell as ms
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.continuation import Steps
-from modalshell.statics.newton import Iterate
+from modalshell.statics.newton import NewtonIterate
 
 PACKAGE = Path(ms.__file__).parent
 SOLVERS = sorted(
@@ -85,7 +85,7 @@ def test_it_stops_after_so_many_steps(steps):
     """The residual after each step falls, and the point is that of the last one."""
     shell, load = strip()
     problem = ms.DiscreteShell(shell).followable(load).problem
-    state = Iterate(problem, shell.rest_positions, problem.scale_at(None))
+    state = NewtonIterate(problem, shell.rest_positions, problem.scale_at(None))
     found = method.iterate(state, method.Rules(0.0, 0.0, 0.0, 0, steps))
     assert found.iterations == steps
     assert not found.solved

@@ -150,7 +150,7 @@ def test_a_bordered_factor_solves_the_bordered_matrix():
     random = np.random.default_rng(0)
     x = system.rest + 0.01 * random.standard_normal(3)
     plane = Plane(random.standard_normal(3), 0.3, system.rest, 0.1, 0.7)
-    bordered = Bordered(problem.load, problem.origin, problem, plane, 2.0)
+    bordered = Bordered(problem, plane, 2.0)
     point = bordered.joined(x, 0.02)
     gradient, hessian = bordered.linearise(point, EXACT)
     whole = np.empty((4, 4))

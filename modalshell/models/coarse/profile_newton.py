@@ -262,7 +262,7 @@ def _store(p, slot):  # type: ignore[no-untyped-def]
 
 @operation_of(Step, method.recall, **_options)
 def _recall(p, slot):  # type: ignore[no-untyped-def]
-    """Take up a kept iterate."""
+    """Go back to a kept iterate."""
     p.room.x[:] = p.room.slots[slot]
 
 

@@ -14,7 +14,7 @@ from modalshell.kernels.compiler import njit
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.shell.kernels.generated.flexure import first_derivatives
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.mixed_newton import FIRST_MOVE, MOST, ALL_CHECKED, START, Rules, operation_of, solve_step
+from modalshell.statics.mixed_newton import ALL_CHECKED, FIRST_MOVE, MOST, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _summing = _options | {"fastmath": {"contract", "nsz", "reassoc"}}
@@ -240,7 +240,7 @@ def _store(p, slot):  # type: ignore[no-untyped-def]
 
 @operation_of(Step, method.recall, **_options)
 def _recall(p, slot):  # type: ignore[no-untyped-def]
-    """Take up a kept iterate."""
+    """Go back to a kept iterate."""
     p.x[:] = p.slots[slot]
 
 
