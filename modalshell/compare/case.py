@@ -47,7 +47,7 @@ class Case:
     coarse : sequence of CoarseMesh
         Coarser meshes to run discrete shells on.
     note : str
-        Note on the origin of the load, if needed.
+        Note on the origin of the load, if needed, in sentences.
     integrator : str or None
         Key of the integrator of modal models; by default their own.
     """
@@ -73,11 +73,11 @@ class Case:
             )
 
     @property
-    def told(self) -> str:
-        """Notes on the reference and the load."""
+    def notes(self) -> str:
+        """Notes on the reference and the load, in sentences."""
         theory = isinstance(self.shell.material, Isotropic)
-        truth = ["DS stands for shell theory, by split folds on the same mesh"] if theory else []
-        return "; ".join([*truth, *([self.note] if self.note else [])])
+        reference = "DS stands for shell theory, by split folds on the same mesh." if theory else ""
+        return " ".join(filter(None, (reference, self.note)))
 
 
 def make_case(

@@ -37,10 +37,11 @@ LOADS = (0.25, 0.5, 0.75, 1.0)
 
 _FINDINGS = (
     *("key", "rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
-    *("elements", "solves", "bytes_read", "cost", "answer_seconds"),
+    *("cost", "answer_seconds"),
     *("statuses", "frequency", "motion", "worst_error", "final_error", "near_errors", "outside_error"),
 )
-"""What of a row goes to the findings."""
+_COUNTS = ("elements", "solves", "bytes_read")
+"""What of a row, and of its counted work, goes to the findings."""
 
 
 @brief
@@ -80,27 +81,32 @@ class Tradeoff:
 
     def front(self) -> list[Measurement]:
         """The rows that no cheaper one matches in error, cheapest first; tiny gains do not count."""
-        best, found = np.inf, []
+        best, front = np.inf, []
         for row in self.rows:
             error = self.error_of(row)
             if error is not None and error < (1.0 - GAIN) * best:
                 best = error
-                found.append(row)
-        return found
+                front.append(row)
+        return front
 
     def findings(self) -> dict[str, Any]:
         """Everything but arrays, ready for JSON."""
         front = self.front()
         return {
             "case": self.case.name,
-            "note": self.case.told,
+            "note": self.case.notes,
             "vertices": len(self.case.shell.rest_positions),
             "load_factors": self.path.factors,
             "near_factors": self.path.near,
             "ds_statuses": [answer.status for answer in self.path.answers],
             "ds_tangents": self.path.tangents,
             "snap": None if self.path.snap is None else str(self.path.snap),
-            "rows": [{name: getattr(row, name) for name in _FINDINGS} | {"front": row in front} for row in self.rows],
+            "rows": [
+                {name: getattr(row, name) for name in _FINDINGS}
+                | {name: getattr(row.work, name) for name in _COUNTS}
+                | {"front": row in front}
+                for row in self.rows
+            ],
             "left_out": self.left_out,
             "engines": self.engines,
         }
@@ -191,11 +197,12 @@ def tradeoff(
     outside = None if truth is None else outside_positions(truth, case.shell)
     asked = checked_kind("engines", engines, bool)
     warm_up()
-    found = _measured(case, modes, factors, outside, on_step)
+    measured = _measured(case, modes, factors, outside, on_step)
     if not asked:
-        return found
-    whole = found.path.answers[-1].positions if found.path.known[-1] == len(factors) - 1 else None
-    return replace(found, engines=engine_rows(case, whole if outside is None else outside, on_step))
+        return measured
+    path = measured.path
+    whole = path.answers[-1].positions if path.known[-1] == len(factors) - 1 else None
+    return replace(measured, engines=engine_rows(case, whole if outside is None else outside, on_step))
 
 
 def _measured(

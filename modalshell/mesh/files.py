@@ -57,7 +57,7 @@ def up_axis(path: str | os.PathLike[str], up: Up | None = None) -> Up:
     return "y" if Path(path).suffix.lower() in _GLTF else "z"
 
 
-def told_up(path: str | os.PathLike[str], up: Up | None = None) -> str:
+def up_as_text(path: str | os.PathLike[str], up: Up | None = None) -> str:
     """The axis that points up, as text."""
     axis = up_axis(path, up)
     return "z is up" if axis == "z" else f"{axis} is up in the file and was rotated to z"

@@ -156,9 +156,9 @@ class Basis(ReadOnlyArrays, Drawn):
     def page(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Any:
         """A self-contained :class:`modalshell.page.Page` that moves in a browser; ``path`` names a file to write it to.
 
-        See :func:`modalshell.plot.basis_page` for the options.
+        See :func:`modalshell.page.modal_page` for the options.
         """
-        page = DRAWING["basis_page"](self, **options)
+        page = DRAWING["page"](self, **options)
         if path is not None:
             page.save(path)
         return page

@@ -195,15 +195,13 @@ class ShellScene(Scene):
         return ModelFactory(shell, lambda: self.largest_load(shell)[0], coarse, solve)
 
     def largest_load(self, shell: Shell) -> tuple[Array, str]:
-        """All loads (n, 3) [N], with the largest inertial load of moving supports, and a note about it."""
+        """All loads (n, 3) [N], with the largest inertial load of moving supports, and notes about it, in sentences."""
         force, loads = self.build_forces(shell)
         loading = shell.loading(self.loads.gravity if self.loads else None, force, loads)
         load, note = loading.dead, ""
         if loading.live:
-            load, note = (
-                load + loading.largest_force(),
-                "loads that change are taken as they are at rest, at their largest",
-            )
+            load = load + loading.largest_force()
+            note = "Loads that change are taken as they are at rest, at their largest."
         path = build_path(self.supports)
         if path is None:
             return load, note
@@ -211,8 +209,8 @@ class ShellScene(Scene):
         times = np.linspace(path.times[0], path.times[-1], 1 + int(np.ceil((path.times[-1] - path.times[0]) * 120.0)))
         effective = [path.at(float(t)).shell_load(load, shell.mass, shell.rest_positions, still) for t in times]
         worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
-        moved = f"the load is that of the moving supports when it is largest, at {times[worst]:.3g} s"
-        return effective[worst], "; ".join(part for part in (moved, note) if part)
+        moved = f"The load is that of the moving supports when it is largest, at {times[worst]:.3g} s."
+        return effective[worst], " ".join(filter(None, (moved, note)))
 
     @property
     def unit_system(self) -> UnitSystem:
