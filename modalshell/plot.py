@@ -82,9 +82,9 @@ def _mode(basis: Basis, mode: int) -> View:
     shape = basis.modes[:, mode].reshape(-1, 3)
     length = np.linalg.norm(shape, axis=1)
     moved = basis.shell.rest_positions + shape * (_SHOWN_SHARE * basis.shell.size / length.max())
-    told = "rigid" if mode < basis.rigid_modes else f"{basis.frequencies[mode]:.4g} Hz"
+    kind = "rigid" if mode < basis.rigid_modes else f"{basis.frequencies[mode]:.4g} Hz"
     surface = ShadedSurface(moved, basis.shell.mesh.faces, scalars=length / length.max(), smooth=True)
-    return View([surface], title=f"mode {mode + 1}: {told}")
+    return View([surface], title=f"mode {mode + 1}: {kind}")
 
 
 @_drawn.register

@@ -57,12 +57,19 @@ def marked_front(marks: Sequence[Mark]) -> list[Mark]:
     Tables rank by counted work, which does not change from run to run; a front by one and drawn over the other would
     run up again.
     """
-    best, marked = np.inf, []
-    for mark in sorted(marks, key=lambda mark: (mark.x, mark.y)):
-        front = mark.y < (1.0 - GAIN) * best
-        best = mark.y if front else best
-        marked.append(replace(mark, front=front))
-    return marked
+    ordered = sorted(marks, key=lambda mark: (mark.x, mark.y))
+    return [
+        replace(mark, front=front) for mark, front in zip(ordered, on_front([mark.y for mark in ordered]), strict=True)
+    ]
+
+
+def on_front(errors: Sequence[float | None]) -> list[bool]:
+    """Which errors, in the order of their cost, no earlier one matches; tiny gains do not count, None never does."""
+    best, front = np.inf, []
+    for error in errors:
+        front.append(error is not None and error < (1.0 - GAIN) * best)
+        best = error if front[-1] else best
+    return front
 
 
 def draw_shapes(shapes: Sequence[Shapes], path: str | Path) -> Path:

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.compare.candidates import MODES, candidates, case_factory
 from modalshell.compare.case import Case, make_case
-from modalshell.compare.draw import GAIN, draw_fronts, draw_shapes
+from modalshell.compare.draw import draw_fronts, draw_shapes, on_front
 from modalshell.compare.engine_runs import engine_lines, engine_rows
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import html_table, markdown_table
@@ -81,13 +82,7 @@ class Tradeoff:
 
     def front(self) -> list[Measurement]:
         """The rows that no cheaper one matches in error, cheapest first; tiny gains do not count."""
-        best, front = np.inf, []
-        for row in self.rows:
-            error = self.error_of(row)
-            if error is not None and error < (1.0 - GAIN) * best:
-                best = error
-                front.append(row)
-        return front
+        return list(compress(self.rows, on_front([self.error_of(row) for row in self.rows])))
 
     def findings(self) -> dict[str, Any]:
         """Everything but arrays, ready for JSON."""

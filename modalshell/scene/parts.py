@@ -147,8 +147,8 @@ def build_damping(table: MotionTable) -> Damping:
 def spread_force(table: Force, mesh: TriangleMesh) -> Array:
     """The force (n, 3) [N] on every vertex, by its share of the selected area."""
     chosen = selected("where", table.where, mesh)
-    share = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
-    return share[:, None] / share.sum() * np.array(table.total)
+    areas = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
+    return areas[:, None] / areas.sum() * np.array(table.total)
 
 
 def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Constraint:
