@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import cast, final
+from typing import NamedTuple, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,7 +95,7 @@ class EquilibriumPath:
 
     @classmethod
     def of(
-        cls, trace: Trace, followed: Followed, iterations: int, seconds: float, parent: int | None = None
+        cls, trace: Trace, followed: _Followed, iterations: int, seconds: float, parent: int | None = None
     ) -> EquilibriumPath:
         """The path of a trace."""
         positions = np.array([followed.model.positions(point.x) for point in trace.points])
@@ -244,22 +244,8 @@ def equilibrium_path(
     return path
 
 
-@final
-@dataclass(frozen=True)
-class Followed:
-    """What a path is followed in.
-
-    Attributes
-    ----------
-    model : Followable
-        The model under its load.
-    weights : ndarray, shape (n, 3) or (N,)
-        Of the watched displacement.
-    mesh : TriangleMesh or None
-        Of the shell.
-    first : ndarray or None
-        Unknowns to begin near.
-    """
+class _Followed(NamedTuple):
+    """A model under its load, the weights of the watched displacement, the mesh, and the unknowns to begin near."""
 
     model: Followable
     weights: Array
@@ -274,7 +260,7 @@ def _followed(
     loads: Sequence[Load] | None,
     watch: tuple[Selection, Vector] | ArrayLike | None,
     start: ArrayLike | None,
-) -> Followed:
+) -> _Followed:
     """What is followed, checked."""
     if isinstance(model, EnergyFunction):
         if gravity is not None or loads is not None:
@@ -286,7 +272,7 @@ def _followed(
             weights = checked_vectors("watch", watch, shape, OptionError)
         first = None if start is None else checked_vectors("start", start, shape)
         same = Followable(model.problem(load), lambda x: x, lambda x: x, lambda _, force: force)
-        return Followed(same, weights, None, first)
+        return _Followed(same, weights, None, first)
     chosen: Model = checked_kind(
         "model",
         DiscreteShell(model) if isinstance(model, Shell) else model,
@@ -305,7 +291,7 @@ def _followed(
     begin = None if start is None else shell.checked_positions(start)
     followed = chosen.followable(load)
     weights = _watched(shell, load, watch)
-    return Followed(followed, weights, shell.mesh, None if begin is None else followed.unknowns(begin))
+    return _Followed(followed, weights, shell.mesh, None if begin is None else followed.unknowns(begin))
 
 
 def _watched(shell: Shell, load: Array, watch: tuple[Selection, Vector] | ArrayLike | None) -> Array:

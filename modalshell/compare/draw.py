@@ -67,8 +67,9 @@ def on_front(errors: Sequence[float | None]) -> list[bool]:
     """Which errors, in the order of their cost, no earlier one matches; tiny gains do not count, None never does."""
     best, front = np.inf, []
     for error in errors:
-        front.append(error is not None and error < (1.0 - GAIN) * best)
-        best = error if front[-1] else best
+        value = np.inf if error is None else error
+        front.append(value < (1.0 - GAIN) * best)
+        best = value if front[-1] else best
     return front
 
 
