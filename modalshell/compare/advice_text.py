@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from modalshell.compare.bifurcation import bifurcation_text
 from modalshell.compare.runs import Measurement
 from modalshell.compare.tradeoff import Tradeoff
 from modalshell.core.outcome import Outcome
@@ -110,6 +111,7 @@ def _measured_text(measured: Tradeoff) -> list[str]:
         text.append(f"DS found no equilibrium at {', '.join(unknown)} of the load, which are left out of the errors.")
         if len(path.factors) - 1 not in path.known:
             text.append(f"Under the whole load the rungs' own answers differ by up to {_spread(measured):.2g} lengths.")
+    text += bifurcation_text(measured.bifurcation)
     if path.snap is not None:
         text.append(f"The shell {path.snap}.")
     if path.near:

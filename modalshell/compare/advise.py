@@ -70,6 +70,11 @@ class Advice:
         return self.measured.path.snap
 
     @property
+    def bifurcation(self) -> float | None:
+        """Share of the load at which DS buckles, if it does before it snaps."""
+        return self.measured.bifurcation
+
+    @property
     def model_table(self) -> dict[str, Any] | None:
         """The ``[model]`` table that runs the chosen rung; None where none is chosen or no scene can name it."""
         return None if self.chosen is None else self.chosen.candidate.model_table

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from modalshell.compare.bifurcation import bifurcation_text
 from modalshell.compare.runs import ANSWER_FRAMES
 from modalshell.core.outcome import Outcome
 
@@ -48,6 +49,7 @@ def markdown_table(findings: dict[str, Any]) -> str:
         lines[-1] += f" Next to the snap: errors at {' and '.join(f'{factor:.4g}' for factor in near)} of the load."
     for text in (findings["note"], f"The shell {findings['snap']}." if findings["snap"] else ""):
         lines += ["", text] if text else []
+    lines += [part for text in bifurcation_text(findings.get("bifurcation")) for part in ("", text)]
     if findings["left_out"]:
         lines += ["", *(f"- Not run: {label}: {reason}" for label, reason in findings["left_out"].items())]
     return "\n".join(lines)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from modalshell.compare.bifurcation import first_bifurcation
 from modalshell.compare.candidates import MODES, candidates, case_factory
 from modalshell.compare.case import Case, make_case
 from modalshell.compare.draw import draw_fronts, draw_shapes, on_front
@@ -64,6 +65,8 @@ class Tradeoff:
         The vertex that DS moves most.
     outside : ndarray, shape (n, 3), or None
         The outside solution, if one was given [m].
+    bifurcation : float or None
+        Share of the load at which DS buckles: another branch crosses its path, before any snap.
     engines : list of dict
         Outcome, error and cost of every other engine, if they were asked for.
     """
@@ -74,6 +77,7 @@ class Tradeoff:
     left_out: dict[str, str]
     tip: int
     outside: Array | None = field(default=None, repr=False)
+    bifurcation: float | None = None
     engines: list[dict[str, Any]] = field(default_factory=list)
 
     def error_of(self, row: Measurement) -> float | None:
@@ -96,6 +100,7 @@ class Tradeoff:
             "ds_statuses": [answer.status for answer in self.path.answers],
             "ds_tangents": self.path.tangents,
             "snap": None if self.path.snap is None else str(self.path.snap),
+            "bifurcation": self.bifurcation,
             "rows": [
                 {name: getattr(row, name) for name in _FINDINGS}
                 | {name: getattr(row.work, name) for name in _COUNTS}
@@ -231,7 +236,7 @@ def _measured(
             left_out[candidate.label] = str(error)
         advance()
     rows.sort(key=lambda row: row.cost)  # stable: of equals the simpler one, first on the ladder
-    return Tradeoff(case, path, rows, left_out, tip, outside)
+    return Tradeoff(case, path, rows, left_out, tip, outside, first_bifurcation(case))
 
 
 def checked_factors(loads: Sequence[float]) -> tuple[float, ...]:
