@@ -24,6 +24,7 @@ from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import refuse_loose_parts
+from modalshell.mesh.resolution import sliver_remark
 from modalshell.mesh.selection import selected
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
@@ -110,7 +111,10 @@ class Scene(ABC):
         SceneError where one of them is refused.
         """
         mesh = mesh or self.build_mesh()
-        for remark in odd_values(self.material, self.units or tables.Units(), mesh.size):
+        remarks = odd_values(self.material, self.units or tables.Units(), mesh.size)
+        if isinstance(self.material, tables.PhysicalSheet) and not self.material.calibrated:
+            remarks += filter(None, [sliver_remark(mesh)])
+        for remark in remarks:
             warnings.warn(f"{self.file}: {remark}", ModalShellWarning, stacklevel=2)
         with located(self.file, "material", self.material):
             material = build_material(self.material, mesh, self.file.parent)
