@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from modalshell.analysis.fit_measurements import MeasuredFrequencies, MeasuredPositions, Measurements
 from modalshell.core.checks import checked_kind, checked_number, shown
 from modalshell.core.errors import OptionError, SolverError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.mesh.selection import Selection
@@ -29,7 +29,7 @@ _ALIKE = 1e-9
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Fit:
     """Constants of a material that explain measurements.

@@ -21,7 +21,7 @@ from modalshell.core.checks import (
 )
 from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Progress, Vector
 from modalshell.loads import Load
@@ -41,7 +41,7 @@ _BEYOND = 2.0
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class EquilibriumPath:
     """Equilibria under a load that grows in proportion, in order along their path.

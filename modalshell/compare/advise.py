@@ -20,7 +20,7 @@ from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
 from modalshell.core.checks import checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import write_text
 from modalshell.mesh import TriangleMesh
@@ -33,7 +33,7 @@ _REASONS: dict[str, str] = {Outcome.STOPPED: "its static answers cost many times
 """Outcomes of static answers that a reader of advice would not understand, as reasons."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Advice:
     """Which rung to take.

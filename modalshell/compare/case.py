@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.integrators.state import Damping
@@ -27,7 +27,7 @@ _FRAME = 1.0 / 60.0
 """Time between frames [s] where the scene declares no motion."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Case:
     """What the rungs are compared on.

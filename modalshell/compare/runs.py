@@ -13,7 +13,7 @@ from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
 from modalshell.core.cost import Work, counted
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
@@ -35,7 +35,7 @@ ANSWER_FRAMES = 600
 """Frames of the time to answer: ten seconds at sixty a second."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Measurement:
     """One rung at one size, measured.

@@ -23,7 +23,7 @@ from modalshell.compare.report import html_table, markdown_table
 from modalshell.compare.runs import Measurement, measure_row
 from modalshell.core.checks import checked_count, checked_kind, checked_vectors, shortened, shown, vector_count
 from modalshell.core.errors import FileFormatError, ModalShellError, OptionError, SolverError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Progress
 from modalshell.files.atomic_io import read_npz, write_text
 from modalshell.files.provenance import run_record
@@ -46,7 +46,7 @@ _COUNTS = ("elements", "solves", "bytes_read")
 """What of a row, and of its counted work, goes to the findings."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Tradeoff:
     """Error and cost of every model on one case.

@@ -9,12 +9,12 @@ from typing import final
 
 import numpy as np
 
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.mesh.topology import FloatArray, IntArray
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Polygons:
     """Vertices and polygons as a file or a user gives them.

@@ -24,7 +24,7 @@ from modalshell.core.drawn import DRAWING, Drawn
 from modalshell.core.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
 from modalshell.core.plugins import load_plugins
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.core.typing import Array
 from modalshell.core.units import SI
@@ -54,7 +54,7 @@ _COPIES, _RIGID_COPIES = 6, 6
 """Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Basis(ReadOnlyArrays, Drawn):
     """What the modal models need of a shell.

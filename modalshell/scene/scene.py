@@ -18,7 +18,7 @@ from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import ModalShellWarning, OptionError, SceneError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Load, Loading, Scaled
@@ -149,7 +149,7 @@ class Scene(ABC):
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True, kw_only=True)
 class ShellScene(Scene):
     """A scene of one shell; :meth:`build` makes its objects. Without ``motion`` it asks for an equilibrium.
@@ -264,7 +264,7 @@ class ShellScene(Scene):
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class BuiltScene:
     """A scene's parts.

@@ -12,7 +12,7 @@ from pathlib import Path
 from modalshell.core.checks import checked_count, checked_folder, checked_number, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Progress
 from modalshell.sweep.case import CaseResult, Task
 from modalshell.sweep.cluster import connect, run_on_cluster
@@ -38,7 +38,7 @@ _AGAIN = (Outcome.FAILED, Outcome.STOPPED)
 """Outcomes that may differ at another time or on another machine; repeated only on request."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class SweepResult:
     """Result of a sweep.

@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from modalshell.core.checks import shortened, shown
 from modalshell.core.errors import SceneError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.scene.models import model_tables
 from modalshell.scene.read import checked_name, checked_table, read_toml, refuse_unknown_keys
 from modalshell.scene.tables import Table
@@ -63,7 +63,7 @@ class Axis:
     values: tuple[Any, ...]
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Sweep:
     """What a sweep file declares.

@@ -12,7 +12,7 @@ import numpy as np
 from modalshell.compare.engines.case import CONSTANTS, STEPS, engine_case
 from modalshell.compare.engines.engine import Engine, ask
 from modalshell.core.errors import ModalShellError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import flat_beam
 from modalshell.shell import Isotropic, Shell
@@ -28,7 +28,7 @@ _CELLS = (20, 2)
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class EngineAnswer:
     """What an engine made of a shell.
