@@ -92,7 +92,7 @@ class _MeshOptions:
 
 @Parameter(name="*")
 @dataclass(frozen=True, kw_only=True)
-class _ShellOptions(_MeshOptions):
+class _ShellOptions:
     """Options that say how a mesh becomes a shell."""
 
     clamp: Annotated[
@@ -108,15 +108,16 @@ class _ShellOptions(_MeshOptions):
         bool, Parameter(help="Springs and hinges calibrated on the mesh, in place of shell theory.", negative="")
     ] = False
     repair: Annotated[bool, Parameter(negative="", help="Repair the mesh first, and list what was done.")] = False
+    source: _MeshOptions = _MeshOptions()
 
     def scene(self, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any]) -> ShellScene:
         """The scene of a mesh with these options, and with further tables."""
         sheet = {name: getattr(self, name) for name in ("young", "poisson", "thickness", "density", "calibrated")}
         defaults = {"young": _YOUNG, "thickness": mesh.size / 200.0}
         sheet |= {name: value for name, value in defaults.items() if sheet[name] is None}
-        flags = {"repair": self.repair, "split": self.split, "up": self.up}
+        file = {name: getattr(self.source, name) for name in ("component", "join", "split", "up")}
         raw: dict[str, Any] = {
-            "mesh": {"file": str(path), "component": self.component, "join": self.join} | flags,
+            "mesh": {"file": str(path), "repair": self.repair} | file,
             "material": {name: str(value) if isinstance(value, Path) else value for name, value in sheet.items()},
             "model": {"name": "rigid"},
         }
@@ -281,7 +282,7 @@ def simulate(
         "loads": {"gravity": gravity},
         "output": {"formats": formats, "color": None if look.color == DISPLACEMENT else look.color},
     }
-    built_mesh, timing, description = options.mesh(mesh, options.repair), _TIMING, ""
+    built_mesh, timing, description = options.source.mesh(mesh, options.repair), _TIMING, ""
     if options.clamp is None:
         options, timing, description = _choose(options, mesh, built_mesh, tables, chosen.modes)
     if not moved.static:
@@ -317,7 +318,7 @@ def modes(
     """
     refuse_foreign(out / f"{mesh.stem}_basis.npz")
     options = shell or _ShellOptions()
-    loaded = options.mesh(mesh, options.repair)
+    loaded = options.source.mesh(mesh, options.repair)
     built = options.scene(mesh, loaded, {}).build_shell(loaded)
     make_folder(out)
     basis = ms.solve_modes(built, count)

@@ -8,6 +8,8 @@ from modalshell.core.errors import SolverError
 from modalshell.statics.bifurcation import BIFURCATION
 from modalshell.statics.buckling import buckling_factors
 
+_POINTS = 60
+"""Points of the path at most: only its first event counts."""
 _LINEAR = 1.5
 """Linear buckling load over the whole load up to which the path is searched: shells that bend may buckle earlier."""
 
@@ -21,7 +23,7 @@ def first_bifurcation(case: Case) -> float | None:
         factors = buckling_factors(case.shell, force=case.load).factors
         if not factors.size or factors[0] > _LINEAR:
             return None
-        events = equilibrium_path(case.shell, force=case.load).events
+        events = equilibrium_path(case.shell, force=case.load, points=_POINTS).events
     except SolverError:  # of a path that the solver does not begin or continue nothing is said
         return None
     return float(events[0].factor) if events and events[0].kind == BIFURCATION else None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from abc import abstractmethod
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
@@ -41,10 +40,6 @@ from modalshell.shell import Isotropic, Material
 
 class Shape(Built, frozen=True, tag_field="shape"):
     """``[mesh]``: a generated shape and its parameters."""
-
-    @abstractmethod
-    def build(self) -> TriangleMesh:
-        """The mesh."""
 
 
 SHAPES: dict[str, type[Shape]] = {
