@@ -178,8 +178,9 @@ class RasteriserPainter:
         out = np.empty((len(faces), 3, 3))
         normals = sides.smooth if surface.smooth else sides.flat
         colors = np.ascontiguousarray(vertex_colors(surface, self._scalar_colors))
-        look = camera.axes, _LIGHTS, *reflectance(surface)
-        shade(faces, normals, surface.smooth, sides.seen, colors, *look, out)
+        ambient, diffuse = reflectance(surface)
+        lights = np.column_stack([_LIGHTS[:, :3] @ camera.axes, diffuse * _LIGHTS[:, 3]])
+        shade(faces, normals, surface.smooth, sides.seen, colors, lights, ambient, out)
         return out
 
     def close(self) -> None:
