@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from modalshell.analysis.paths import equilibrium_path
 from modalshell.compare.case import Case
-from modalshell.core.errors import SolverError
+from modalshell.core.errors import ModalShellError
 from modalshell.statics.bifurcation import BIFURCATION
 from modalshell.statics.buckling import buckling_factors
 
@@ -24,7 +24,7 @@ def first_bifurcation(case: Case) -> float | None:
         if not factors.size or factors[0] > _LINEAR:
             return None
         events = equilibrium_path(case.shell, force=case.load, points=_POINTS).events
-    except SolverError:  # of a path that the solver does not begin or continue nothing is said
+    except ModalShellError:  # nothing is said of a shell whose path is not followed
         return None
     return float(events[0].factor) if events and events[0].kind == BIFURCATION else None
 
