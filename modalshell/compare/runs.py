@@ -93,16 +93,6 @@ class Measurement:
     near_errors: list[float | None] = field(default_factory=list)
 
     @property
-    def rung(self) -> str:
-        """Name of the model."""
-        return self.candidate.spec.name
-
-    @property
-    def size(self) -> str:
-        """Mode count or coarse mesh; empty where there is only one size."""
-        return self.candidate.size
-
-    @property
     def label(self) -> str:
         """Rung and size."""
         return self.candidate.label

@@ -38,7 +38,7 @@ LOADS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the load at which rungs are compared."""
 
 _FINDINGS = (
-    *("key", "rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
+    *("key", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
     *("cost", "answer_seconds"),
     *("statuses", "frequency", "motion", "worst_error", "final_error", "near_errors", "outside_error"),
 )
@@ -104,7 +104,7 @@ class Tradeoff:
             "rows": [
                 {name: getattr(row, name) for name in _FINDINGS}
                 | {name: getattr(row.work, name) for name in _COUNTS}
-                | {"front": row in front}
+                | {"rung": row.candidate.spec.name, "size": row.candidate.size, "front": row in front}
                 for row in self.rows
             ],
             "left_out": self.left_out,
