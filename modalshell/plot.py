@@ -6,22 +6,19 @@ Nothing that is drawn imports this module: it enters its functions where the met
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import singledispatch
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, shown
 from modalshell.core.drawn import DRAWING
 from modalshell.core.errors import OptionError
 from modalshell.mesh import TriangleMesh
 from modalshell.models import Equilibrium
-from modalshell.models.reduced_rotation_strain import ReducedWarp
 from modalshell.modes import Basis
 from modalshell.motion import Trajectory
-from modalshell.page import Page, modal_page
+from modalshell.page import modal_page
 from modalshell.render import Picture, ShadedSurface, View, html_of
 from modalshell.render.picture import SMALL
 
@@ -85,9 +82,9 @@ def _mode(basis: Basis, mode: int) -> View:
     shape = basis.modes[:, mode].reshape(-1, 3)
     length = np.linalg.norm(shape, axis=1)
     moved = basis.shell.rest_positions + shape * (_SHOWN_SHARE * basis.shell.size / length.max())
-    told = "rigid" if mode < basis.rigid_modes else f"{basis.frequencies[mode]:.4g} Hz"
+    kind = "rigid" if mode < basis.rigid_modes else f"{basis.frequencies[mode]:.4g} Hz"
     surface = ShadedSurface(moved, basis.shell.mesh.faces, scalars=length / length.max(), smooth=True)
-    return View([surface], title=f"mode {mode + 1}: {told}")
+    return View([surface], title=f"mode {mode + 1}: {kind}")
 
 
 @_drawn.register
@@ -169,44 +166,4 @@ def _trajectory_html(run: Trajectory) -> str:
     return html_of("Trajectory", numbers, _trajectory(run, size=(960, 300)) if len(run.faces) else None)
 
 
-def basis_page(
-    basis: Basis,
-    *,
-    title: str = "modalshell",
-    gravity: Sequence[float] = (0.0, 0.0, -9.81),
-    force: ArrayLike | None = None,
-    damping: tuple[float, float] = (0.5, 0.001),
-    dt: float = 1.0 / 60.0,
-    reduced: ReducedWarp | None = None,
-) -> Page:
-    """A self-contained web page on which a shell moves by LMA and MWTS; notebooks show it live.
-
-    Parameters
-    ----------
-    basis : Basis
-        Modes and rotations of the shell.
-    title, gravity, force, damping, dt, reduced : optional
-        See :func:`modalshell.page.modal_page`.
-
-    Raises
-    ------
-    OptionError
-        If there are more modes than a browser's shader takes, or an option is out of range.
-    """
-    return modal_page(
-        basis.shell.mesh,
-        eigenvalues=basis.eigenvalues,
-        modes=basis.modes,
-        rotations=basis.rotations,
-        mass=basis.shell.mass,
-        held=np.flatnonzero(basis.shell.clamped),
-        title=title,
-        gravity=gravity,
-        force=force,
-        damping=damping,
-        dt=dt,
-        reduced=reduced,
-    )
-
-
-DRAWING.update(plot=plot, as_html=as_html, basis_page=basis_page)
+DRAWING.update(plot=plot, as_html=as_html, page=modal_page)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN
+from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN
 from modalshell.compare.candidates import case_factory
 from modalshell.compare.case import Case
 from modalshell.compare.path import Marks

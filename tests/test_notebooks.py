@@ -10,7 +10,7 @@ from fuzzing.world import world
 
 import modalshell as ms
 from modalshell import springs
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 
 LONGEST = 300
 NO_INSTANCES = {"EnergyFunction", "Model"}
@@ -74,7 +74,7 @@ def test_every_public_dataclass_that_may_hold_arrays_has_a_short_repr(room):
         for name, one in public.items()
         if dataclasses.is_dataclass(one)
         and any(field.repr and plain.search(str(field.type)) for field in dataclasses.fields(one))
-        and one.__repr__.__module__ != brief.__module__
+        and one.__repr__.__module__ != short_repr.__module__
     ]
     assert forgotten == []
 

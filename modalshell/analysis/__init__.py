@@ -1,1 +1,1 @@
-"""Analyses that solve a model many times: equilibrium paths, parameters fitted to measurements, nearby minima."""
+"""Analyses that solve a model many times: equilibrium paths, fitted constants, minima next to known ones."""

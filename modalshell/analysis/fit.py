@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, final
+from typing import final
 
 import numpy as np
 import scipy.optimize
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from modalshell.analysis.fit_measurements import MeasuredFrequencies, MeasuredPositions, Measurements
 from modalshell.core.checks import checked_kind, checked_number, shown
 from modalshell.core.errors import OptionError, SolverError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.loads import Load
 from modalshell.mesh.selection import Selection
@@ -29,7 +29,7 @@ _ALIKE = 1e-9
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Fit:
     """Constants of a material that explain measurements.
@@ -132,59 +132,89 @@ def fit(
         assert observed is not None
         of = {"gravity": gravity, "force": force, "loads": loads}
         measured = MeasuredPositions(shell, observed, where=where, average=average, factors=factors, **of)  # type: ignore[arg-type]
-    known = material_constants(shell.material)
-    logarithmic = np.array([name != "poisson" for name in names])
-    last: dict[str, Any] = {}
-
-    def constants(parameters: Array) -> Array:
-        with np.errstate(over="ignore"):  # bounds of what is not determined
-            return np.where(logarithmic, np.exp(np.where(logarithmic, parameters, 0.0)), parameters)
-
-    def misfit(parameters: Array, *, settled: bool = False) -> Array:
-        known = np.array_equal(parameters, last.get("parameters", np.empty(0)))
-        if not known or (settled and not measured.settled):
-            changed = dict(zip(names, constants(parameters).tolist(), strict=True))
-            material: Material | Isotropic = replace(shell.material, **changed)
-            try:
-                left, state = measured.misfit(shell.with_material(material), names, settled=settled)
-            except SolverError as error:
-                told = ", ".join(f"{name} = {value:.4g}" for name, value in changed.items())
-                raise SolverError(f"at {told}: {error}") from error
-            evaluations = last.get("evaluations", 0) + 1
-            last.update(
-                parameters=parameters.copy(), left=left, state=state, material=material, evaluations=evaluations
-            )
-        return np.asarray(last["left"])
-
-    def jacobian(parameters: Array) -> Array:
-        misfit(parameters)
-        return measured.slopes(names) * np.where(logarithmic, constants(parameters), 1.0)
-
-    guess = np.array([known[name] for name in names])
-    first = np.where(logarithmic, np.log(np.where(logarithmic, guess, 1.0)), guess)
-    if (slopes := jacobian(first)).any(axis=0).all():  # constants that are not told apart would run away
-        _refuse_undetermined(slopes, last["state"])
-    low, high = np.where(logarithmic, -np.inf, -0.95), np.where(logarithmic, np.inf, 0.495)
-    found = scipy.optimize.least_squares(
-        misfit, first, jacobian, (low, high), x_scale="jac", ftol=1e-10, xtol=1e-8, gtol=1e-14, max_nfev=_LIMIT
+    constants = material_constants(shell.material)
+    misfit = _Misfit(shell, names, measured)
+    guess = misfit.parameters(np.array([constants[name] for name in names]))
+    if (slopes := misfit.jacobian(guess)).any(axis=0).all():  # constants that are not told apart would run away
+        _refuse_undetermined(slopes, misfit.state)
+    optimum = scipy.optimize.least_squares(
+        misfit.at,
+        guess,
+        misfit.jacobian,
+        misfit.bounds,
+        x_scale="jac",
+        ftol=1e-10,
+        xtol=1e-8,
+        gtol=1e-14,
+        max_nfev=_LIMIT,
     )
-    left = misfit(found.x, settled=True)
-    values = constants(found.x)
-    slopes = jacobian(found.x)
-    _refuse_undetermined(slopes, last["state"])
-    spread = _half_widths(slopes, left, confidence)
-    bounds = [constants(found.x + side * spread) for side in (-1.0, 1.0)]
-    if not np.isfinite(bounds).all():
+    differences = misfit.at(optimum.x, exact=True)
+    slopes = misfit.jacobian(optimum.x)
+    _refuse_undetermined(slopes, misfit.state)
+    half_widths = _half_widths(slopes, differences, confidence)
+    values, low, high = (misfit.constants(optimum.x + side * half_widths).tolist() for side in (0.0, -1.0, 1.0))
+    if not np.isfinite([low, high]).all():
         raise SolverError("the measurements say next to nothing of the constants: measure more, or under another load")
     return Fit(
-        values=dict(zip(names, values.tolist(), strict=True)),
-        intervals={name: (float(bounds[0][i]), float(bounds[1][i])) for i, name in enumerate(names)},
-        material=last["material"],
-        state=last["state"],
-        converged=bool(found.success),
-        residual=float(np.sqrt(np.mean(left**2))),
-        evaluations=last["evaluations"],
+        values=dict(zip(names, values, strict=True)),
+        intervals=dict(zip(names, zip(low, high, strict=True), strict=True)),
+        material=misfit.material,
+        state=misfit.state,
+        converged=bool(optimum.success),
+        residual=float(np.sqrt(np.mean(differences**2))),
+        evaluations=misfit.evaluations,
     )
+
+
+@final
+class _Misfit:
+    """Differences from measured numbers by parameters (p,): logarithms of the constants, Poisson's ratio as it is.
+
+    ``material``, ``state`` and ``evaluations`` are those of the last parameters.
+    """
+
+    def __init__(self, shell: Shell, names: list[str], measured: Measurements) -> None:
+        self._shell, self._names, self._measured = shell, names, measured
+        self._logarithmic = np.array([name != "poisson" for name in names])
+        self._parameters, self._differences = np.empty(0), np.empty(0)
+        self.material = shell.material
+        self.state: Equilibrium | None = None
+        self.evaluations = 0
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Least and largest parameters."""
+        return np.where(self._logarithmic, -np.inf, -0.95), np.where(self._logarithmic, np.inf, 0.495)
+
+    def parameters(self, constants: Array) -> Array:
+        """The parameters that stand for constants."""
+        return np.where(self._logarithmic, np.log(np.where(self._logarithmic, constants, 1.0)), constants)
+
+    def constants(self, parameters: Array) -> Array:
+        """The constants that parameters stand for."""
+        with np.errstate(over="ignore"):  # bounds of what is not determined
+            return np.where(self._logarithmic, np.exp(np.where(self._logarithmic, parameters, 0.0)), parameters)
+
+    def at(self, parameters: Array, *, exact: bool = False) -> Array:
+        """The differences (k,); a shell is solved where the parameters are new, or the last balance was loose."""
+        if np.array_equal(parameters, self._parameters) and (self._measured.exact or not exact):
+            return self._differences
+        constants = dict(zip(self._names, self.constants(parameters).tolist(), strict=True))
+        material = replace(self._shell.material, **constants)
+        try:
+            shell = self._shell.with_material(material)
+            self._differences, self.state = self._measured.misfit(shell, self._names, exact=exact)
+        except SolverError as error:
+            values = ", ".join(f"{name} = {value:.4g}" for name, value in constants.items())
+            raise SolverError(f"at {values}: {error}") from error
+        self._parameters, self.material = parameters.copy(), material
+        self.evaluations += 1
+        return self._differences
+
+    def jacobian(self, parameters: Array) -> Array:
+        """Derivatives (k, p) of the differences."""
+        self.at(parameters)
+        return self._measured.slopes(self._names) * np.where(self._logarithmic, self.constants(parameters), 1.0)
 
 
 def _checked_constants(shell: Shell, wrt: str | Sequence[str]) -> list[str]:

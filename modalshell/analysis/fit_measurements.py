@@ -9,7 +9,7 @@ from typing import final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modalshell.analysis.nearby import KnownEquilibrium
+from modalshell.analysis.known_equilibrium import KnownEquilibrium
 from modalshell.core.checks import as_array, checked_vectors
 from modalshell.core.errors import LoadError, OptionError, SolverError
 from modalshell.core.typing import Array
@@ -21,7 +21,7 @@ from modalshell.modes import solve_modes
 from modalshell.shell import Isotropic, Material, Shell
 from modalshell.statics.mixed_newton import GOAL
 
-_SHARE, _LOOSE = 1e-3, 1e-3
+_FRACTION, _LOOSE = 1e-3, 1e-3
 """Residual of an equilibrium over the constants' change since the last one, and at most."""
 
 
@@ -29,11 +29,11 @@ class Measurements(ABC):
     """Measured numbers, and what a shell says of them."""
 
     @abstractmethod
-    def misfit(self, shell: Shell, names: list[str], *, settled: bool = False) -> tuple[Array, Equilibrium | None]:
+    def misfit(self, shell: Shell, names: list[str], *, exact: bool = False) -> tuple[Array, Equilibrium | None]:
         """Difference (p,) of the shell's numbers from those measured, and its last equilibrium.
 
-        With its derivatives by constants of the material. Unless it is to be ``settled`` it may be loose by a small
-        share of its change since the last one.
+        With its derivatives by constants of the material. Unless it is to be ``exact`` it may be loose by a small
+        fraction of its change since the last one.
         """
 
     @abstractmethod
@@ -41,7 +41,7 @@ class Measurements(ABC):
         """Derivatives (p, k) of the last misfit by constants of the material."""
 
     @property
-    def settled(self) -> bool:
+    def exact(self) -> bool:
         """Whether the last misfit is exact."""
         return True
 
@@ -67,13 +67,7 @@ class MeasuredFrequencies(Measurements):
             raise OptionError(f"frequencies must ascend (got {values.tolist()})")
         self._values = values
 
-    def misfit(
-        self,
-        shell: Shell,
-        names: list[str],
-        *,
-        settled: bool = False,
-    ) -> tuple[Array, Equilibrium | None]:
+    def misfit(self, shell: Shell, names: list[str], *, exact: bool = False) -> tuple[Array, Equilibrium | None]:
         """Shares of the measured frequencies."""
         rigid = solve_modes(shell, 1).rigid_modes if not shell.unknowns.supported.any() else 0
         self._basis = solve_modes(shell, 6 * bool(rigid) + self._values.size)
@@ -144,16 +138,16 @@ class MeasuredPositions(Measurements):
         self._body = DiscreteShell(shell)
         self._goal = GOAL
 
-    def misfit(self, shell: Shell, names: list[str], *, settled: bool = False) -> tuple[Array, Equilibrium | None]:
+    def misfit(self, shell: Shell, names: list[str], *, exact: bool = False) -> tuple[Array, Equilibrium | None]:
         """Differences of coordinates [m], level after level; while constants change by much a looser balance serves."""
         body, known = DiscreteShell(shell), list[KnownEquilibrium]()
         body.factoriser = self._body.factoriser  # of one pattern: it is analysed once
         steps = _steps(names, self._body.shell.material, shell.material)
         change = float(np.abs(steps[:, 1]).max())
-        self._goal = GOAL if settled or not self._known else min(_LOOSE, max(GOAL, _SHARE * change))
+        self._goal = GOAL if exact or not self._known else min(_LOOSE, max(GOAL, _FRACTION * change))
         for index in range(len(self._levels)):
-            found = self._near(body, index, known, names, steps[:, 0])
-            known.append(found or self._far(body, index, known, names))
+            near = self._near(body, index, known, names, steps[:, 0])
+            known.append(near or self._far(body, index, known, names))
         self._body, self._known = body, known
         seen = [self._rows @ one.state.positions[self._vertices] for one in known]
         return (np.stack(seen) - self._measured)[self._seen], known[-1].state
@@ -164,7 +158,7 @@ class MeasuredPositions(Measurements):
         return np.stack([np.tensordot(self._rows, move[self._vertices], 1) for move in moves])[self._seen]
 
     @property
-    def settled(self) -> bool:
+    def exact(self) -> bool:
         """Whether the last misfit is that of full balance."""
         return self._goal <= GOAL
 
@@ -199,11 +193,11 @@ class MeasuredPositions(Measurements):
 def _steps(names: list[str], old: Material | Isotropic, new: Material | Isotropic) -> Array:
     """Changes of constants (k, 2): to the first order in logarithms, and as shares; of Poisson's ratio as they are."""
     pairs = [(float(getattr(old, name)), float(getattr(new, name))) for name in names]
-    shares = [
+    changes = [
         new - old if name == "poisson" else np.log(new / old) for name, (old, new) in zip(names, pairs, strict=True)
     ]
     sizes = [1.0 if name == "poisson" else old for name, (old, _) in zip(names, pairs, strict=True)]
-    return np.stack([np.multiply(sizes, shares), shares], axis=1)
+    return np.stack([np.multiply(sizes, changes), changes], axis=1)
 
 
 def checked_factors(factors: ArrayLike) -> Array:

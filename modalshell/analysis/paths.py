@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import cast, final
+from typing import NamedTuple, cast, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +21,7 @@ from modalshell.core.checks import (
 )
 from modalshell.core.errors import LoadError, OptionError
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Progress, Vector
 from modalshell.loads import Load
@@ -40,7 +41,7 @@ _BEYOND = 2.0
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class EquilibriumPath:
     """Equilibria under a load that grows in proportion, in order along their path.
@@ -92,6 +93,30 @@ class EquilibriumPath:
     seconds: float = 0.0
     mesh: TriangleMesh | None = field(default=None, repr=False)
 
+    @classmethod
+    def of(
+        cls, trace: Trace, followed: _Followed, iterations: int, seconds: float, parent: int | None = None
+    ) -> EquilibriumPath:
+        """The path of a trace."""
+        positions = np.array([followed.model.positions(point.x) for point in trace.points])
+        moves = positions - followed.model.positions(followed.model.problem.origin)
+        negative = np.array([point.negative for point in trace.points])
+        return cls(
+            factors=np.array([point.factor for point in trace.points]),
+            positions=positions,
+            stable=negative == 0,
+            unstable_directions=negative,
+            displacements=np.tensordot(moves, followed.weights, followed.weights.ndim),
+            events=trace.events,
+            residuals=np.array([point.residual for point in trace.points]),
+            outcome=Outcome.CONVERGED if trace.complete else Outcome.NOT_CONVERGED,
+            message=trace.message,
+            parent=parent,
+            iterations=iterations,
+            seconds=seconds,
+            mesh=followed.mesh,
+        )
+
     @property
     def converged(self) -> bool:
         """Whether the path reached the requested load factor."""
@@ -101,8 +126,8 @@ class EquilibriumPath:
         """Watched displacements [m] of all equilibria of this path at a load factor, in order, linear in between."""
         off = self.factors - checked_number("factor", factor)
         after = np.flatnonzero((off[:-1] * off[1:] < 0.0) | (off[1:] == 0.0)) + 1
-        share = off[after - 1] / (off[after - 1] - off[after])
-        between = self.displacements[after - 1] + share * (self.displacements[after] - self.displacements[after - 1])
+        weight = off[after - 1] / (off[after - 1] - off[after])
+        between = self.displacements[after - 1] + weight * (self.displacements[after] - self.displacements[after - 1])
         return np.concatenate([self.displacements[:1][off[:1] == 0.0], between])
 
 
@@ -190,55 +215,42 @@ def equilibrium_path(
     checked_choice("control", control, CONTROLS)
     steps, points = checked_count("steps", steps), checked_count("points", points, at_least=2)
     branches = checked_count("branches", branches, at_least=0)
-    followed, weights, mesh, first = _followed(model, gravity, force, loads, watch, start)
-    problem = followed.problem
+    followed = _followed(model, gravity, force, loads, watch, start)
+    problem = followed.model.problem
     if not problem.measure(problem.push_at(problem.origin)) > 0.0:
         raise LoadError("no load moves the shell, so there is no path to follow: give gravity, force or loads")
-    longest = abs(until - begin) / steps
-    span = Range(until, begin - _BEYOND * abs(until - begin), begin + (1.0 + _BEYOND) * abs(until - begin), points)
+    reach, longest = _BEYOND * abs(until - begin), abs(until - begin) / steps
+    span = Range(until, begin - reach, begin + abs(until - begin) + reach, points)
 
     def tracer() -> Tracer[object]:
-        return Tracer(problem, longest, control, lambda x: followed.generalised_force(x, weights))
-
-    def told(trace: Trace, iterations: int, parent: int | None = None) -> EquilibriumPath:
-        positions = np.array([followed.positions(point.x) for point in trace.points])
-        rest = followed.positions(problem.origin)
-        return EquilibriumPath(
-            np.array([point.factor for point in trace.points]),
-            positions,
-            np.array([point.negative == 0 for point in trace.points]),
-            np.array([point.negative for point in trace.points]),
-            np.tensordot(positions - rest, weights, weights.ndim),
-            trace.events,
-            np.array([point.residual for point in trace.points]),
-            Outcome.CONVERGED if trace.complete else Outcome.NOT_CONVERGED,
-            trace.message,
-            parent=parent,
-            iterations=iterations,
-            seconds=watch_time(),
-            mesh=mesh,
-        )
+        return Tracer(problem, longest, control, lambda x: followed.model.generalised_force(x, followed.weights))
 
     with np.errstate(over="ignore", invalid="ignore"):
         walker = tracer()
-        x = problem.origin if first is None else first
-        if begin != 0.0 and first is None:
-            found = equilibrium(problem.loaded(begin), None)
-            x = found.point
+        x = problem.origin if followed.first is None else followed.first
+        if begin != 0.0 and followed.first is None:
+            x = equilibrium(problem.loaded(begin), None).point
         trace = follow(walker, walker.first(x, begin, np.sign(until - begin)), span, on_point=on_step)
-        path = told(trace, walker.iterations)
+        path = EquilibriumPath.of(trace, followed, walker.iterations, watch_time())
         crossings = [event for event in trace.events if event.kind == BIFURCATION]
         ends = [trace.points[event.index] for event in crossings]
-        for event in crossings[:branches]:
-            for side in (1.0, -1.0):
-                walker = tracer()
-                walker.shortened()
-                begun = switched(walker, trace.points[event.index], side)
-                if begun is None:
-                    continue
+        for event, side in itertools.product(crossings[:branches], (1.0, -1.0)):
+            walker = tracer()
+            walker.shortened()
+            begun = switched(walker, trace.points[event.index], side)
+            if begun is not None:
                 branch = follow(walker, begun, span, on_point=on_step, ends=ends)
-                path.branches.append(told(branch, walker.iterations, event.index))
+                path.branches.append(EquilibriumPath.of(branch, followed, walker.iterations, watch_time(), event.index))
     return path
+
+
+class _Followed(NamedTuple):
+    """A model under its load, the weights of the watched displacement, the mesh, and the unknowns to begin near."""
+
+    model: Followable
+    weights: Array
+    mesh: TriangleMesh | None
+    first: Array | None
 
 
 def _followed(
@@ -248,8 +260,8 @@ def _followed(
     loads: Sequence[Load] | None,
     watch: tuple[Selection, Vector] | ArrayLike | None,
     start: ArrayLike | None,
-) -> tuple[Followable, Array, TriangleMesh | None, Array | None]:
-    """What is followed, the weights of the watched displacement, the mesh, and the unknowns to begin from."""
+) -> _Followed:
+    """What is followed, checked."""
     if isinstance(model, EnergyFunction):
         if gravity is not None or loads is not None:
             raise OptionError("an EnergyFunction knows no mass and no surface: give its load by force=")
@@ -260,7 +272,7 @@ def _followed(
             weights = checked_vectors("watch", watch, shape, OptionError)
         first = None if start is None else checked_vectors("start", start, shape)
         same = Followable(model.problem(load), lambda x: x, lambda x: x, lambda _, force: force)
-        return same, weights, None, first
+        return _Followed(same, weights, None, first)
     chosen: Model = checked_kind(
         "model",
         DiscreteShell(model) if isinstance(model, Shell) else model,
@@ -279,7 +291,7 @@ def _followed(
     begin = None if start is None else shell.checked_positions(start)
     followed = chosen.followable(load)
     weights = _watched(shell, load, watch)
-    return followed, weights, shell.mesh, None if begin is None else followed.unknowns(begin)
+    return _Followed(followed, weights, shell.mesh, None if begin is None else followed.unknowns(begin))
 
 
 def _watched(shell: Shell, load: Array, watch: tuple[Selection, Vector] | ArrayLike | None) -> Array:

@@ -21,9 +21,9 @@ SAG = 0.15
 _END, _LARGEST_END = 0.05, 0.5
 """Clamped fraction of a part's length, and the largest fraction tried until a triangle is clamped."""
 _MOST_PARTS, _MOST_HELD = 20, 0.3
-"""Parts, and share of the vertices, up to which ends are held without being asked for."""
+"""Parts, and fraction of the vertices, up to which ends are held without being asked for."""
 _COARSE = 100
-"""Vertices of a mesh up to which one clamped triangle may be a large share of it."""
+"""Vertices of a mesh up to which one clamped triangle may be a large fraction of it."""
 _STEPS, _PERIODS = 24, 2.5
 """Steps per period, and periods of the motion."""
 _NOTHING = 1e-9
@@ -58,10 +58,10 @@ def hold_one_end(mesh: ms.TriangleMesh, gravity: Array) -> tuple[NDArray[np.bool
             f"the mesh is {parts} single triangles without shared vertices: nothing can bend; merge coincident "
             "vertices by --repair, near ones by --join DISTANCE"
         )
-    share = float(held.mean())
-    if parts > _MOST_PARTS or (share > _MOST_HELD and len(held) > _COARSE):
+    fraction = float(held.mean())
+    if parts > _MOST_PARTS or (fraction > _MOST_HELD and len(held) > _COARSE):
         raise ms.SupportError(
-            f"one end of each part would be held: {parts} parts, {100.0 * share:.0f} % of the vertices (at most "
+            f"one end of each part would be held: {parts} parts, {100.0 * fraction:.0f} % of the vertices (at most "
             f"{_MOST_PARTS} parts and {100.0 * _MOST_HELD:.0f} % are held without being asked for); join parts that "
             "touch by --join DISTANCE, repair the mesh by --repair, or name the vertices to hold by --clamp"
         )
@@ -85,10 +85,10 @@ def _end_of_part(along: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
     heights = along[faces]
     low, length = float(heights.min()), float(np.ptp(heights))
     highest = heights.max(axis=1)
-    share = _END
-    while share < _LARGEST_END and not (highest <= low + share * length).any():
-        share *= 1.25
-    bound = max(low + share * length, float(highest.min()))
+    fraction = _END
+    while fraction < _LARGEST_END and not (highest <= low + fraction * length).any():
+        fraction *= 1.25
+    bound = max(low + fraction * length, float(highest.min()))
     vertices = np.unique(faces)
     end = vertices[along[vertices] <= bound]
     return end if len(end) < len(vertices) else np.unique(faces[int(heights.mean(axis=1).argmin())])
@@ -143,14 +143,14 @@ class Timing:
         return cls(_PERIODS * period, period / _STEPS, (0.4 / period, 8e-4 * period))
 
 
-def motion_in_words(run: ms.Trajectory, size: float) -> str:
+def motion_as_text(run: ms.Trajectory, size: float) -> str:
     """One line on how far a shell of ``size`` [m] moved: too stiff, too soft, diverged, or fine."""
     moved = np.linalg.norm(run.positions - run.rest_positions, axis=2).max() / size
-    share = f"moves by up to {100.0 * moved:.2g} % of its size"
+    reach = f"moves by up to {100.0 * moved:.2g} % of its size"
     if run.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
-        return f"flies apart ({share}): take a smaller --dt or more --damping"
+        return f"flies apart ({reach}): take a smaller --dt or more --damping"
     if run.outcome in (ms.Outcome.DISTORTED, ms.Outcome.WOUND_UP) or moved > LARGE:
-        return f"too soft ({share}): raise --young or --thickness, or lower --gravity"
+        return f"too soft ({reach}): raise --young or --thickness, or lower --gravity"
     if moved < UNSEEN:
-        return f"too stiff to see ({share}): lower --young, about {UNSEEN / max(moved, 1e-12):.1g} times or more"
-    return share
+        return f"too stiff to see ({reach}): lower --young, about {UNSEEN / max(moved, 1e-12):.1g} times or more"
+    return reach

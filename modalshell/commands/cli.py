@@ -92,8 +92,8 @@ def tradeoff(
     """
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
-        found = ms.tradeoff(scene, truth=truth, modes=modes, engines=engines, on_step=on_step)
-    say(found.table(), *found.save(out), sep="\n")
+        measured = ms.tradeoff(scene, truth=truth, modes=modes, engines=engines, on_step=on_step)
+    say(measured.table(), *measured.save(out), sep="\n")
 
 
 @app.command
@@ -116,11 +116,11 @@ def advise(
         checked_target("--write", write, (".toml",), scene)
     make_folder(out)
     with progress(f"{scene.stem} rungs") as on_step:
-        found = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
-    CONSOLE.print(Markdown(found.explanation))
-    say(*found.save(out), sep="\n")
+        advice = ms.advise(scene, error=error, fps=fps, modes=modes, on_step=on_step)
+    CONSOLE.print(Markdown(advice.explanation))
+    say(*advice.save(out), sep="\n")
     if write is not None:
-        say(found.write_scene(scene, write))
+        say(advice.write_scene(scene, write))
 
 
 @app.command

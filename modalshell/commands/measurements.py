@@ -35,10 +35,10 @@ def read_measurements(path: Path) -> dict[str, Array]:
     try:
         if path.suffix.lower() not in readers:
             raise ValueError(f"its name must end in {', '.join(readers)}")
-        found = readers[path.suffix.lower()](path)
-        if not {"positions", "frequencies"} & set(found):
+        arrays = readers[path.suffix.lower()](path)
+        if not {"positions", "frequencies"} & set(arrays):
             raise ValueError("it has neither positions nor frequencies")
-        return found
+        return arrays
     except Exception as error:  # OS, zip, JSON, text, key and value errors all mean the same to the user
         raise FileFormatError(f"cannot read measurements from {path}: {shortened(str(error))}") from error
 
@@ -62,14 +62,14 @@ def _from_csv(path: Path) -> dict[str, Array]:
         return {"frequencies": column("frequency")}
     if not names & set(_AXES):
         raise ValueError("it has none of the columns frequency, x, y, z")
-    found = {"positions": np.stack([column(axis) for axis in _AXES], axis=1)}
+    arrays = {"positions": np.stack([column(axis) for axis in _AXES], axis=1)}
     if "factor" in names:
-        found["factors"] = column("factor")
+        arrays["factors"] = column("factor")
     elif len(rows) == 1:
-        found["positions"] = found["positions"][0]
+        arrays["positions"] = arrays["positions"][0]
     else:
         raise ValueError(f"{len(rows)} rows need the column factor: the share of the load of each")
-    return found
+    return arrays
 
 
 def _from_json(path: Path) -> dict[str, Array]:

@@ -15,13 +15,14 @@ from cyclopts import App, Parameter
 from rich.table import Table
 
 import modalshell as ms
-from modalshell.commands.choices import Timing, hold_one_end, motion_in_words, softening
+from modalshell.commands.choices import Timing, hold_one_end, motion_as_text, softening
 from modalshell.commands.terminal import CONSOLE, end_with, progress, say
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.files.atomic_io import make_folder
 from modalshell.files.outputs import checked_target, refuse_foreign
-from modalshell.mesh.files import WRITABLE, Up, repair_mesh, told_up
-from modalshell.mesh.parts import Component, chosen_part
+from modalshell.mesh.files import WRITABLE, Up, repair_mesh, up_as_text
+from modalshell.mesh.parts import chosen_part
+from modalshell.mesh.resolution import FEWEST_EDGES, edges_per_half_wave
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.registry import MODELS
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
@@ -44,28 +45,49 @@ _OPTION_OF = {key: f"--{key}" for key in _SAME.split()} | {"clamped": "--clamp",
 """Options by the keys and parameters that they become."""
 
 MeshPath = Annotated[Path, Parameter(help="OBJ, PLY, STL, OFF or glTF file.")]
-Repair = Annotated[bool, Parameter(name="--repair", negative="", help="Repair the mesh first, and list what was done.")]
-Split = Annotated[
-    bool,
-    Parameter(
-        name="--split",
-        negative="",
-        help="Repair, and cut sheets apart where three or more faces meet at an edge: a rib holds its plate no longer.",
-    ),
-]
-Part = Annotated[
-    Literal["largest", "all"] | int | None,
-    Parameter(help="Connected part to take: its number, from 0 in order of decreasing area; largest; or all."),
-]
-UpAxis = Annotated[
-    Up | None, Parameter(help="Axis of the file that points up, rotated to z; y for glTF and z for others if omitted.")
-]
-Join = Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")]
 
 
-Triangles = Annotated[
-    int | None, Parameter(help="Remesh into about this many nearly equilateral triangles (extra remesh).")
-]
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class _MeshOptions:
+    """Options that say how a mesh file becomes a mesh."""
+
+    split: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            help="Repair, and cut sheets apart where three or more faces meet at an edge: a rib holds its plate no "
+            "longer.",
+        ),
+    ] = False
+    component: Annotated[
+        Literal["largest", "all"] | int | None,
+        Parameter(help="Connected part to take: its number, from 0 in order of decreasing area; largest; or all."),
+    ] = None
+    join: Annotated[float | None, Parameter(help="Distance [m] up to which vertices are merged.")] = None
+    triangles: Annotated[
+        int | None, Parameter(help="Remesh into about this many nearly equilateral triangles (extra remesh).")
+    ] = None
+    up: Annotated[
+        Up | None,
+        Parameter(help="Axis of the file that points up, rotated to z; y for glTF and z for others if omitted."),
+    ] = None
+
+    def mesh(self, path: Path, repair: bool) -> ms.TriangleMesh:
+        """Read a mesh, repaired, reduced to a part and remeshed as requested; print what was done."""
+        lines = [up_as_text(path, self.up)]
+        if repair or self.split:
+            options: dict[str, Any] = {"component": self.component, "split": self.split, "up": self.up}
+            mesh, report = repair_mesh(path, tolerance=self.join, **options)
+            lines += str(report).splitlines()
+        else:
+            mesh = chosen_part(ms.load_mesh(path, up=self.up), self.component, self.join)
+        say(*(f"{path}: {line}" for line in lines), sep="\n")
+        if self.triangles is None:
+            return mesh
+        made = ms.remesh(mesh, self.triangles)
+        say(f"{path}: remeshed: {len(made.faces)} triangles in place of {len(mesh.faces)}")
+        return made
 
 
 @Parameter(name="*")
@@ -85,31 +107,58 @@ class _ShellOptions:
     calibrated: Annotated[
         bool, Parameter(help="Springs and hinges calibrated on the mesh, in place of shell theory.", negative="")
     ] = False
-    repair: Repair = False
-    split: Split = False
-    component: Part = None
-    join: Join = None
-    triangles: Triangles = None
-    up: UpAxis = None
-
-    def mesh(self, path: Path) -> ms.TriangleMesh:
-        """Read the mesh."""
-        return _read(path, self.repair, self.split, self.component, self.join, self.triangles, self.up)
+    repair: Annotated[bool, Parameter(negative="", help="Repair the mesh first, and list what was done.")] = False
+    source: _MeshOptions = _MeshOptions()
 
     def scene(self, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any]) -> ShellScene:
         """The scene of a mesh with these options, and with further tables."""
         sheet = {name: getattr(self, name) for name in ("young", "poisson", "thickness", "density", "calibrated")}
         defaults = {"young": _YOUNG, "thickness": mesh.size / 200.0}
         sheet |= {name: value for name, value in defaults.items() if sheet[name] is None}
-        flags = {"repair": self.repair, "split": self.split, "up": self.up}
+        file = {name: getattr(self.source, name) for name in ("component", "join", "split", "up")}
         raw: dict[str, Any] = {
-            "mesh": {"file": str(path), "component": self.component, "join": self.join} | flags,
+            "mesh": {"file": str(path), "repair": self.repair} | file,
             "material": {name: str(value) if isinstance(value, Path) else value for name, value in sheet.items()},
             "model": {"name": "rigid"},
         }
         if self.clamp not in (None, "none"):
             raw["supports"] = {"clamped": self.clamp}
         return parse_scene(_OPTIONS, raw | tables).require_shell()
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class _ModelOptions:
+    """Options that say what is computed."""
+
+    model: Annotated[str, Parameter(help=f"One of {', '.join(MODELS)}.")] = "mwts"
+    modes: Annotated[int, Parameter(help="Number of modes of the modal models.")] = MODE_COUNT
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """The table of a scene."""
+        known = model_tables()
+        takes_modes = self.model in known and "modes" in known[self.model].__struct_fields__
+        return {"name": self.model} | ({"modes": self.modes} if takes_modes else {})
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class _MotionOptions:
+    """Options that say how long a shell moves, or that it does not."""
+
+    static: Annotated[bool, Parameter(help="Equilibrium instead of motion: a picture instead of a film.")] = False
+    duration: Annotated[float | None, Parameter(help="Simulated time [s]; 2 with --clamp.")] = None
+    dt: Annotated[float | None, Parameter(help="Time step, and time between frames [s]; 1/30 with --clamp.")] = None
+    damping: Annotated[
+        tuple[float, float] | None,
+        Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s]; 0.5 and 0.001 with --clamp."),
+    ] = None
+
+    def table(self, timing: Timing) -> dict[str, Any]:
+        """The table of a scene, with the values of ``timing`` for what was not given."""
+        given = {name: getattr(self, name) for name in ("duration", "dt", "damping")}
+        return {name: getattr(timing, name) if value is None else value for name, value in given.items()}
 
 
 @Parameter(name="*")
@@ -139,30 +188,6 @@ class _FilmOptions:
         )
 
 
-def _read(
-    path: Path,
-    repair: bool,
-    split: bool,
-    component: Component | None,
-    join: float | None,
-    triangles: int | None,
-    up: Up | None,
-) -> ms.TriangleMesh:
-    """Read a mesh, repaired, reduced to a part and remeshed as requested; print what was done."""
-    lines: list[str] = []
-    if repair or split:
-        mesh, report = repair_mesh(path, tolerance=join, component=component, split=split, up=up)
-        lines = str(report).splitlines()
-    else:
-        mesh = chosen_part(ms.load_mesh(path, up=up), component, join)
-    say(*(f"{path}: {line}" for line in (told_up(path, up), *lines)), sep="\n")
-    if triangles is None:
-        return mesh
-    made = ms.remesh(mesh, triangles)
-    say(f"{path}: remeshed: {len(made.faces)} triangles in place of {len(mesh.faces)}")
-    return made
-
-
 def _choose(
     options: _ShellOptions, path: Path, mesh: ms.TriangleMesh, tables: dict[str, Any], modes: int
 ) -> tuple[_ShellOptions, Timing, str]:
@@ -189,7 +214,22 @@ def _solve_modes(shell: ms.Shell, count: int) -> ms.Basis:
     basis = ms.solve_modes(shell, count)
     span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
     say(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
+    _say_unresolved(basis)
     return basis
+
+
+def _say_unresolved(basis: ms.Basis) -> None:
+    """Print which modes have waves too short for the mesh."""
+    edges = {
+        k + 1: edges_per_half_wave(basis.shell.mesh, basis.modes[:, k]) for k in range(basis.rigid_modes, basis.count)
+    }
+    if few := [str(mode) for mode, count in edges.items() if count < FEWEST_EDGES]:
+        modes = f"mode {few[0]} has" if len(few) == 1 else f"modes {', '.join(few)} have"
+        least = min(edges.values())
+        say(
+            f"{modes} fewer than {FEWEST_EDGES:g} edges a half wave (least: {least:.2g}), so that frequencies are more "
+            "than some 3 % off: take a finer mesh"
+        )
 
 
 def _with_options(text: str) -> str:
@@ -218,15 +258,8 @@ def simulate(
     *,
     shell: _ShellOptions | None = None,
     gravity: Annotated[tuple[float, float, float], Parameter(help="Acceleration [m/s^2].")] = (0.0, 0.0, -9.81),
-    model: Annotated[str, Parameter(help=f"One of {', '.join(MODELS)}.")] = "mwts",
-    modes: Annotated[int, Parameter(help="Number of modes of the modal models.")] = MODE_COUNT,
-    static: Annotated[bool, Parameter(help="Equilibrium instead of motion: a picture instead of a film.")] = False,
-    duration: Annotated[float | None, Parameter(help="Simulated time [s]; 2 with --clamp.")] = None,
-    dt: Annotated[float | None, Parameter(help="Time step, and time between frames [s]; 1/30 with --clamp.")] = None,
-    damping: Annotated[
-        tuple[float, float] | None,
-        Parameter(help="Rayleigh factors of mass [1/s] and stiffness [s]; 0.5 and 0.001 with --clamp."),
-    ] = None,
+    model: _ModelOptions | None = None,
+    motion: _MotionOptions | None = None,
     film: _FilmOptions | None = None,
     out: Annotated[Path, Parameter(help="Folder for the results.")] = Path("results"),
     restart: Annotated[bool, Parameter(help="Discard the frames of a stopped run.", negative="")] = False,
@@ -241,36 +274,34 @@ def simulate(
 
     Example: modalshell simulate meshes/leaf.obj --clamp "x < 0.08" --model rsw --duration 1
     """
-    known = model_tables()
-    takes_modes = model in known and "modes" in known[model].__struct_fields__
     options, look = shell or _ShellOptions(), (film or _FilmOptions()).look
-    formats = ["png"] if static else ["mp4", *(["png"] if look.still is not None else [])]
+    chosen, moved = model or _ModelOptions(), motion or _MotionOptions()
+    formats = ["png"] if moved.static else ["mp4", *(["png"] if look.still is not None else [])]
     tables: dict[str, Any] = {
-        "model": {"name": model} | ({"modes": modes} if takes_modes else {}),
+        "model": chosen.table,
         "loads": {"gravity": gravity},
         "output": {"formats": formats, "color": None if look.color == DISPLACEMENT else look.color},
     }
-    built_mesh, timing, description = options.mesh(mesh), _TIMING, ""
+    built_mesh, timing, description = options.source.mesh(mesh, options.repair), _TIMING, ""
     if options.clamp is None:
-        options, timing, description = _choose(options, mesh, built_mesh, tables, modes)
-    if not static:
-        tables["motion"] = {"duration": timing.duration if duration is None else duration}
-        tables["motion"] |= {"dt": timing.dt if dt is None else dt, "damping": damping or timing.damping}
-    scene = replace(options.scene(mesh, built_mesh, tables), name=f"{mesh.stem}_{model}")
+        options, timing, description = _choose(options, mesh, built_mesh, tables, chosen.modes)
+    if not moved.static:
+        tables["motion"] = moved.table(timing)
+    scene = replace(options.scene(mesh, built_mesh, tables), name=f"{mesh.stem}_{chosen.model}")
     built = scene.build_shell(built_mesh)
     say(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     if description:
         say(f"{mesh}: {description}")
     name = scene.model.spec.name
-    rate = look.rate or (_FILM_RATE if timing is not _TIMING and dt is None else None)
+    rate = look.rate or (_FILM_RATE if timing is not _TIMING and moved.dt is None else None)
     look = replace(look, rate=rate, title=f"{mesh.stem}, {name}")
     with progress(f"{name} steps") as on_step, progress("film") as on_frame:
-        found = ShellRun(scene, built, out, look, on_frame, _solve_modes).run(restart, on_step)
-    say(f"{name}: {found.summary}")
+        result = ShellRun(scene, built, out, look, on_frame, _solve_modes).run(restart, on_step)
+    say(f"{name}: {result.summary}")
     if built.clamped.any():
-        say(f"{name}: {motion_in_words(found.trajectory, built.mesh.size)}")
-    say(*found.files, sep="\n")
-    end_with(found.outcome)
+        say(f"{name}: {motion_as_text(result.trajectory, built.mesh.size)}")
+    say(*result.files, sep="\n")
+    end_with(result.outcome)
 
 
 @_name_options()
@@ -287,7 +318,7 @@ def modes(
     """
     refuse_foreign(out / f"{mesh.stem}_basis.npz")
     options = shell or _ShellOptions()
-    loaded = options.mesh(mesh)
+    loaded = options.source.mesh(mesh, options.repair)
     built = options.scene(mesh, loaded, {}).build_shell(loaded)
     make_folder(out)
     basis = ms.solve_modes(built, count)
@@ -295,6 +326,7 @@ def modes(
     for k, frequency in enumerate(basis.frequencies):
         table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if k < basis.rigid_modes else "elastic")
     CONSOLE.print(table)
+    _say_unresolved(basis)
     basis.save(out / f"{mesh.stem}_basis.npz")
     say(out / f"{mesh.stem}_basis.npz")
     say(basis.plot().save(out / f"{mesh.stem}_modes.png"))
@@ -304,18 +336,14 @@ def repair(
     mesh: MeshPath,
     *,
     out: Annotated[Path, Parameter(help="File to write: OBJ, PLY, STL, OFF or GLB; not the mesh itself.")],
-    split: Split = False,
-    component: Part = None,
-    join: Join = None,
-    triangles: Triangles = None,
-    up: UpAxis = None,
+    options: _MeshOptions | None = None,
 ) -> None:
     """Repair a mesh so that it can be a shell, and list what was done (see ms.repair); holes stay open.
 
     Example: modalshell repair scan.stl --out scan_repaired.ply --component largest
     """
     checked_target("--out", out, WRITABLE, mesh)
-    ms.save_mesh(_read(mesh, True, split, component, join, triangles, up), out)
+    ms.save_mesh((options or _MeshOptions()).mesh(mesh, repair=True), out)
     say(out)
 
 

@@ -49,20 +49,20 @@ def scene_page(scene: ms.Scene) -> Page:
     shell = declared.build_shell()
     path, force, loads, constraints = declared.build_loading(shell)
     model, motion = declared.model, declared.motion
-    left = ["the supports rest"] if path is not None else []
+    lacking = ["the supports rest"] if path is not None else []
     if loads:
-        left += ["loads that change are dead: as on the shape at rest, at their largest"]
+        lacking += ["loads that change are dead: as on the shape at rest, at their largest"]
         loading = shell.loading(force=force, loads=loads)
         force = loading.dead + loading.largest_force()
-    left += ["there are no constraints"] if constraints else []
-    left += (
+    lacking += ["there are no constraints"] if constraints else []
+    lacking += (
         [f"the model is LMA, MWTS or reduced RSW, not {model.spec.name}"]
         if model.spec.builder not in (ms.LinearModal, ms.ModalWarping, trained_on_loads)
         else []
     )
-    left += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
-    if left:
-        warnings.warn(f"{scene.file}: on the page {', '.join(left)}", ms.ModalShellWarning, stacklevel=2)
+    lacking += ["modes are not damped one by one"] if motion is not None and motion.modal_damping else []
+    if lacking:
+        warnings.warn(f"{scene.file}: on the page {', '.join(lacking)}", ms.ModalShellWarning, stacklevel=2)
     gravity = (declared.loads.gravity if declared.loads else None) or (0.0, 0.0, 0.0)
     basis = ms.solve_modes(shell, model.options.get("modes", MODE_COUNT))
     reduced = _reduced(basis, np.array(gravity), force)
@@ -82,7 +82,7 @@ def _reduced(basis: ms.Basis, gravity: Array, force: Array | None) -> ReducedWar
     strength = float(np.linalg.norm(gravity)) or _EARTH
     pulls = [sign * strength * axis for axis in np.eye(3) for sign in (1.0, -1.0)] + [gravity]
     dead = np.zeros_like(basis.shell.rest_positions) if force is None else force
-    loads = [share * (basis.shell.gravity_force(pull) + dead) for pull in pulls for share in (0.5, 1.0)]
+    loads = [factor * (basis.shell.gravity_force(pull) + dead) for pull in pulls for factor in (0.5, 1.0)]
     full = ms.RotationStrain(basis)
     trained = ms.ReducedRotationStrain.trained(
         full, loads=np.array(loads), mixtures=_MIXTURES, aside=0.1, rank=_RANK, samples=_SAMPLES

@@ -94,7 +94,7 @@ def sweep(
     """
     checked = progress(f"{file.stem} scenes checked", delay=1.0)
     with checked as on_check, progress(f"{file.stem} cases") as on_step:
-        found = ms.run_sweep(
+        result = ms.run_sweep(
             file,
             out=out,
             workers=workers,
@@ -105,10 +105,10 @@ def sweep(
             on_check=on_check,
             on_step=on_step,
         )
-    counts = ", ".join(f"{count} {outcome}" for outcome, count in found.counts().items())
-    say(f"{file.stem}: {len(found.rows)} cases, {counts}; {found.computed} computed now, {found.stored} from before")
-    say(*([found.note] if found.note else []), *found.files, sep="\n")
-    end_with(*found.counts())
+    counts = ", ".join(f"{count} {outcome}" for outcome, count in result.counts().items())
+    say(f"{file.stem}: {len(result.rows)} cases, {counts}; {result.computed} computed now, {result.stored} from before")
+    say(*([result.note] if result.note else []), *result.files, sep="\n")
+    end_with(*result.counts())
 
 
 def path(
@@ -127,14 +127,14 @@ def path(
     changed = {name: value for name, value in (("until", until), ("branches", branches)) if value is not None}
     make_folder(out)
     with progress(f"{scene.stem} points") as on_step:
-        found = scene_path(declared, on_step, **changed)
-    say(f"{declared.name}: {found.outcome.with_message(found.message)}, {len(found.factors)} points")
-    for number, one in enumerate([found, *found.branches]):
-        begin = "" if one is found else f"branch {number}: "
+        followed = scene_path(declared, on_step, **changed)
+    say(f"{declared.name}: {followed.outcome.with_message(followed.message)}, {len(followed.factors)} points")
+    for number, one in enumerate([followed, *followed.branches]):
+        begin = "" if one is followed else f"branch {number}: "
         for kind, index, factor in one.events:
             say(f"{begin}{kind} at a load factor of {factor:.6g}, displacement {one.displacements[index]:.6g} m")
-    say(*write_path(found, out, declared.name, declared.require_shell().unit_system), sep="\n")
-    end_with(found.outcome)
+    say(*write_path(followed, out, declared.name, declared.require_shell().unit_system), sep="\n")
+    end_with(followed.outcome)
 
 
 def fit(
@@ -172,16 +172,16 @@ def fit(
         average = measured["positions"].ndim == 1 + ("factors" in measured)
         given |= {"where": where, "average": average, "factors": measured.get("factors"), "force": force}
         given |= {"gravity": declared.loads.gravity if declared.loads else None, "loads": loads}
-    found = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
-    for name, value in found.values.items():
-        low, high = found.intervals[name]
+    fitted = ms.fit(shell, wrt, measured.get("positions"), confidence=confidence, **given)
+    for name, value in fitted.values.items():
+        low, high = fitted.intervals[name]
         say(f"{name} = {value:.6g}, within {low:.6g} to {high:.6g} at {100 * confidence:g} %")
-    left = f"{100 * found.residual:.3g} %" if found.state is None else f"{found.residual:.3g} m"
-    say(f"left: {left} (root mean square); {found.evaluations} shells were solved")
+    residual = f"{100 * fitted.residual:.3g} %" if fitted.state is None else f"{fitted.residual:.3g} m"
+    say(f"residual: {residual} (root mean square); {fitted.evaluations} shells were solved")
     if out is not None:
-        content = {"values": found.values, "intervals": found.intervals, "confidence": confidence}
-        say(write_record(out, content | {"residual": found.residual, "converged": found.converged}))
-    if not found.converged:
+        content = {"values": fitted.values, "intervals": fitted.intervals, "confidence": confidence}
+        say(write_record(out, content | {"residual": fitted.residual, "converged": fitted.converged}))
+    if not fitted.converged:
         end_with(ms.Outcome.NOT_CONVERGED)
 
 

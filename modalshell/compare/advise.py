@@ -5,13 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 
+from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN, advice_text
 from modalshell.compare.candidates import MODES
 from modalshell.compare.case import Case
 from modalshell.compare.path import Snap
@@ -21,25 +20,20 @@ from modalshell.compare.tradeoff import LOADS, Tradeoff, tradeoff
 from modalshell.core.checks import checked_number
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import write_text
 from modalshell.mesh import TriangleMesh
 from modalshell.render import Picture, html_of
 from modalshell.scene import Scene
-from modalshell.scene.write import toml_table, write_scene_with
+from modalshell.scene.write import write_scene_with
 from modalshell.shell import Shell
 
-NEAR_TIE = 1.25
-"""Counted costs of frames within this factor of the cheapest are ties, which go to the simplest rung."""
-RATE_MARGIN = 1.2
-"""Least measured frame rate over the requested one for a model to count as fast enough: times scatter by this much."""
-
-_WORDS: dict[str, str] = {Outcome.STOPPED: "its static answers cost many times those of DS"}
-"""Outcomes of static answers that a reader of advice would not understand."""
+_REASONS: dict[str, str] = {Outcome.STOPPED: "its static answers cost many times those of DS"}
+"""Outcomes of static answers that a reader of advice would not understand, as reasons."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Advice:
     """Which rung to take.
@@ -76,6 +70,11 @@ class Advice:
         return self.measured.path.snap
 
     @property
+    def bifurcation(self) -> float | None:
+        """Share of the load at which DS buckles, if it does before it snaps."""
+        return self.measured.bifurcation
+
+    @property
     def model_table(self) -> dict[str, Any] | None:
         """The ``[model]`` table that runs the chosen rung; None where none is chosen or no scene can name it."""
         return None if self.chosen is None else self.chosen.candidate.model_table
@@ -85,7 +84,7 @@ class Advice:
         """Requested error over the chosen model's worst error, and its frame rate over the requested one."""
         if self.chosen is None:
             return None
-        error = _error(self.chosen)
+        error = self.chosen.largest_error
         return (self.error / error if error else float("inf"), self.chosen.frames_per_second / self.frames_per_second)
 
     def plot(self) -> Picture:
@@ -163,17 +162,12 @@ def choose(measured: Tradeoff, error: float, fps: float) -> Advice:
     """The advice that follows from measurements."""
     refused = refusals(measured)
     allowed = [row for row in measured.rows if row.label not in refused and row.worst_error is not None]
-    fitting = [row for row in allowed if _error(row) <= error and row.frames_per_second >= RATE_MARGIN * fps]
+    fitting = [row for row in allowed if row.largest_error <= error and row.frames_per_second >= RATE_MARGIN * fps]
     ties = [row for row in fitting if row.cost <= NEAR_TIE * fitting[0].cost]
-    chosen = min(ties, key=lambda row: (row.candidate.spec.cost, row.cost), default=None)
-    text = _chosen_text(chosen, error, fps) if chosen else _none_text(allowed, error, fps)
-    cheaper = measured.rows[: measured.rows.index(chosen)] if chosen else measured.rows
-    if chosen is not None and (table := chosen.candidate.model_table) is not None:
-        text += ["", "In a scene:", "", "```toml", toml_table("model", table), "```", ""]
-    text += _faults([row for row in cheaper if row not in ties], refused, error)
-    if also := [row.label for row in ties if row is not chosen]:
-        text.append(f"- Within {100 * (NEAR_TIE - 1):.0f} % of the same work, but less simple: {'; '.join(also)}.")
-    return Advice(chosen, error, fps, refused, measured, "\n".join([*text, "", *_measured_text(measured)]))
+    ties.sort(key=lambda row: (row.candidate.spec.cost, row.cost))
+    return Advice(
+        ties[0] if ties else None, error, fps, refused, measured, advice_text(measured, refused, ties, error, fps)
+    )
 
 
 def refusals(measured: Tradeoff) -> dict[str, str]:
@@ -182,93 +176,7 @@ def refusals(measured: Tradeoff) -> dict[str, str]:
     for row in measured.rows:
         if row.missed:
             wrong = [status for status in row.statuses if status != "converged"]
-            refused[row.label] = _WORDS.get(wrong[0], wrong[0]) if wrong else f"its motion {row.motion}"
+            refused[row.label] = _REASONS.get(wrong[0], wrong[0]) if wrong else f"its motion {row.motion}"
         elif row.candidate.spec.quadratic and measured.path.snap is not None:
             refused[row.label] = "the shell snaps, which an elastic energy quadratic in rest modes cannot"
     return refused
-
-
-def _error(row: Measurement) -> float:
-    """Largest error at all loads, those next to a snap included."""
-    return float("inf") if row.worst_error is None else max(row.worst_error, row.near_error or 0.0)
-
-
-def _chosen_text(row: Measurement, error: float, fps: float) -> list[str]:
-    worst = _error(row)
-    accuracy = "is the truth here" if row.is_truth else f"is at most {100 * worst:.2g} % off DS"
-    margin = "" if worst == 0.0 else f" (asked {100 * error:.3g} %: {error / worst:.2g} times better)"
-    rate = row.frames_per_second
-    return [
-        f"Take {row.label}: it {accuracy}{margin} and makes {rate:.3g} frames a second (asked {fps:g}: "
-        f"{rate / fps:.2g} times faster), after {row.preprocessing:.2g} s of preprocessing.",
-        *([f"Its motion: {row.motion}."] if row.motion != Outcome.COMPLETED else []),
-    ]
-
-
-def _none_text(allowed: list[Measurement], error: float, fps: float) -> list[str]:
-    text = [
-        f"No rung meets both an error of {100 * error:.3g} % and {fps:g} frames a second on this machine, "
-        f"with a margin of {100 * (RATE_MARGIN - 1):.0f} % in the rate."
-    ]
-    accurate = [row for row in allowed if _error(row) <= error]
-    if accurate:
-        text.append(f"As accurate, the cheapest is {accurate[0].label}: {accurate[0].frames_per_second:.3g} a second.")
-    fast = sorted((row for row in allowed if row.frames_per_second >= RATE_MARGIN * fps), key=_error)
-    if fast:
-        text.append(f"As fast, the most accurate is {fast[0].label}: {100 * _error(fast[0]):.3g} % off DS.")
-    return text
-
-
-def _faults(rows: list[Measurement], refused: dict[str, str], error: float) -> list[str]:
-    """Why ``rows`` were not taken, those with one reason on one line."""
-    text = []
-    reasons: dict[str, list[str]] = {}
-    for row in rows:
-        if row.label in refused:
-            reasons.setdefault(refused[row.label], []).append(row.label)
-    text += [f"- Refused, since {reason}: {'; '.join(labels)}." for reason, labels in reasons.items()]
-    allowed = [row for row in rows if row.label not in refused]
-    away = [row for row in allowed if row.worst_error is not None and row.worst_error <= error < _error(row)]
-    wrong = [row for row in allowed if _error(row) > error and row not in away]
-    if off := [f"{row.label} ({100 * _error(row):.3g} %)" for row in wrong]:
-        text.append(f"- Not accurate enough: {'; '.join(off)}.")
-    if near := [f"{row.label} ({_near_text(row)})" for row in away]:
-        text.append(f"- Accurate enough at the other loads, but not next to the snap: {'; '.join(near)}.")
-    if slow := [f"{row.label} ({row.frames_per_second:.3g} a second)" for row in allowed if _error(row) <= error]:
-        text.append(f"- Accurate, but too slow: {'; '.join(slow)}.")
-    return text
-
-
-def _near_text(row: Measurement) -> str:
-    error, near = row.worst_error or 0.0, row.near_error or 0.0
-    there = f"{100 * near:.3g} % there" if np.isfinite(near) else "without an answer there"
-    return f"{100 * error:.3g} %, {there}"
-
-
-def _spread(measured: Tradeoff) -> float:
-    """Largest distance between two models' solutions under the whole load, over the length."""
-    answers = [row.positions for row in measured.rows if row.converged and row.candidate.spec.pictured]
-    size = measured.case.shell.size
-    pairs = combinations(answers, 2)
-    return max((float(np.linalg.norm(a - b, axis=1).max()) / size for a, b in pairs), default=0.0)
-
-
-def _measured_text(measured: Tradeoff) -> list[str]:
-    path, case = measured.path, measured.case
-    shares = ", ".join(f"{path.factors[k]:g}" for k in path.known)
-    text = [
-        f"Measured: static answers of {len(measured.rows)} rungs at {shares} of the load against DS on the same mesh "
-        f"({len(case.shell.rest_positions)} vertices), and frames of {1000 * case.dt:.3g} ms in motion: their "
-        "counted work, the same on every machine, ranks the rungs; their median time is compared with the frame rate."
-    ]
-    text += [f"{case.told[0].upper()}{case.told[1:]}."] if case.told else []
-    if unknown := [f"{path.factors[k]:g}" for k in range(len(path.factors)) if k not in path.known]:
-        text.append(f"DS found no equilibrium at {', '.join(unknown)} of the load, which are left out of the errors.")
-        if len(path.factors) - 1 not in path.known:
-            text.append(f"Under the whole load the rungs' own answers differ by up to {_spread(measured):.2g} lengths.")
-    if path.snap is not None:
-        text.append(f"The shell {path.snap}.")
-    if path.near:
-        near = " and ".join(f"{factor:.4g}" for factor in path.near)
-        text.append(f"Rungs that may snap were also compared next to it, at {near} of the load.")
-    return text

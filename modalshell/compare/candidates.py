@@ -71,12 +71,12 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
     counts = sorted({count for count in modes if count <= most})
     if len(counts) < len(set(modes)):
         left_out["more modes"] = f"the shell has {most} free unknowns"
-    found: list[Candidate] = []
+    chosen: list[Candidate] = []
     for key, spec in models().items():
         keys = model_tables()[key].__struct_fields__
         if spec.on_coarse_mesh:
             for mesh in case.coarse[:1] if spec.needs == "coarse training" else case.coarse:
-                found.append(Candidate(spec, mesh.name, mesh.options, mesh))
+                chosen.append(Candidate(spec, mesh.name, mesh.options, mesh))
             if not case.coarse:
                 left_out[spec.name] = (
                     "needs coarser meshes of the surface: a shape with more cells, coarse=, or of a mesh file "
@@ -85,7 +85,7 @@ def candidates(case: Case, modes: Sequence[int] = MODES) -> tuple[list[Candidate
         elif "modes" in keys:
             kept = {"integrator": case.integrator} if case.integrator and spec.on_modes and "integrator" in keys else {}
             own = [count for count in counts if spec.most_modes is None or count <= spec.most_modes] or counts[:1]
-            found += [Candidate(spec, str(count), {"modes": count} | kept) for count in own]
+            chosen += [Candidate(spec, str(count), {"modes": count} | kept) for count in own]
         else:
-            found.append(Candidate(spec))
-    return found, left_out
+            chosen.append(Candidate(spec))
+    return chosen, left_out

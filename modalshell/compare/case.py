@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.integrators.modal import ImplicitEuler
 from modalshell.integrators.state import Damping
@@ -27,7 +27,7 @@ _FRAME = 1.0 / 60.0
 """Time between frames [s] where the scene declares no motion."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Case:
     """What the rungs are compared on.
@@ -47,7 +47,7 @@ class Case:
     coarse : sequence of CoarseMesh
         Coarser meshes to run discrete shells on.
     note : str
-        Note on the origin of the load, if needed.
+        Note on the origin of the load, if needed, in sentences.
     integrator : str or None
         Key of the integrator of modal models; by default their own.
     """
@@ -73,11 +73,11 @@ class Case:
             )
 
     @property
-    def told(self) -> str:
-        """Notes on the reference and the load."""
+    def notes(self) -> str:
+        """Notes on the reference and the load, in sentences."""
         theory = isinstance(self.shell.material, Isotropic)
-        truth = ["DS stands for shell theory, by split folds on the same mesh"] if theory else []
-        return "; ".join([*truth, *([self.note] if self.note else [])])
+        reference = "DS stands for shell theory, by split folds on the same mesh." if theory else ""
+        return " ".join(filter(None, (reference, self.note)))
 
 
 def make_case(

@@ -27,18 +27,18 @@ _CAMERA = (0.9, -1.0, 0.45)
 """Direction from which shapes are seen."""
 
 
-def draw_fronts(found: Sequence[dict[str, Any]], path: str | Path, titles: Sequence[str] | None = None) -> Path:
+def draw_fronts(findings: Sequence[dict[str, Any]], path: str | Path, titles: Sequence[str] | None = None) -> Path:
     """Draw one Pareto panel for the findings of each tradeoff."""
-    names = titles or [one["case"] for one in found]
-    panels = [pareto_panel(one, title) for one, title in zip(found, names, strict=True)]
+    names = titles or [one["case"] for one in findings]
+    panels = [pareto_panel(one, title) for one, title in zip(findings, names, strict=True)]
     return draw_pareto(panels, path, columns=min(len(panels), 3))
 
 
-def pareto_panel(found: dict[str, Any], title: str) -> ParetoPanel:
+def pareto_panel(findings: dict[str, Any], title: str) -> ParetoPanel:
     """Error over milliseconds per frame; with an external reference DS is a point like the others."""
-    key = "worst_error" if all(row["outside_error"] is None for row in found["rows"]) else "outside_error"
+    key = "worst_error" if all(row["outside_error"] is None for row in findings["rows"]) else "outside_error"
     marks, truth, ladder = [], None, models()
-    for row in sorted(found["rows"], key=lambda row: ladder[row["key"]].cost):
+    for row in sorted(findings["rows"], key=lambda row: ladder[row["key"]].cost):
         spec, name = ladder[row["key"]], row["rung"]
         if row["key"] == TRUTH and key == "worst_error":
             truth = Mark(row["frame_ms"], 0.0, name, name, False, spec.color)
@@ -46,7 +46,7 @@ def pareto_panel(found: dict[str, Any], title: str) -> ParetoPanel:
             error = 100.0 * max(row[key], _FLOOR)
             text = row["size"] or name
             marks.append(Mark(row["frame_ms"], error, name, text, False, spec.color, spec.marker))
-    marks = marked_front(marks) + engine_marks(found.get("engines", []), _FLOOR)
+    marks = marked_front(marks) + engine_marks(findings.get("engines", []), _FLOOR)
     label = "worst displacement error [%]" if key == "worst_error" else "error against the outside solution [%]"
     return ParetoPanel(marks, title, y_label=label, truth=truth)
 
@@ -57,19 +57,27 @@ def marked_front(marks: Sequence[Mark]) -> list[Mark]:
     Tables rank by counted work, which does not change from run to run; a front by one and drawn over the other would
     run up again.
     """
-    best, found = np.inf, []
-    for mark in sorted(marks, key=lambda mark: (mark.x, mark.y)):
-        front = mark.y < (1.0 - GAIN) * best
-        best = mark.y if front else best
-        found.append(replace(mark, front=front))
-    return found
+    ordered = sorted(marks, key=lambda mark: (mark.x, mark.y))
+    return [
+        replace(mark, front=front) for mark, front in zip(ordered, on_front([mark.y for mark in ordered]), strict=True)
+    ]
+
+
+def on_front(errors: Sequence[float | None]) -> list[bool]:
+    """Which errors, in the order of their cost, no earlier one matches; tiny gains do not count, None never does."""
+    best, front = np.inf, []
+    for error in errors:
+        value = np.inf if error is None else error
+        front.append(value < (1.0 - GAIN) * best)
+        best = value if front[-1] else best
+    return front
 
 
 def draw_shapes(shapes: Sequence[Shapes], path: str | Path) -> Path:
     """Draw the shape of each rung's best size over the outline of DS, one row of views a tradeoff."""
     views = []
-    for found, positions, faces in shapes:
-        for row in best_sizes(found):
+    for findings, positions, faces in shapes:
+        for row in best_sizes(findings):
             surfaces = [ShadedSurface(positions[row["label"]], faces, color=models()[row["key"]].color)]
             truth = models()[TRUTH]
             if row["key"] != TRUTH:
@@ -83,10 +91,10 @@ def draw_shapes(shapes: Sequence[Shapes], path: str | Path) -> Path:
     return draw_views(views, path, columns=across, size=size, link_cameras=len(shapes) == 1, legend=False)
 
 
-def best_sizes(found: dict[str, Any]) -> list[dict[str, Any]]:
+def best_sizes(findings: dict[str, Any]) -> list[dict[str, Any]]:
     """Of each rung with an answer the row of the smallest error, in the order of their cost; DS last."""
     best: dict[str, dict[str, Any]] = {}
-    for row in found["rows"]:
+    for row in findings["rows"]:
         if row["final_error"] is not None and models()[row["key"]].pictured:
             kept = best.get(row["rung"])
             if kept is None or row["worst_error"] < kept["worst_error"]:

@@ -11,7 +11,7 @@ from modalshell.compare.report import percent
 from modalshell.core.typing import Array, Progress
 from modalshell.render.pareto import Mark
 
-_TOLD = ("name", "outcome", "version", "drop", "frame_ms", "step", "seconds")
+_FINDINGS = ("name", "outcome", "version", "drop", "frame_ms", "step", "seconds")
 _HEADS = (
     *("engine", "outcome", "small drop off", "error"),
     *("ms a step", "stable step [s]", "time to answer [s]", "version"),
@@ -22,11 +22,11 @@ def engine_rows(case: Case, truth: Array | None, on_step: Progress | None = None
     """Outcome, error under the whole load against ``truth`` (n, 3) [m], and cost of every engine."""
     rows = []
     for done, engine in enumerate(ENGINES, start=1):
-        found = answered(engine, case.shell, [(None, case.load)])
+        answer = answered(engine, case.shell, [(None, case.load)])
         error = None
-        if found.counts and truth is not None and found.positions is not None:
-            error = measure.displacement_error(found.positions[-1], truth, case.shell)
-        rows.append({name: getattr(found, name) for name in _TOLD} | {"error": error})
+        if answer.counts and truth is not None and answer.positions is not None:
+            error = measure.displacement_error(answer.positions[-1], truth, case.shell)
+        rows.append({name: getattr(answer, name) for name in _FINDINGS} | {"error": error})
         if on_step is not None:
             on_step(done, len(ENGINES))
     return rows
@@ -39,21 +39,14 @@ def engine_lines(rows: list[dict[str, Any]]) -> list[str]:
     lines = ["", f"| {' | '.join(_HEADS)} |", "|" + "---|" * len(_HEADS)]
     for row in rows:
         times = (f"{row[key]:.3g}" if row[key] is not None else "-" for key in ("frame_ms", "step", "seconds"))
-        cells = [
-            row["name"],
-            row["outcome"],
-            percent(row["drop"], "+.1f"),
-            percent(row["error"]),
-            *times,
-            row["version"],
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    told = (
+        errors = percent(row["drop"], "+.1f"), percent(row["error"])
+        lines.append(f"| {' | '.join([row['name'], row['outcome'], *errors, *times, row['version']])} |")
+    note = (
         "Engines get the same mesh, constants, supports and load, converted as their adapters say. A row counts where "
         "the conversion held on a strip of the same sheet (mass within 1 %, small drop within 10 %). Errors are under "
         "the whole load."
     )
-    return [*lines, "", told]
+    return [*lines, "", note]
 
 
 def engine_marks(rows: list[dict[str, Any]], floor: float) -> list[Mark]:

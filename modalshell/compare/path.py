@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.analysis.paths import EquilibriumPath, equilibrium_path
 from modalshell.core.cost import counted
 from modalshell.core.errors import SolverError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.models import DiscreteShell, Equilibrium
 from modalshell.modes import Factoriser, TangentStiffness, lowest_modes
@@ -106,7 +106,7 @@ class Snap:
         return f"snaps between {self.low:.3g} and {self.high:.3g} of the load: {self.reason}"
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class LoadPath:
     """Discrete shells over the load range.

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from modalshell.compare.bifurcation import bifurcation_text
 from modalshell.compare.runs import ANSWER_FRAMES
 from modalshell.core.outcome import Outcome
 
@@ -17,13 +18,13 @@ _HEADS = (
 )
 
 
-def markdown_table(found: dict[str, Any]) -> str:
+def markdown_table(findings: dict[str, Any]) -> str:
     """One row per model, cheapest frame first, the Pareto front in bold, with notes."""
-    outside = any(row["outside_error"] is not None for row in found["rows"])
-    near = found.get("near_factors", ())
+    outside = any(row["outside_error"] is not None for row in findings["rows"])
+    near = findings.get("near_factors", ())
     heads = [*_HEADS, *(["next to the snap"] if near else []), *(["outside solution"] if outside else []), "notes"]
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
-    for row in found["rows"]:
+    for row in findings["rows"]:
         cells = [f"**{row['label']}**" if row["front"] else row["label"]]
         cells += [f"{row['elements']:.0f}", f"{row['solves']:.3g}", f"{row['bytes_read'] / 1000.0:.0f}"]
         cells += [f"{row['frame_ms']:.3g}", f"{row['statics']:.2g}", f"{row['preprocessing']:.2g}"]
@@ -35,10 +36,10 @@ def markdown_table(found: dict[str, Any]) -> str:
             cells.append(" / ".join(percent(error) for error in row["near_errors"]))
         cells += [percent(row["outside_error"])] if outside else []
         lines.append(f"| {' | '.join([*cells, _notes(row)])} |")
-    shares = ", ".join(f"{factor:g}" for factor in found["load_factors"])
+    shares = ", ".join(f"{factor:g}" for factor in findings["load_factors"])
     lines += [
         "",
-        f"{found['vertices']} vertices; static answers at {shares} of the load, in the time named statics. Element "
+        f"{findings['vertices']} vertices; static answers at {shares} of the load, in the time named statics. Element "
         "evaluations, solves and bytes of model data are those of a frame, the same on every machine; they order the "
         f"rows. The time to answer is that of preprocessing and {ANSWER_FRAMES} frames. Errors are "
         "of displacement against DS, area less that of DS, frequency over that of DS at rest; in bold what no cheaper "
@@ -46,10 +47,11 @@ def markdown_table(found: dict[str, Any]) -> str:
     ]
     if near:
         lines[-1] += f" Next to the snap: errors at {' and '.join(f'{factor:.4g}' for factor in near)} of the load."
-    for text in (found["note"], f"the shell {found['snap']}" if found["snap"] else ""):
-        lines += ["", f"{text[0].upper()}{text[1:]}."] if text else []
-    if found["left_out"]:
-        lines += ["", *(f"- Not run: {label}: {reason}" for label, reason in found["left_out"].items())]
+    for text in (findings["note"], f"The shell {findings['snap']}." if findings["snap"] else ""):
+        lines += ["", text] if text else []
+    lines += [part for text in bifurcation_text(findings.get("bifurcation")) for part in ("", text)]
+    if findings["left_out"]:
+        lines += ["", *(f"- Not run: {label}: {reason}" for label, reason in findings["left_out"].items())]
     return "\n".join(lines)
 
 

@@ -13,7 +13,7 @@ from modalshell.compare.case import Case
 from modalshell.compare.path import LoadPath
 from modalshell.core.cost import Work, counted
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
@@ -35,7 +35,7 @@ ANSWER_FRAMES = 600
 """Frames of the time to answer: ten seconds at sixty a second."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Measurement:
     """One rung at one size, measured.
@@ -93,16 +93,6 @@ class Measurement:
     near_errors: list[float | None] = field(default_factory=list)
 
     @property
-    def rung(self) -> str:
-        """Name of the model."""
-        return self.candidate.spec.name
-
-    @property
-    def size(self) -> str:
-        """Mode count or coarse mesh; empty where there is only one size."""
-        return self.candidate.size
-
-    @property
     def label(self) -> str:
         """Rung and size."""
         return self.candidate.label
@@ -133,21 +123,6 @@ class Measurement:
         return self.preprocessing + ANSWER_FRAMES * self.frame_ms / 1000.0
 
     @property
-    def elements(self) -> float:
-        """Element evaluations per frame."""
-        return self.work.elements
-
-    @property
-    def solves(self) -> float:
-        """Solves with a sparse factor per frame."""
-        return self.work.solves
-
-    @property
-    def bytes_read(self) -> float:
-        """Bytes of model data read per frame."""
-        return self.work.bytes_read
-
-    @property
     def cost(self) -> float:
         """Counted cost per frame [reference microseconds]."""
         return self.work.cost
@@ -163,6 +138,11 @@ class Measurement:
         """Largest error next to a snap, infinite without an answer there; None where no snap was located."""
         errors = [float("inf") if error is None else error for error in self.near_errors]
         return max(errors, default=None)
+
+    @property
+    def largest_error(self) -> float:
+        """Largest error at all loads, those next to a snap included; infinite where the rung has no answer."""
+        return float("inf") if self.worst_error is None else max(self.worst_error, self.near_error or 0.0)
 
     @property
     def final_error(self) -> float | None:
@@ -191,13 +171,13 @@ def measure_row(
         errors.append(answer_error(answer, exact, shell))
         areas.append(None if errors[-1] is None else area_difference(answer, exact, mesh))
         turns.append(turn_at(answer.positions, mesh, tip) if answer.converged else None)
-    frame_ms, work, motion, told = timed_frames(model, case)
+    frame_ms, work, motion, message = timed_frames(model, case)
     known = path.known
     frequency = None
     if known and answers[known[-1]].converged:
         factor = path.factors[known[-1]]
-        found = model.tangent_eigenvalue(answers[known[-1]], factor * case.load)
-        frequency = None if found is None else float(np.sqrt(max(found, 0.0) / path.lowest))
+        lowest = model.tangent_eigenvalue(answers[known[-1]], factor * case.load)
+        frequency = None if lowest is None else float(np.sqrt(max(lowest, 0.0) / path.lowest))
     missed = any(not answers[k].converged for k in known) or motion is Outcome.DIVERGED
     near_errors: list[float | None] = [None] * len(path.near)
     if not missed:
@@ -215,7 +195,7 @@ def measure_row(
         turns,
         [answer.status for answer in answers],
         frequency,
-        motion.with_message(told),
+        motion.with_message(message),
         missed,
         answers[-1].positions,
         None if outside is None else measure.displacement_error(answers[-1].positions, outside, shell),

@@ -6,22 +6,24 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from modalshell.compare.bifurcation import first_bifurcation
 from modalshell.compare.candidates import MODES, candidates, case_factory
 from modalshell.compare.case import Case, make_case
-from modalshell.compare.draw import GAIN, draw_fronts, draw_shapes
+from modalshell.compare.draw import draw_fronts, draw_shapes, on_front
 from modalshell.compare.engine_runs import engine_lines, engine_rows
 from modalshell.compare.path import LoadPath, follow_loads
 from modalshell.compare.report import html_table, markdown_table
 from modalshell.compare.runs import Measurement, measure_row
 from modalshell.core.checks import checked_count, checked_kind, checked_vectors, shortened, shown, vector_count
 from modalshell.core.errors import FileFormatError, ModalShellError, OptionError, SolverError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Progress
 from modalshell.files.atomic_io import read_npz, write_text
 from modalshell.files.provenance import run_record
@@ -36,14 +38,15 @@ LOADS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the load at which rungs are compared."""
 
 _FINDINGS = (
-    *("key", "rung", "size", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
-    *("elements", "solves", "bytes_read", "cost", "answer_seconds"),
+    *("key", "label", "preprocessing", "frame_ms", "statics", "errors", "area_errors", "tip_turns"),
+    *("cost", "answer_seconds"),
     *("statuses", "frequency", "motion", "worst_error", "final_error", "near_errors", "outside_error"),
 )
-"""What of a row goes to the findings."""
+_COUNTS = ("elements", "solves", "bytes_read")
+"""What of a row, and of its counted work, goes to the findings."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Tradeoff:
     """Error and cost of every model on one case.
@@ -62,6 +65,8 @@ class Tradeoff:
         The vertex that DS moves most.
     outside : ndarray, shape (n, 3), or None
         The outside solution, if one was given [m].
+    bifurcation : float or None
+        Share of the load at which DS buckles: another branch crosses its path, before any snap.
     engines : list of dict
         Outcome, error and cost of every other engine, if they were asked for.
     """
@@ -72,6 +77,7 @@ class Tradeoff:
     left_out: dict[str, str]
     tip: int
     outside: Array | None = field(default=None, repr=False)
+    bifurcation: float | None = None
     engines: list[dict[str, Any]] = field(default_factory=list)
 
     def error_of(self, row: Measurement) -> float | None:
@@ -80,27 +86,27 @@ class Tradeoff:
 
     def front(self) -> list[Measurement]:
         """The rows that no cheaper one matches in error, cheapest first; tiny gains do not count."""
-        best, found = np.inf, []
-        for row in self.rows:
-            error = self.error_of(row)
-            if error is not None and error < (1.0 - GAIN) * best:
-                best = error
-                found.append(row)
-        return found
+        return list(compress(self.rows, on_front([self.error_of(row) for row in self.rows])))
 
     def findings(self) -> dict[str, Any]:
         """Everything but arrays, ready for JSON."""
         front = self.front()
         return {
             "case": self.case.name,
-            "note": self.case.told,
+            "note": self.case.notes,
             "vertices": len(self.case.shell.rest_positions),
             "load_factors": self.path.factors,
             "near_factors": self.path.near,
             "ds_statuses": [answer.status for answer in self.path.answers],
             "ds_tangents": self.path.tangents,
             "snap": None if self.path.snap is None else str(self.path.snap),
-            "rows": [{name: getattr(row, name) for name in _FINDINGS} | {"front": row in front} for row in self.rows],
+            "bifurcation": self.bifurcation,
+            "rows": [
+                {name: getattr(row, name) for name in _FINDINGS}
+                | {name: getattr(row.work, name) for name in _COUNTS}
+                | {"rung": row.candidate.spec.name, "size": row.candidate.size, "front": row in front}
+                for row in self.rows
+            ],
             "left_out": self.left_out,
             "engines": self.engines,
         }
@@ -191,11 +197,12 @@ def tradeoff(
     outside = None if truth is None else outside_positions(truth, case.shell)
     asked = checked_kind("engines", engines, bool)
     warm_up()
-    found = _measured(case, modes, factors, outside, on_step)
+    measured = _measured(case, modes, factors, outside, on_step)
     if not asked:
-        return found
-    whole = found.path.answers[-1].positions if found.path.known[-1] == len(factors) - 1 else None
-    return replace(found, engines=engine_rows(case, whole if outside is None else outside, on_step))
+        return measured
+    path = measured.path
+    whole = path.answers[-1].positions if path.known[-1] == len(factors) - 1 else None
+    return replace(measured, engines=engine_rows(case, whole if outside is None else outside, on_step))
 
 
 def _measured(
@@ -229,7 +236,7 @@ def _measured(
             left_out[candidate.label] = str(error)
         advance()
     rows.sort(key=lambda row: row.cost)  # stable: of equals the simpler one, first on the ladder
-    return Tradeoff(case, path, rows, left_out, tip, outside)
+    return Tradeoff(case, path, rows, left_out, tip, outside, first_bifurcation(case))
 
 
 def checked_factors(loads: Sequence[float]) -> tuple[float, ...]:

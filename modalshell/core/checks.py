@@ -34,7 +34,7 @@ def shortened(text: str, most: int = 300) -> str:
 
 def printable(text: str) -> str:
     """``text`` for a terminal: characters that steer it as escapes; line ends and tabs stay."""
-    return _STEERING.sub(lambda found: ascii(found[0])[1:-1], text)
+    return _STEERING.sub(lambda match: ascii(match[0])[1:-1], text)
 
 
 def shown(value: Any) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 DRAWING: dict[str, Callable[..., Any]] = {}
-"""The functions ``plot``, ``as_html`` and ``basis_page`` of :mod:`modalshell.plot`, which enters them here."""
+"""The functions ``plot``, ``as_html`` and ``page``, which :mod:`modalshell.plot` enters here."""
 
 
 class Drawn:

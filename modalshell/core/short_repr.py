@@ -15,7 +15,7 @@ _LONGEST_VALUE, _LONGEST = 60, 280
 """Characters of a value and of the whole."""
 
 
-def brief(cls: C) -> C:
+def short_repr(cls: C) -> C:
     """Give a dataclass a ``repr`` of one short line: shapes and ranges in place of arrays."""
     cls.__repr__ = _repr  # type: ignore[assignment]
     return cls

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.memory import demand_disk, demand_memory
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Progress
 from modalshell.core.units import SI
@@ -42,7 +42,7 @@ _KEPT = ("time", "positions", "directions", "accelerations", "coordinates", "lev
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class FlightResult(RunResult):
     """What flying a flock gave.

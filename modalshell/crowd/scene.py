@@ -12,7 +12,7 @@ from msgspec import Meta
 from scipy.interpolate import CubicSpline
 
 from modalshell.core.errors import SceneError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.crowd.crowd import Crowd
 from modalshell.crowd.flap import Flap
@@ -130,7 +130,7 @@ def build_target(table: TargetTable) -> Callable[[float], Array]:
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True, kw_only=True)
 class FlockScene(Scene):
     """A scene of many such shells in flight, stepped by MWTS under gravity alone.

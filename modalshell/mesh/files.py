@@ -57,7 +57,7 @@ def up_axis(path: str | os.PathLike[str], up: Up | None = None) -> Up:
     return "y" if Path(path).suffix.lower() in _GLTF else "z"
 
 
-def told_up(path: str | os.PathLike[str], up: Up | None = None) -> str:
+def up_as_text(path: str | os.PathLike[str], up: Up | None = None) -> str:
     """The axis that points up, as text."""
     axis = up_axis(path, up)
     return "z is up" if axis == "z" else f"{axis} is up in the file and was rotated to z"
@@ -90,16 +90,16 @@ def load_mesh(path: str | os.PathLike[str], *, up: Up | None = None) -> Triangle
         indices, counted from 0 in the file's own order.
     """
     file = checked_folder("path", path)
-    found = read_polygons(file, up)
+    polygons = read_polygons(file, up)
     try:
-        vertices = validation.as_vertices(found.vertices)
-        faces = validation.as_faces(found.triangles(), len(vertices))
+        vertices = validation.as_vertices(polygons.vertices)
+        faces = validation.as_faces(polygons.triangles(), len(vertices))
         vertices, faces = _without_unused(file, vertices, faces)
         if file.suffix.lower() in _WELDED:
             vertices, faces = _weld(file, vertices, faces)
         return TriangleMesh(vertices, faces)
     except MeshError as error:
-        raise _located(file, error, split=bool((found.sizes > 3).any())) from error
+        raise _located(file, error, split=bool((polygons.sizes > 3).any())) from error
 
 
 def repair_mesh(
@@ -112,9 +112,9 @@ def repair_mesh(
 ) -> tuple[TriangleMesh, RepairReport]:
     """Apply :func:`~modalshell.repair` to a file of a format that :func:`load_mesh` reads; same parameters."""
     file = checked_folder("path", path)
-    found = read_polygons(file, up)
+    polygons = read_polygons(file, up)
     try:
-        return repair(found.vertices, found, tolerance=tolerance, component=component, split=split)
+        return repair(polygons.vertices, polygons, tolerance=tolerance, component=component, split=split)
     except MeshError as error:
         raise _located(file, error, split=True) from error
 
@@ -122,11 +122,11 @@ def repair_mesh(
 def read_polygons(file: Path, up: Up | None = None) -> Polygons:
     """Vertices, z up, and polygons of a mesh file in its own order; MeshError if it is not of its suffix's format."""
     axis = up_axis(file, up)
-    found = _read_as_stored(file)
-    if axis == "z" or found.vertices.ndim != 2 or found.vertices.shape[1] != 3:
-        return found
+    polygons = _read_as_stored(file)
+    if axis == "z" or polygons.vertices.ndim != 2 or polygons.vertices.shape[1] != 3:
+        return polygons
     order, signs = _TURNED[axis]
-    return replace(found, vertices=found.vertices[:, order] * signs)
+    return replace(polygons, vertices=polygons.vertices[:, order] * signs)
 
 
 def _read_as_stored(file: Path) -> Polygons:

@@ -113,7 +113,7 @@ def read_ply(data: bytes) -> Polygons:
         raise MeshError(f"the PLY announces {announced.replace('0 faces', 'no faces')}; a shell needs triangles")
     body = data[data.find(b"\n", end) + 1 or len(data) :]
     try:
-        found = dict(_ply_columns(body, elements, order))
+        columns = dict(_ply_columns(body, elements, order))
     except (IndexError, struct.error) as error:
         raise MeshError(
             f"the PLY is cut short (truncated): its header announces {announced}, the file ends before; write or "
@@ -124,9 +124,9 @@ def read_ply(data: bytes) -> Polygons:
             f"the file is damaged or not PLY ({shortened(str(error))}); write or download it again, or convert it "
             "to OBJ"
         ) from error
-    polygons: Any = found["face"].get("vertex_indices", found["face"].get("vertex_index"))
+    polygons: Any = columns["face"].get("vertex_indices", columns["face"].get("vertex_index"))
     whole = isinstance(polygons, tuple) and polygons[0].dtype.kind in "iu"
-    points: list[Any] = [found.get("vertex", {}).get(axis) for axis in "xyz"]
+    points: list[Any] = [columns.get("vertex", {}).get(axis) for axis in "xyz"]
     if not whole or not all(isinstance(values, np.ndarray) for values in points):
         raise MeshError(
             "the PLY has no x, y and z of vertices, or no list vertex_indices of integers of faces; convert it to OBJ"

@@ -9,12 +9,12 @@ from typing import final
 
 import numpy as np
 
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.mesh.topology import FloatArray, IntArray
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Polygons:
     """Vertices and polygons as a file or a user gives them.
@@ -67,15 +67,15 @@ def _clip_ears(points: FloatArray, normal: FloatArray) -> IntArray:
     """Triangles (k - 2, 3) of a plane polygon (k, 3) seen along ``normal``; a fan of the rest if it has no ears."""
     drop = int(np.abs(normal).argmax())
     plane = np.delete(points, drop, axis=1) * ([1.0, 1.0] if (normal[drop] > 0) == (drop != 1) else [-1.0, 1.0])
-    left = list(range(len(points)))
+    remaining = list(range(len(points)))
     triangles = []
-    while len(left) > 3:
-        ear = next((at for at in range(len(left)) if _is_ear(plane[left], at)), None)
+    while len(remaining) > 3:
+        ear = next((at for at in range(len(remaining)) if _is_ear(plane[remaining], at)), None)
         if ear is None:
             break
-        triangles.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
-        del left[ear]
-    triangles += [[left[0], left[k], left[k + 1]] for k in range(1, len(left) - 1)]
+        triangles.append([remaining[ear - 1], remaining[ear], remaining[(ear + 1) % len(remaining)]])
+        del remaining[ear]
+    triangles += [[remaining[0], remaining[k], remaining[k + 1]] for k in range(1, len(remaining) - 1)]
     return np.array(triangles, dtype=np.int64)
 
 

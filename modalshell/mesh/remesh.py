@@ -59,23 +59,23 @@ def remesh(mesh: TriangleMesh, triangles: int, *, crease: float = 25.0) -> Trian
     if importlib.util.find_spec("pymeshlab") is None:
         raise OptionError("remeshing needs pymeshlab, which is not installed: pip install 'modalshell[remesh]'")
     length = float(np.sqrt(4.0 / np.sqrt(3.0) * mesh.area / asked))
-    found = _of_length(mesh, length, angle)
+    made = _of_length(mesh, length, angle)
     for _ in range(_PASSES - 1):
-        if abs(len(found.faces) / asked - 1.0) <= _NEAR:
+        if abs(len(made.faces) / asked - 1.0) <= _NEAR:
             break
-        length *= float(np.sqrt(len(found.faces) / asked))
+        length *= float(np.sqrt(len(made.faces) / asked))
         other = _of_length(mesh, length, angle)
-        if abs(len(other.faces) - asked) >= abs(len(found.faces) - asked):
+        if abs(len(other.faces) - asked) >= abs(len(made.faces) - asked):
             break
-        found = other
-    if abs(len(found.faces) / asked - 1.0) > _FAR:
+        made = other
+    if abs(len(made.faces) / asked - 1.0) > _FAR:
         warnings.warn(
-            f"the mesh has {len(found.faces)} triangles, not {asked}: with so few it would leave its surface or lose a "
+            f"the mesh has {len(made.faces)} triangles, not {asked}: with so few it would leave its surface or lose a "
             "boundary",
             ModalShellWarning,
             stacklevel=2,
         )
-    return found
+    return made
 
 
 def _of_length(mesh: TriangleMesh, length: float, crease: float) -> TriangleMesh:

@@ -16,13 +16,13 @@ from modalshell.mesh import validation
 from modalshell.mesh.parts import Component, chosen_part
 from modalshell.mesh.polygons import Polygons
 from modalshell.mesh.sheets import cut_into_sheets
-from modalshell.mesh.topology import IntArray, half_edges
+from modalshell.mesh.topology import FloatArray, IntArray, half_edges
 from modalshell.mesh.triangle_mesh import TriangleMesh
 from modalshell.mesh.welding import drop_unused, weld_arrays, without_flat_faces, without_needles
 
 THIN = 1e-4
 """Height over length of a triangle from which the stiffness is too ill-conditioned for modes."""
-_TOLD = {
+_MESSAGES = {
     "recentred": "moved the mesh to the origin, from which it was {} of its lengths away",
     "triangulated": "split {} larger polygons into triangles",
     "invalid_faces": "dropped {} faces with vertices that are missing or not finite",
@@ -38,8 +38,6 @@ _TOLD = {
     "unused_vertices": "dropped {} vertices in no face",
     "dropped_parts": "left out {} parts",
 }
-
-
 _PASSES = 4
 """Times at most that thin triangles are looked for."""
 
@@ -110,12 +108,12 @@ class RepairReport:
     @property
     def changed(self) -> bool:
         """Whether anything was done."""
-        return any(self.counts[name] for name in _TOLD)
+        return any(self.counts[name] for name in _MESSAGES)
 
     @property
     def messages(self) -> list[str]:
         """What was done, one line each; empty where the mesh was a shell already."""
-        return [text.format(f"{self.counts[name]:,}") for name, text in _TOLD.items() if self.counts[name]]
+        return [text.format(f"{self.counts[name]:,}") for name, text in _MESSAGES.items() if self.counts[name]]
 
     def __str__(self) -> str:
         parts = f"{self.parts} parts" if self.parts > 1 else "one part"
@@ -188,6 +186,20 @@ def repair(
     before = len(points)
     points, triangles, count["collapsed_faces"] = weld_arrays(points, triangles, tolerance)
     count["merged_vertices"] = before - len(points)
+    points, triangles = _into_sheets(points, triangles, split, count)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModalShellWarning)  # of seams, which are where sheets were split
+        whole = TriangleMesh(points, triangles)
+        mesh = chosen_part(whole, component)
+    parts = int(mesh.components.max()) + 1
+    count["dropped_parts"] = int(whole.components.max()) + 1 - parts
+    return mesh, RepairReport(**count, parts=parts, open_edges=int((mesh.edge_faces[:, 1] < 0).sum()))
+
+
+def _into_sheets(
+    points: FloatArray, triangles: IntArray, split: bool, count: dict[str, int]
+) -> tuple[FloatArray, IntArray]:
+    """Vertices and triangles of sheets without flat, thin or repeated faces; what was done is added to ``count``."""
     # A thin triangle on an edge of three faces can be taken away once that edge is split.
     for _ in range(_PASSES):
         triangles, flat, thin = _with_area(points, triangles)
@@ -196,19 +208,12 @@ def repair(
             _refuse_junctions(points, triangles)
         sheets = cut_into_sheets(points, triangles)
         points, triangles = drop_unused(sheets.vertices, sheets.faces)
-        found = {"flat_faces": flat, "thin_faces": thin, "repeated_faces": repeated, "flipped_faces": sheets.flipped}
-        found |= {name: getattr(sheets, name) for name in ("split_edges", "split_vertices", "cut_edges")}
-        count |= {name: count.get(name, 0) + number for name, number in found.items()}
+        done = {"flat_faces": flat, "thin_faces": thin, "repeated_faces": repeated, "flipped_faces": sheets.flipped}
+        done |= {name: getattr(sheets, name) for name in ("split_edges", "split_vertices", "cut_edges")}
+        count.update({name: count.get(name, 0) + number for name, number in done.items()})
         if not validation.degenerate(points, triangles, THIN).any():
             break
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModalShellWarning)  # of seams, which are where sheets were split
-        whole = TriangleMesh(points, triangles)
-        mesh = chosen_part(whole, component)
-    parts = int(mesh.components.max()) + 1
-    count["dropped_parts"] = int(whole.components.max()) + 1 - parts
-    return mesh, RepairReport(**count, parts=parts, open_edges=int((mesh.edge_faces[:, 1] < 0).sum()))
+    return points, triangles
 
 
 def _as_polygons(points: Any, faces: ArrayLike | Sequence[Sequence[int]] | Polygons) -> Polygons:
@@ -265,11 +270,11 @@ def _with_area(points: Any, triangles: IntArray) -> tuple[IntArray, int, int]:
     thin = validation.degenerate(points, triangles, THIN)
     if not thin.any():
         return triangles, 0, 0
-    mended = without_needles(points, without_flat_faces(points, triangles), THIN)
-    mended = mended[~validation.degenerate(points, mended)]
-    if not len(mended):
+    kept = without_needles(points, without_flat_faces(points, triangles), THIN)
+    kept = kept[~validation.degenerate(points, kept)]
+    if not len(kept):
         raise MeshError(f"all {len(triangles)} faces have zero area: a shell needs a surface; write the mesh again")
-    return mended, int(flat.sum()), int((thin & ~flat).sum())
+    return kept, int(flat.sum()), int((thin & ~flat).sum())
 
 
 def _refuse_junctions(points: Any, triangles: IntArray) -> None:

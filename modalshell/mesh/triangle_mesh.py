@@ -45,10 +45,10 @@ class TriangleMesh(ReadOnlyArrays, Drawn):
         validation.warn_of_seams(self._vertices, self.boundary_vertices)
 
     @classmethod
-    def from_soup(cls, vertices: ArrayLike, faces: ArrayLike, tolerance: float | None = None) -> TriangleMesh:
+    def from_soup(cls, vertices: ArrayLike, faces: ArrayLike) -> TriangleMesh:
         """Build a mesh from a triangle soup: merge coincident vertices, drop or repair faces without area."""
         points = validation.as_vertices(vertices)
-        merged, kept, _ = weld_arrays(points, validation.as_faces(faces, len(points)), tolerance)
+        merged, kept, _ = weld_arrays(points, validation.as_faces(faces, len(points)))
         return cls(*drop_unused(merged, without_flat_faces(merged, kept)))
 
     @property

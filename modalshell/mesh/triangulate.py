@@ -98,11 +98,11 @@ def check_cells(cells: Sequence[int]) -> tuple[int, int]:
     along, across = (checked_count(f"cells[{k}]", count) for k, count in enumerate(pair))
     if along * across > _MOST_CELLS:
         raise OptionError(f"cells must be at most {_MOST_CELLS:,} in all (got {along} x {across})")
-    told = f"a mesh of {along} x {across} cells"
-    demand_memory(told, _CELL_BYTES * along * across, "take fewer cells")
+    what = f"a mesh of {along} x {across} cells"
+    demand_memory(what, _CELL_BYTES * along * across, "take fewer cells")
     if along * across > _SLOW_CELLS:
         warnings.warn(
-            f"{told} and a shell on it take about {1.5e-5 * along * across:.0f} s and "
+            f"{what} and a shell on it take about {1.5e-5 * along * across:.0f} s and "
             f"{gigabytes(_SHELL_BYTES * along * across)}; take fewer cells to be faster",
             ModalShellWarning,
             stacklevel=4,

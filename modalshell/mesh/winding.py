@@ -62,5 +62,5 @@ def flips_and_tears(pairs: IntArray, opposed: BoolArray, count: int) -> tuple[Bo
         for face, parent, turn in zip(order.tolist(), above.tolist(), turned.tolist(), strict=True):
             flip[face] = flip[parent] != turn
     torn = (flip[left] ^ flip[right]) != opposed
-    share = np.bincount(part, weights=flip) / np.bincount(part)
-    return flip ^ (share > 0.5)[part], torn
+    flipped = np.bincount(part, weights=flip) / np.bincount(part)
+    return flip ^ (flipped > 0.5)[part], torn

@@ -24,7 +24,7 @@ from modalshell.core.drawn import DRAWING, Drawn
 from modalshell.core.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
 from modalshell.core.plugins import load_plugins
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.core.typing import Array
 from modalshell.core.units import SI
@@ -54,7 +54,7 @@ _COPIES, _RIGID_COPIES = 6, 6
 """Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Basis(ReadOnlyArrays, Drawn):
     """What the modal models need of a shell.
@@ -156,9 +156,9 @@ class Basis(ReadOnlyArrays, Drawn):
     def page(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Any:
         """A self-contained :class:`modalshell.page.Page` that moves in a browser; ``path`` names a file to write it to.
 
-        See :func:`modalshell.plot.basis_page` for the options.
+        See :func:`modalshell.page.modal_page` for the options.
         """
-        page = DRAWING["basis_page"](self, **options)
+        page = DRAWING["page"](self, **options)
         if path is not None:
             page.save(path)
         return page

@@ -9,7 +9,7 @@ from typing import Protocol, final
 import numpy as np
 
 from modalshell.core.errors import OptionError, SolverError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import mass_scaled
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
@@ -53,7 +53,7 @@ class Modes(Protocol):
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class BasisSensitivity:
     """Derivatives of a basis by a constant of its material.

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import finite_answer
 from modalshell.core.errors import OptionError, SolverError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import canonical_pairs, dense_pairs, lanczos_pairs, mass_scaled
@@ -43,7 +43,7 @@ class State(Protocol):
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class LoadedModes(ReadOnlyArrays):
     """Small vibrations of a shell about a stable state.

@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from modalshell.core.checks import checked_count, checked_number, checked_times, checked_vectors
 from modalshell.core.errors import OptionError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.kernels import rotations
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Pose:
     """Where the supports are at one time, and how they move.

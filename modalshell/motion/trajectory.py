@@ -14,7 +14,7 @@ from numpy.typing import DTypeLike, NDArray
 from modalshell.core.drawn import Drawn
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Progress
 from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Loading
@@ -26,7 +26,7 @@ WRITERS: dict[str, Callable[[Any, Path, Progress | None], Path]] = {}
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True, kw_only=True)
 class Trajectory(Drawn):
     """A simulated motion; made by keywords only.

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_number, checked_vectors
 from modalshell.core.errors import LoadError, OptionError
-from modalshell.core.typing import Array, Index
-from modalshell.mesh import TriangleMesh
+from modalshell.core.typing import Array
+from modalshell.modes import Basis
 from modalshell.page.html import Page, encoded, encoded_columns, filled_page, modal_data
 
 _SHOWN_SHARE = 0.2
@@ -21,38 +21,25 @@ _PULL = 20.0
 
 
 def modal_page(
-    mesh: TriangleMesh,
+    basis: Basis,
     *,
-    eigenvalues: Array,
-    modes: Array,
-    rotations: Array,
-    mass: Array,
-    held: Index,
-    title: str,
+    title: str = "modalshell",
     gravity: Sequence[float] = (0.0, 0.0, -9.81),
     force: ArrayLike | None = None,
     damping: tuple[float, float] = (0.5, 0.001),
     dt: float = 1.0 / 60.0,
     reduced: tuple[Array, Array, Array] | None = None,
 ) -> Page:
-    """The page of a modal basis.
+    """A self-contained web page on which a shell moves by LMA and MWTS; notebooks show it live.
 
-    The page integrates ``q'' + (xi + zeta Lambda) q' + Lambda q = p(q)`` by implicit Euler with the force of the
+    It integrates ``q'' + (xi + zeta Lambda) q' + Lambda q = p(q)`` by implicit Euler with the force of the
     step's beginning, p = Phi^T f for LMA and Phi^T R(Psi q)^T f for MWTS [choi2007, eq. 16-20]. Its modes and rotations
     are half floats: coordinates agree with the models of this package to about 1e-3.
 
     Parameters
     ----------
-    mesh : TriangleMesh
-        Rest shape.
-    eigenvalues : ndarray, shape (m,)
-        Squared angular frequencies [1/s^2].
-    modes, rotations : ndarray, shape (3n, m)
-        Phi and Psi.
-    mass : ndarray, shape (n,)
-        Of the vertices [kg].
-    held : ndarray of int
-        Vertices that the supports hold.
+    basis : Basis
+        Modes and rotations of the shell.
     title : str
         Headline of the page.
     gravity : sequence of 3 floats
@@ -77,25 +64,27 @@ def modal_page(
     pull = checked_vectors("gravity", gravity, (3,), OptionError)
     factors = checked_vectors("damping", damping, (2,), OptionError)
     dt = checked_number("dt", dt, above=0.0)
+    shell, eigenvalues = basis.shell, basis.eigenvalues
+    mesh, held = shell.mesh, np.flatnonzero(shell.clamped)
     loads = None if force is None else checked_vectors("force", force, mesh.vertices.shape, LoadError)
     centre = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
     rest = mesh.vertices - centre  # before it is rounded to single precision
     far = np.linalg.norm(rest - (rest[held].mean(axis=0) if len(held) else rest.mean(axis=0)), axis=1)
     data: dict[str, Any] = {
-        **modal_data(rest, mesh.faces, modes, rotations),
-        "mass": encoded(mass.astype(np.float32)),
+        **modal_data(rest, mesh.faces, basis.modes, basis.rotations),
+        "mass": encoded(shell.mass.astype(np.float32)),
         "force": None if loads is None else encoded(loads.astype(np.float32)),
-        "eigenvalues": np.asarray(eigenvalues).tolist(),
+        "eigenvalues": eigenvalues.tolist(),
         "frequencies": (np.sqrt(eigenvalues) / (2.0 * np.pi)).tolist(),
-        "amplitudes": (_SHOWN_SHARE * mesh.size / np.abs(modes).max(axis=0)).tolist(),
+        "amplitudes": (_SHOWN_SHARE * mesh.size / np.abs(basis.modes).max(axis=0)).tolist(),
         "gravity": pull.tolist(),
         "damping": factors.tolist(),
         "dt": dt,
-        "held": np.asarray(held).tolist(),
+        "held": held.tolist(),
         "tip": int(far.argmax()),
         "size": float(mesh.size),
         "centre": centre.tolist(),
-        "pull": _PULL * 9.81 * float(mass.sum()) / float(mesh.size),
+        "pull": _PULL * 9.81 * float(shell.mass.sum()) / float(mesh.size),
     }
     if reduced is not None:
         data["reduced"] = dict(zip(("shapes", "amounts", "turns"), map(encoded_columns, reduced), strict=True))

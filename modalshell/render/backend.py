@@ -38,6 +38,7 @@ plotter.close()
 print("modalshell-probe", "ok" if image.max() > image.min() and image.std() > 1.0 else "blank")
 """
 PROBE_COMMAND: tuple[str, ...] = (sys.executable, "-c", _PROBE)
+"""Prints ``modalshell-probe ok`` where PyVista renders."""
 _WINDOW_PROBE = """
 import pyvista
 plotter = pyvista.Plotter(window_size=(64, 64))
@@ -50,24 +51,16 @@ print("modalshell-probe", "ok" if shown else "unseen")
 _GRAPHICS_DEVICES = ("dri/renderD*", "nvidia[0-9]*", "dxg")
 """Files under /dev of devices that run OpenGL: kernel drivers, NVIDIA's own, Windows' under WSL."""
 _lock = threading.Lock()
-_told: set[tuple[str, ...]] = set()
-"""Commands whose failure was warned of."""
+_warned_of: set[tuple[str, ...]] = set()
+"""Probes whose failure was warned of."""
 
 
-def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float = PROBE_SECONDS) -> Backend:
+def choose_backend() -> Backend:
     """
     Name what draws on this machine; the answer is found once a process.
 
     The environment variable ``MODALSHELL_RENDERER`` (``pyvista`` or ``built-in``) skips the probe. Where only one kind
     of off-screen window works, ``VTK_DEFAULT_OPENGL_WINDOW`` is set to it, because VTK reads it there.
-
-    Parameters
-    ----------
-    probe_command : sequence of str, optional
-        Command that prints ``modalshell-probe ok`` where PyVista renders; by default a child Python that draws a
-        sphere.
-    timeout : float
-        Longest wait for one probe [s].
 
     Returns
     -------
@@ -84,11 +77,10 @@ def choose_backend(*, probe_command: Sequence[str] | None = None, timeout: float
         return cast(Backend, named)
     if not vtk_installed():
         return "built-in"
-    command = PROBE_COMMAND if probe_command is None else tuple(probe_command)
     with _lock:
-        renders, window = _probe(command, timeout)
-        first = command not in _told
-        _told.add(command)
+        renders, window = _probe(PROBE_COMMAND, PROBE_SECONDS)
+        first = PROBE_COMMAND not in _warned_of
+        _warned_of.add(PROBE_COMMAND)
     if renders:
         if window is not None:
             os.environ[WINDOW_VARIABLE] = window

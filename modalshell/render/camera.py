@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.core.errors import OptionError
 
 VIEW_ANGLE = math.radians(22.0)
+_MARGIN = 0.06
+"""Free part of a picture at each side."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +93,6 @@ def frame_points(
     points: NDArray[np.float64],
     direction: ArrayLike,
     aspect: float,
-    *,
-    margin: float = 0.06,
 ) -> Camera:
     """
     Place a camera so that the points just fill the picture but for a margin.
@@ -105,8 +105,6 @@ def frame_points(
         From target to camera.
     aspect : float
         Width over height of the picture.
-    margin : float
-        Free part of the picture at each side.
 
     Returns
     -------
@@ -119,7 +117,7 @@ def frame_points(
     center = 0.5 * (low + high)
     span = max(float(np.max(high - low)), 1e-9 * max(1.0, float(np.abs(local).max())), 1e-12)
     slope = math.tan(0.5 * VIEW_ANGLE)
-    free = 1.0 - 2.0 * margin
+    free = 1.0 - 2.0 * _MARGIN
     # Smallest distance at which every point lies in the cone; the best offset across has a closed form.
     needed = [float(high[2]) + 0.05 * span]
     for axis, tangent in ((0, free * slope * aspect), (1, free * slope)):

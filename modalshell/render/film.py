@@ -25,6 +25,7 @@ from modalshell.render.content import (
     checked_size,
 )
 from modalshell.render.open_painter import open_painter
+from modalshell.render.painter import Painter
 from modalshell.render.surfaces import scalar_colors
 
 RATE_FACTOR = 18
@@ -107,32 +108,36 @@ def write_film(
     elif total is not None:
         raise OptionError("frames that come one by one cannot be framed before they are drawn: place a camera, look_at")
     else:
-        seen = [
+        passed = [
             np.asarray(surface.vertices if motion is None else motion, dtype=np.float64).reshape(-1, 3)
             for surface, motion in zip(shown, moves, strict=True)
         ]
-        aspect = page.cell[0] / page.cell[1]
-        view = frame_points(np.concatenate(seen), checked_direction(camera), aspect)
-
-    def pictures() -> Iterator[NDArray[np.uint8]]:
-        canvas = page.paint([np.full((page.cell[1], page.cell[0], 3), 255, dtype=np.uint8)])
-        moving: dict[int, Iterator[ArrayLike]] = {
-            index: iter(cast("Iterable[ArrayLike]", motion)) for index, motion in enumerate(moves) if motion is not None
-        }
-        film = all(surface.opacity == 1.0 for surface in shown)
-        with closing(open_painter(page.cell, film=film)) as painter:
-            painter.start(shown, view, colors)
-            for frame in range(count):
-                for index, frames in moving.items():
-                    known = values[index]
-                    painter.move(
-                        index, checked_positions(next(frames), "motions"), None if known is None else known[frame]
-                    )
-                paste(canvas, page.corners[0], painter.image())
-                yield canvas
-
-    _encode(target, pictures(), size, fps, count, on_frame, rate_factor)
+        view = frame_points(np.concatenate(passed), checked_direction(camera), page.cell[0] / page.cell[1])
+    with closing(open_painter(page.cell, film=all(surface.opacity == 1.0 for surface in shown))) as painter:
+        painter.start(shown, view, colors)
+        _encode(target, _pictures(page, painter, moves, values, count), size, fps, count, on_frame, rate_factor)
     return target
+
+
+def _pictures(
+    page: Page,
+    painter: Painter,
+    motions: Sequence[ArrayLike | Iterable[ArrayLike] | None],
+    scalars: Sequence[NDArray[np.float64] | None],
+    count: int,
+) -> Iterator[NDArray[np.uint8]]:
+    """The frames of a film, all in one array."""
+    canvas = page.paint([np.full((page.cell[1], page.cell[0], 3), 255, dtype=np.uint8)])
+    moving: dict[int, Iterator[ArrayLike]] = {
+        index: iter(cast("Iterable[ArrayLike]", motion)) for index, motion in enumerate(motions) if motion is not None
+    }
+    for frame in range(count):
+        for index, frames in moving.items():
+            values = scalars[index]
+            positions = checked_positions(next(frames), "motions")
+            painter.move(index, positions, None if values is None else values[frame])
+        paste(canvas, page.corners[0], painter.image())
+        yield canvas
 
 
 def _checked_motions(
@@ -162,14 +167,14 @@ def _checked_scalars(
     given = list(scalars) or [None] * len(surfaces)
     if len(given) != len(surfaces):
         raise OptionError(f"scalars must hold one entry a surface (got {len(given)} for {len(surfaces)})")
-    found: list[NDArray[np.float64] | None] = []
+    checked: list[NDArray[np.float64] | None] = []
     for surface, one in zip(surfaces, given, strict=True):
         values = None if one is None else np.asarray(one, dtype=np.float64)
         expected = (frames, len(np.asarray(surface.vertices)))
         if values is not None and (values.shape != expected or not np.isfinite(values).all()):
             raise OptionError(f"scalars must be finite, {expected}, one per frame and vertex (got {values.shape})")
-        found.append(values)
-    return found
+        checked.append(values)
+    return checked
 
 
 def _encode(

@@ -16,8 +16,8 @@ def open_painter(size: tuple[int, int], *, film: bool = False) -> Painter:
     A film of opaque surfaces is drawn by the built-in rasteriser where OpenGL would run on the processor: the pictures
     are the same but for lines' edges, in a third of the time.
     """
-    told, needed = f"a picture of {size[0]} x {size[1]} pixels", _PIXEL_BYTES * size[0] * size[1]
-    demand_memory(told, needed, "make it smaller")
+    what, needed = f"a picture of {size[0]} x {size[1]} pixels", _PIXEL_BYTES * size[0] * size[1]
+    demand_memory(what, needed, "make it smaller")
     if not (film and draws_faster()) and choose_backend() == "pyvista":
         from modalshell.render.pyvista_painter import PyvistaPainter
 

@@ -57,11 +57,10 @@ def outline(left, right, drawn, flat, seen, shown):  # type: ignore[no-untyped-d
 
 
 @_kernel
-def shade(faces, normals, by_vertex, seen, colors, axes, lights, ambient, diffuse, out):  # type: ignore[no-untyped-def]
+def shade(faces, normals, by_vertex, seen, colors, lights, ambient, out):  # type: ignore[no-untyped-def]
     """Shaded colours at the corners of the faces into ``out`` (T, 3, 3), the same from both sides.
 
-    ``normals`` are those of the vertices or of the faces. ``lights`` (k, 4) are unit vectors in the ``axes`` (3, 3) of
-    the camera, and powers.
+    ``normals`` are those of the vertices or of the faces. ``lights`` (k, 4) are unit vectors to lights, and powers.
     """
     for t in range(faces.shape[0]):
         side = -1.0 if seen[t] < 0 else 1.0
@@ -71,12 +70,9 @@ def shade(faces, normals, by_vertex, seen, colors, axes, lights, ambient, diffus
             light = ambient
             for k in range(lights.shape[0]):
                 cosine = 0.0
-                for row in range(3):
-                    along = 0.0
-                    for c in range(3):
-                        along += side * normals[at, c] * axes[row, c]
-                    cosine += along * lights[k, row]
-                light += diffuse * lights[k, 3] * max(cosine, 0.0)
+                for c in range(3):
+                    cosine += side * normals[at, c] * lights[k, c]
+                light += lights[k, 3] * max(cosine, 0.0)
             for c in range(3):
                 out[t, corner, c] = min(max(colors[vertex, c] * light, 0.0), 1.0)
 

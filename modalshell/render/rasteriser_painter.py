@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import final
+from dataclasses import replace
+from typing import NamedTuple, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,22 +18,12 @@ from modalshell.render.surfaces import EdgeTable, ScalarColors, Sides, line_colo
 _LIGHTS = np.array([[*np.array(direction) / np.linalg.norm(direction), power] for direction, power in LIGHTS])
 
 
-@final
-@dataclass(frozen=True)
-class Triangles:
-    """
-    Triangles in the picture.
+class Triangles(NamedTuple):
+    """Triangles in the picture, of one opacity.
 
-    Attributes
-    ----------
-    corners : ndarray, shape (T, 3, 2)
-        Columns and rows [pixels]; pixel (i, j) has its centre at (i + 0.5, j + 0.5).
-    nearness : ndarray, shape (T, 3)
-        Anything linear over the picture that grows towards the camera.
-    colors : ndarray, shape (T, 3, 3)
-        Colour at each corner, in [0, 1].
-    opacity : float
-        One opacity for all.
+    ``corners`` (T, 3, 2) are columns and rows [pixels], where pixel (i, j) has its centre at (i + 0.5, j + 0.5);
+    ``nearness`` (T, 3) is anything linear over the picture that grows towards the camera; ``colors`` (T, 3, 3) are
+    those at the corners, in [0, 1].
     """
 
     corners: NDArray[np.float64]
@@ -70,10 +60,10 @@ class Canvas:
 
     def draw(self, layer: int, triangles: Triangles) -> None:
         """Draw triangles to a layer."""
-        parts = (triangles.corners, triangles.nearness, triangles.colors)
+        *parts, opacity = triangles
         arrays = [np.ascontiguousarray(part, dtype=np.float64) for part in parts]
         target = self._near[layer], self._color[layer], self._alpha[layer]
-        draw_triangles(*arrays, np.float32(triangles.opacity), *target, self._box)
+        draw_triangles(*arrays, np.float32(opacity), *target, self._box)
 
     def take_image(self) -> NDArray[np.uint8]:
         """The layers over white, from far to near, pixel by pixel (height, width, 3); they are empty afterwards."""
@@ -178,8 +168,9 @@ class RasteriserPainter:
         out = np.empty((len(faces), 3, 3))
         normals = sides.smooth if surface.smooth else sides.flat
         colors = np.ascontiguousarray(vertex_colors(surface, self._scalar_colors))
-        look = camera.axes, _LIGHTS, *reflectance(surface)
-        shade(faces, normals, surface.smooth, sides.seen, colors, *look, out)
+        ambient, diffuse = reflectance(surface)
+        lights = np.column_stack([_LIGHTS[:, :3] @ camera.axes, diffuse * _LIGHTS[:, 3]])
+        shade(faces, normals, surface.smooth, sides.seen, colors, lights, ambient, out)
         return out
 
     def close(self) -> None:

@@ -14,9 +14,6 @@ def draw_shares(
     headings: Sequence[str],
     colors: Mapping[str, str],
     path: str | Path,
-    *,
-    size: tuple[float, float] = (11.0, 7.6),
-    dpi: float = 130.0,
 ) -> Path:
     """Draw a table of bars into a PNG, one row per case, each bar split by the shares of its classes.
 
@@ -30,10 +27,6 @@ def draw_shares(
         Colour of each class, in the order of the bars and of the legend.
     path : path
         Of the PNG.
-    size : (float, float)
-        Width and height [inch].
-    dpi : float
-        Pixels per inch.
 
     Raises
     ------
@@ -46,15 +39,15 @@ def draw_shares(
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-    figure = Figure(figsize=size, layout="constrained", dpi=dpi)
+    figure = Figure(figsize=(11.0, 7.6), layout="constrained", dpi=130.0)
     columns = figure.subplots(1, len(headings), sharey=True, squeeze=False)[0]
     places = range(len(shares))
     for column, (axes, heading) in enumerate(zip(columns, headings, strict=True)):
-        left = [0.0] * len(shares)
+        starts = [0.0] * len(shares)
         for name, color in colors.items():
             widths = [bars[column].get(name, 0.0) for bars in shares.values()]
-            axes.barh(places, widths, left=left, height=0.78, color=color)
-            left = [start + width for start, width in zip(left, widths, strict=True)]
+            axes.barh(places, widths, left=starts, height=0.78, color=color)
+            starts = [start + width for start, width in zip(starts, widths, strict=True)]
         axes.set_xlim(0.0, 1.0)
         axes.set_xticks([0.0, 0.5, 1.0], ["0", "50 %", "100 %"], fontsize=8)
         axes.set_title(heading, fontsize=10)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.core.memory import demand_disk
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Progress
 from modalshell.export import load_trajectory
 from modalshell.export.near_origin import demand_near_origin
@@ -39,7 +39,7 @@ _SNAPSHOT = "snapshot_"
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class SceneResult(RunResult):
     """What running a scene of one shell gave.

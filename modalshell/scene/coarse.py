@@ -83,14 +83,14 @@ def scene_coarse_meshes(
         sizes = dict.fromkeys(coarse_cells(given.cells, factor) for factor in _COARSENINGS)
         kept = [cells for cells in sizes if cells[0] * cells[1] <= 0.5 * given.cells[0] * given.cells[1]]
         return [scene_coarse_mesh(table, material, shell, cells) for cells in kept]
-    found = []
+    meshes = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModalShellWarning)  # of another number of triangles: nobody asked for this one
         for factor in _COARSENINGS:
             with suppress(MeshError, OptionError, SupportError):
                 size = round(len(shell.mesh.faces) / factor**2)
-                found.append(scene_coarse_mesh(table, material, shell, triangles=size))
-    return found
+                meshes.append(scene_coarse_mesh(table, material, shell, triangles=size))
+    return meshes
 
 
 def _uniform(material: Stiffnesses | PhysicalSheet) -> bool:

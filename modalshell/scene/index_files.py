@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.core.checks import shortened
 from modalshell.core.errors import SceneError
@@ -35,22 +36,27 @@ def with_index_files(file: Path, raw: Any, path: str = "") -> Any:
 
 
 def _indices(file: Path, path: str, name: str) -> list[int]:
-    place = file.parent / name
     try:
-        data = read_regular(place)
-        if place.suffix == ".npy":
-            array = np.asarray(np.lib.format.read_array(BytesIO(data), allow_pickle=False))
-            numbers = np.flatnonzero(array) if array.dtype == bool else array
-            if numbers.ndim != 1 or numbers.dtype.kind not in "iu" or (numbers.size and numbers.min() < 0):
-                raise ValueError(f"an array of {array.dtype} with shape {array.shape}")
-            return [int(number) for number in numbers]
-        numbers_in_text = [int(word) for word in data.decode("utf-8").split()]
-        if min(numbers_in_text, default=0) < 0:
-            raise ValueError(f"the index {min(numbers_in_text)}")
-        return numbers_in_text
-    except (OSError, ValueError, TypeError, EOFError) as error:
-        reason = getattr(error, "strerror", None) or shortened(str(error))
+        numbers = read_numbers(file.parent / name, int)
+        indices = np.flatnonzero(numbers) if numbers.dtype == bool else numbers
+        if indices.ndim != 1 or indices.dtype.kind not in "iu":
+            raise ValueError(f"an array of {numbers.dtype} with shape {numbers.shape}")
+        if indices.size and indices.min() < 0:
+            raise ValueError(f"the index {indices.min()}")
+        return [int(index) for index in indices]
+    except ValueError as error:
         raise SceneError(
             f"{file}: {path}: must be a file of vertex indices, .npy or text with one per line (got {name!r:.60}: "
-            f"{reason})"
+            f"{error})"
         ) from error
+
+
+def read_numbers(file: Path, kind: type[int] | type[float]) -> NDArray[Any]:
+    """The array of a ``.npy`` file, or numbers of a ``kind`` from text with one per line; ValueError says why not."""
+    try:
+        data = read_regular(file)
+        if file.suffix == ".npy":
+            return np.asarray(np.lib.format.read_array(BytesIO(data), allow_pickle=False))
+        return np.array([kind(word) for word in data.decode("utf-8").split()], dtype=kind)
+    except (OSError, ValueError, TypeError, EOFError, OverflowError) as error:
+        raise ValueError(getattr(error, "strerror", None) or shortened(str(error))) from error

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from abc import abstractmethod
 from collections.abc import Callable
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +15,13 @@ from modalshell.core.checks import checked_times, checked_vectors, shortened, sh
 from modalshell.core.errors import ModalShellWarning, OptionError
 from modalshell.core.typing import Array
 from modalshell.files.provenance import repository_file
-from modalshell.files.regular import read_regular
 from modalshell.integrators.state import Damping
 from modalshell.mesh import TriangleMesh, cylinder_panel, flat_beam, leaf, load_mesh, paper_bird, sheet, v_beam
 from modalshell.mesh.files import repair_mesh
 from modalshell.mesh.parts import chosen_part
 from modalshell.mesh.selection import selected
 from modalshell.motion import SupportPath
+from modalshell.scene.index_files import read_numbers
 from modalshell.scene.signatures import Built, signature_table
 from modalshell.scene.tables import (
     Constrained,
@@ -41,10 +39,6 @@ from modalshell.shell import Isotropic, Material
 
 class Shape(Built, frozen=True, tag_field="shape"):
     """``[mesh]``: a generated shape and its parameters."""
-
-    @abstractmethod
-    def build(self) -> TriangleMesh:
-        """The mesh."""
 
 
 SHAPES: dict[str, type[Shape]] = {
@@ -105,15 +99,11 @@ def material_values(table: PhysicalSheet, folder: Path) -> dict[str, Any]:
 def _numbers(name: str, file: Path) -> Array:
     """Read numbers (T,) from a ``.npy`` file, or from text with one per line."""
     try:
-        data = read_regular(file)
-        if file.suffix == ".npy":
-            return np.asarray(np.lib.format.read_array(BytesIO(data), allow_pickle=False), dtype=np.float64)
-        return np.array([float(line) for line in data.decode("utf-8").split()])
-    except (OSError, ValueError, TypeError, EOFError) as error:
-        reason = getattr(error, "strerror", None) or shortened(str(error))
+        return read_numbers(file, float).astype(np.float64)
+    except (ValueError, TypeError) as error:
         raise OptionError(
             f"{name} must be a number, one per triangle, or a readable file of these, .npy or text with one number "
-            f"per line (got {shown(str(file))}: {reason})"
+            f"per line (got {shown(str(file))}: {shortened(str(error))})"
         ) from error
 
 
@@ -147,8 +137,8 @@ def build_damping(table: MotionTable) -> Damping:
 def spread_force(table: Force, mesh: TriangleMesh) -> Array:
     """The force (n, 3) [N] on every vertex, by its share of the selected area."""
     chosen = selected("where", table.where, mesh)
-    share = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
-    return share[:, None] / share.sum() * np.array(table.total)
+    areas = np.where(chosen, mesh.shared_among_corners(mesh.face_areas), 0.0)
+    return areas[:, None] / areas.sum() * np.array(table.total)
 
 
 def build_constraint(table: Constrained, mesh: TriangleMesh, moving: bool) -> Constraint:

@@ -18,12 +18,13 @@ from modalshell.constraints import Constraint
 from modalshell.constraints.constraints import checked_constraints
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import ModalShellWarning, OptionError, SceneError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.core.units import SI, UnitSystem
 from modalshell.loads import Load, Loading, Scaled
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import refuse_loose_parts
+from modalshell.mesh.resolution import sliver_remark
 from modalshell.mesh.selection import selected
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
@@ -110,7 +111,10 @@ class Scene(ABC):
         SceneError where one of them is refused.
         """
         mesh = mesh or self.build_mesh()
-        for remark in odd_values(self.material, self.units or tables.Units(), mesh.size):
+        remarks = odd_values(self.material, self.units or tables.Units(), mesh.size)
+        if isinstance(self.material, tables.PhysicalSheet) and not self.material.calibrated:
+            remarks += filter(None, [sliver_remark(mesh)])
+        for remark in remarks:
             warnings.warn(f"{self.file}: {remark}", ModalShellWarning, stacklevel=2)
         with located(self.file, "material", self.material):
             material = build_material(self.material, mesh, self.file.parent)
@@ -145,7 +149,7 @@ class Scene(ABC):
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True, kw_only=True)
 class ShellScene(Scene):
     """A scene of one shell; :meth:`build` makes its objects. Without ``motion`` it asks for an equilibrium.
@@ -195,15 +199,13 @@ class ShellScene(Scene):
         return ModelFactory(shell, lambda: self.largest_load(shell)[0], coarse, solve)
 
     def largest_load(self, shell: Shell) -> tuple[Array, str]:
-        """All loads (n, 3) [N], with the largest inertial load of moving supports, and a note about it."""
+        """All loads (n, 3) [N], with the largest inertial load of moving supports, and notes about it, in sentences."""
         force, loads = self.build_forces(shell)
         loading = shell.loading(self.loads.gravity if self.loads else None, force, loads)
         load, note = loading.dead, ""
         if loading.live:
-            load, note = (
-                load + loading.largest_force(),
-                "loads that change are taken as they are at rest, at their largest",
-            )
+            load = load + loading.largest_force()
+            note = "Loads that change are taken as they are at rest, at their largest."
         path = build_path(self.supports)
         if path is None:
             return load, note
@@ -211,8 +213,8 @@ class ShellScene(Scene):
         times = np.linspace(path.times[0], path.times[-1], 1 + int(np.ceil((path.times[-1] - path.times[0]) * 120.0)))
         effective = [path.at(float(t)).shell_load(load, shell.mass, shell.rest_positions, still) for t in times]
         worst = int(np.argmax([np.sum(one[shell.free] ** 2 / shell.mass[shell.free, None]) for one in effective]))
-        moved = f"the load is that of the moving supports when it is largest, at {times[worst]:.3g} s"
-        return effective[worst], "; ".join(part for part in (moved, note) if part)
+        moved = f"The load is that of the moving supports when it is largest, at {times[worst]:.3g} s."
+        return effective[worst], " ".join(filter(None, (moved, note)))
 
     @property
     def unit_system(self) -> UnitSystem:
@@ -262,7 +264,7 @@ class ShellScene(Scene):
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class BuiltScene:
     """A scene's parts.

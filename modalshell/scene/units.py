@@ -18,21 +18,21 @@ def odd_values(material: Stiffnesses | PhysicalSheet, units: Units, size: float)
     if isinstance(material, Stiffnesses):
         return []
     length, mass, time = LENGTHS[units.length], MASSES[units.mass], TIMES[units.time]
-    found = []
+    remarks = []
     thickness, density, young = material.thickness, material.density, material.young
     if isinstance(thickness, float | int) and thickness > _THICKEST * size:
-        found.append(
+        remarks.append(
             f"material.thickness: {thickness:g} {units.length} is over a fifth of the mesh's size, {size:g} "
             f"{units.length}: too thick for a sheet, or of other units than the mesh"
         )
     if isinstance(density, float | int) and not _DENSITIES[0] <= (real := density * mass / length**3) <= _DENSITIES[1]:
-        found.append(
+        remarks.append(
             f"material.density: {density:g} {units.mass}/{units.length}^3 is {real:.3g} kg/m^3, which no sheet has "
             "(water: 1000 kg/m^3): check [units]"
         )
     if isinstance(young, float | int) and (real := young * mass / (length * time**2)) > _STIFFEST:
-        found.append(
+        remarks.append(
             f"material.young: {young:g} {units.mass}/({units.length} {units.time}^2) is {real:.3g} Pa, stiffer than "
             "diamond: check [units]"
         )
-    return found
+    return remarks

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_choice
 from modalshell.core.errors import OptionError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
 from modalshell.shell.isotropic import Isotropic
@@ -34,7 +34,7 @@ BARE_SHEET: Final = Isotropic(1.0, 0.0, 12.0 ** (1 / 3), 1.0)
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class ShellFields:
     """Fields of a deformed shell, one value per triangle.

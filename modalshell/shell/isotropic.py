@@ -10,7 +10,7 @@ import numpy as np
 
 from modalshell.core.checks import LARGEST, as_array, shown
 from modalshell.core.errors import MaterialError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
@@ -22,7 +22,7 @@ _UNITS = {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"}
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Isotropic(ReadOnlyArrays):
     """Isotropic elastic sheet of the split-fold energy, a Kirchhoff shell; no calibration to the mesh.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import LARGEST, as_array, checked_kind, checked_number, shown
 from modalshell.core.errors import MaterialError, ModalShellWarning
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
@@ -20,7 +20,7 @@ from modalshell.shell.membrane import lowest_stable_stretch, membrane_stiffness
 from modalshell.shell.orientation import orient
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Material(ReadOnlyArrays):
     """Stiffnesses of the discrete-shell energies [choi2007, eq. 1-3] and area density.

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import NDArray
 
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Index
 from modalshell.supports import Unknowns
 
@@ -49,7 +49,7 @@ class InternalUnknowns:
         return np.asarray((3 * self.vertices[:, None] + np.arange(3)).ravel())
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class SparsePattern:
     """CSR pattern of a symmetric matrix of 3 x 3 blocks, one block row per vertex.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from modalshell.core.checks import checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.core.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.page import Page
 from modalshell.springs.page import sheet_page
 from modalshell.springs.springs import Springs
@@ -30,7 +30,7 @@ _WAVES = 96
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SheetGrid:
     """Equal masses on a regular grid, each tied to 4 neighbours, 4 diagonals and 4 second neighbours (Provot 1995).

@@ -10,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from modalshell.core.checks import LARGEST, as_array, checked_each, checked_vectors, vector_count
 from modalshell.core.errors import MaterialError, MeshError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.shell.elements import ElementSet
 from modalshell.shell.kernels.generated import shear
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True, eq=False)
 class Springs:
     """Linear springs, each of the energy stiffness / 2 (length - rest length)^2.

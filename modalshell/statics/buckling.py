@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_count, checked_kind
 from modalshell.core.errors import LoadError, OptionError, SolverError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only
 from modalshell.core.typing import Array
 from modalshell.loads import Load
@@ -39,7 +39,7 @@ _NONE = 1e-9
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Buckling(ReadOnlyArrays):
     """Linear buckling of a shell under a load.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 from modalshell.core.checks import checked_count, checked_folder, checked_number, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Progress
 from modalshell.sweep.case import CaseResult, Task
 from modalshell.sweep.cluster import connect, run_on_cluster
@@ -38,7 +38,7 @@ _AGAIN = (Outcome.FAILED, Outcome.STOPPED)
 """Outcomes that may differ at another time or on another machine; repeated only on request."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class SweepResult:
     """Result of a sweep.
@@ -123,65 +123,80 @@ def run_sweep(
     KeyboardInterrupt
         When stopped, with a message of how much is stored.
     """
-    chosen = None if out is None else checked_folder("out", out)
+    folder = None if out is None else checked_folder("out", out)
     declared = sweep if isinstance(sweep, Sweep) else load_sweep(checked_folder("sweep", sweep))
-    folder = chosen or Path(declared.output.folder)
-    count = usable_cores() if workers is None else checked_count("workers", workers)
-    if time_limit is not None:
-        checked_number("time_limit", time_limit, above=0.0, at_most=_LONGEST_LIMIT, unit="s")
-    if cluster is not None and (time_limit is not None or workers is not None):
-        raise OptionError("workers and a time limit are for this machine: leave them out with a cluster")
-    if certificates is not None and cluster is None:
-        raise OptionError(f"certificates are for a cluster: give its address tls://... (got {shown(certificates)})")
-    if cluster is not None and not isinstance(cluster, str):
-        raise OptionError(f"cluster must be a scheduler's address, as tcp://10.0.0.1:8786 (got {shown(cluster)})")
+    folder = folder or Path(declared.output.folder)
+    compute = _checked_means(workers, cluster, certificates, time_limit)
     value = checked_value(declared.output.value, declared.truth is not None, MEASURES, declared.file)
     if "parquet" in declared.output.formats:
         refuse_parquet_without_pyarrow()
     plan = Plan(declared, on_check)
     with CaseFolder(folder / f"{declared.name}_cases") as store:
-        found = {digest: result for digest in plan.tasks if (result := store.read(digest)) is not None}
+        results = {digest: result for digest in plan.tasks if (result := store.read(digest)) is not None}
         if retry:
-            found = {digest: result for digest, result in found.items() if result.outcome not in _AGAIN}
-        before = len(found)
-        missing = [task for digest, task in plan.tasks.items() if digest not in found]
-        try:
-            with closing(_results(missing, count, cluster, certificates, time_limit)) as results:
-                for result in results:
-                    store.write(result)
-                    found[result.digest] = result
-                    if on_step is not None:
-                        on_step(len(found), len(plan.tasks))
-        except KeyboardInterrupt as stop:
-            # From the files: a stop may fall between the writing of one and its count.
-            stored = sum(store.read(digest) is not None for digest in plan.tasks)
-            done = f"{stored} of {len(plan.tasks)} cases are stored"
-            raise KeyboardInterrupt(f"{done}; starting the sweep again does the rest") from stop
-        files, rows, note = _write(declared, plan, found, folder, value)
-    return SweepResult(rows, files, len(missing), before, note)
+            results = {digest: result for digest, result in results.items() if result.outcome not in _AGAIN}
+        stored = len(results)
+        _complete(results, plan, store, compute, on_step)
+        files, rows, note = _write(declared, plan, results, folder, value)
+    return SweepResult(rows, files, len(plan.tasks) - stored, stored, note)
 
 
-def _results(
-    missing: list[Task],
-    workers: int,
+def _checked_means(
+    workers: int | None,
     cluster: str | None,
     certificates: Sequence[str | os.PathLike[str]] | None,
     time_limit: float | None,
-) -> Generator[CaseResult, None, None]:
+) -> Callable[[list[Task]], Generator[CaseResult, None, None]]:
+    """What computes cases, on this machine or on a cluster, by options that go together."""
+    count = usable_cores() if workers is None else checked_count("workers", workers)
+    if time_limit is not None:
+        checked_number("time_limit", time_limit, above=0.0, at_most=_LONGEST_LIMIT, unit="s")
+    if cluster is None:
+        if certificates is not None:
+            raise OptionError(f"certificates are for a cluster: give its address tls://... (got {shown(certificates)})")
+        return lambda tasks: run_locally(tasks, count, time_limit)
+    if time_limit is not None or workers is not None:
+        raise OptionError("workers and a time limit are for this machine: leave them out with a cluster")
+    if not isinstance(cluster, str):
+        raise OptionError(f"cluster must be a scheduler's address, as tcp://10.0.0.1:8786 (got {shown(cluster)})")
+
+    def on_cluster(tasks: list[Task]) -> Generator[CaseResult, None, None]:
+        with connect(cluster, certificates) as client:
+            yield from run_on_cluster(tasks, client)
+
+    return on_cluster
+
+
+def _complete(
+    results: dict[str, CaseResult],
+    plan: Plan,
+    store: CaseFolder,
+    compute: Callable[[list[Task]], Generator[CaseResult, None, None]],
+    on_step: Progress | None,
+) -> None:
+    """Compute the cases of a plan that have no result yet; each is stored at once, and added to ``results``."""
+    missing = [task for digest, task in plan.tasks.items() if digest not in results]
     if not missing:
         return
-    if cluster is None:
-        yield from run_locally(missing, workers, time_limit)
-    else:
-        with connect(cluster, certificates) as client:
-            yield from run_on_cluster(missing, client)
+    try:
+        with closing(compute(missing)) as computed:
+            for result in computed:
+                store.write(result)
+                results[result.digest] = result
+                if on_step is not None:
+                    on_step(len(results), len(plan.tasks))
+    except KeyboardInterrupt as stop:
+        # From the files: a stop may fall between the writing of one and its count.
+        stored = sum(store.read(digest) is not None for digest in plan.tasks)
+        done = f"{stored} of {len(plan.tasks)} cases are stored"
+        raise KeyboardInterrupt(f"{done}; starting the sweep again does the rest") from stop
 
 
 def _write(
-    sweep: Sweep, plan: Plan, found: Mapping[str, CaseResult], folder: Path, value: str
+    sweep: Sweep, plan: Plan, results: Mapping[str, CaseResult], folder: Path, value: str
 ) -> tuple[list[Path], list[SummaryRow], str]:
     stem, note = f"{sweep.name}_sweep", ""
-    rows = summary_rows(plan, [axis.key for axis in sweep.axes], found)
+    rows = summary_rows(plan, [axis.key for axis in sweep.axes], results)
     units = unit_rows(rows, sweep.scene)
     files = [write_csv(folder / f"{stem}.csv", rows)]
     if "parquet" in sweep.output.formats:
@@ -194,6 +209,6 @@ def _write(
             picture.unlink(missing_ok=True)  # one of an earlier sweep would be taken for this one's
         else:
             files.append(picture)
-    files.append(write_csv(folder / f"{stem}_runs.csv", run_rows(plan, found)))
+    files.append(write_csv(folder / f"{stem}_runs.csv", run_rows(plan, results)))
     files.append(write_csv(folder / f"{stem}_units.csv", units))
     return files, rows, note

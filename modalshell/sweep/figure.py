@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -46,6 +47,40 @@ _WIDE = 30.0
 """Ratio of largest to smallest from which an axis is logarithmic."""
 
 
+@dataclass(frozen=True)
+class _Summary:
+    """A column of a sweep's summary over its axes."""
+
+    axes: Sequence[Axis]
+    cells: Mapping[tuple[int, ...], Any]
+    label: str
+    title: str
+
+    def at(self, chosen: Chosen) -> float | None:
+        """The value at the chosen values of all axes."""
+        cell = self.cells[tuple(chosen[place] for place in range(len(self.axes)))]
+        return None if cell is None else float(cell)
+
+    @property
+    def known(self) -> list[float]:
+        """All values."""
+        return [float(cell) for cell in self.cells.values() if cell is not None]
+
+    def choices(self, places: Sequence[int]) -> list[Chosen]:
+        """Every choice of one value's index for each of some axes."""
+        indices = itertools.product(*(range(len(self.axes[place].values)) for place in places))
+        return [dict(zip(places, chosen, strict=True)) for chosen in indices]
+
+    def name(self, chosen: Chosen, between: str = ", ") -> str:
+        """The chosen values as text."""
+        parts = (f"{self.axes[place].key} = {_text(self.axes[place].values[index])}" for place, index in chosen.items())
+        return between.join(parts)
+
+    def heading(self, chosen: Chosen) -> str:
+        """Title of the panel of the chosen values."""
+        return self.name(chosen, "\n") or self.title
+
+
 def draw_summary(
     rows: Sequence[SummaryRow], axes: Sequence[Axis], value: str, path: Path, title: str, units: Mapping[str, str]
 ) -> str:
@@ -56,106 +91,77 @@ def draw_summary(
     str
         "", or why there is no picture.
     """
-    table = {
-        choice: row[value]
-        for choice, row in zip(itertools.product(*(range(len(axis.values)) for axis in axes)), rows, strict=True)
-    }
-    known = [float(cell) for cell in table.values() if cell is not None]
-    if not known:
+    places = itertools.product(*(range(len(axis.values)) for axis in axes))
+    cells = {choice: row[value] for choice, row in zip(places, rows, strict=True)}
+    summary = _Summary(axes, cells, _label(value, units), title)
+    if not summary.known:
         return f"no picture: no case has a value of {value!r}"
-    lengths = [(_numbers(axis), place) for place, axis in enumerate(axes)]
-    numeric = [(along, place) for along, place in lengths if along is not None]
-    wide = sorted(numeric, key=lambda item: -len(item[0]))  # stable: the first in the file where they tie
-    if len(wide) > 1 and len(wide[1][0]) > 3:
-        return _draw_map(
-            table, axes, sorted(wide[:2], key=lambda item: item[1]), _label(value, units), known, path, title
-        )
-    along, place = wide[0] if wide else (np.arange(1.0, len(axes[-1].values) + 1.0), len(axes) - 1)
-    return _draw_curves(table, axes, (along, place), _label(value, units), known, path, title, named=not wide)
+    numeric = {place: along for place, axis in enumerate(axes) if (along := _numbers(axis)) is not None}
+    longest = sorted(numeric, key=lambda place: -len(numeric[place]))  # stable: the first in the file where they tie
+    if len(longest) > 1 and len(numeric[longest[1]]) > 3:
+        x, y = sorted(longest[:2], key=lambda place: (-len(numeric[place]), place))  # cells may be narrow along x
+        return _draw_map(summary, x, y, numeric, path)
+    return _draw_curves(summary, longest[0] if longest else len(axes) - 1, numeric, path)
 
 
-def _draw_curves(
-    table: dict[tuple[int, ...], Any],
-    axes: Sequence[Axis],
-    abscissa: tuple[Array, int],
-    label: str,
-    known: Sequence[float],
-    path: Path,
-    title: str,
-    *,
-    named: bool,
-) -> str:
-    along, place = abscissa
-    others = [other for other in range(len(axes)) if other != place]
-    count = np.prod([len(axes[other].values) for other in others], dtype=int)
+def _draw_curves(summary: _Summary, place: int, numeric: Mapping[int, Array], path: Path) -> str:
+    """Curves along the axis at ``place``; values that are no numbers stand at equal distance, by their names."""
+    axis, named = summary.axes[place], place not in numeric
+    along = np.arange(1.0, len(axis.values) + 1.0) if named else numeric[place]
+    others = [other for other in range(len(summary.axes)) if other != place]
+    count = len(summary.choices(others))
     apart = others[:1] if count > _CURVES else []
-    each = [other for other in others if other not in apart]
-    panels = list(_combinations(axes, apart))
-    curves_each = np.prod([len(axes[other].values) for other in each], dtype=int)
-    if len(panels) > _PANELS or curves_each > _CURVES:
+    panels, curves_each = summary.choices(apart), summary.choices([other for other in others if other not in apart])
+    if len(panels) > _PANELS or len(curves_each) > _CURVES:
         return f"no picture: {count} curves are too many for a picture; plot the table instead"
-    log = _is_wide(known)
     drawn = []
     for fixed in panels:
         curves = []
-        for number, chosen in enumerate(_combinations(axes, each)):
-            at = [fixed | chosen | {place: index} for index in range(len(along))]
-            cells = [table[tuple(choice[k] for k in range(len(axes)))] for choice in at]
-            kept = [index for index, cell in enumerate(cells) if cell is not None]
-            name = _name(axes, chosen) or label
+        for number, chosen in enumerate(curves_each):
+            values = [summary.at(fixed | chosen | {place: index}) for index in range(len(along))]
+            points = [(x, y) for x, y in zip(along, values, strict=True) if y is not None]
+            name = summary.name(chosen) or summary.label
             spec = models().get(name.rpartition("= ")[2])
             color = spec.color if spec else _COLORS[number]
-            curves.append(Curve(along[kept], [float(cells[index]) for index in kept], name, color))
+            curves.append(Curve([x for x, _ in points], [y for _, y in points], name, color))
         drawn.append(
             Panel(
                 curves,
-                _name(axes, fixed, "\n") or title,
-                axes[place].key if named else _axis_label(axes[place]),
-                label,
-                log=log,
+                summary.heading(fixed),
+                axis.key if named else _axis_label(axis),
+                summary.label,
+                log=_is_wide(summary.known),
                 log_x=not named and _is_geometric(along),
-                x_ticks=dict(zip(along, map(_text, axes[place].values), strict=True)) if named else _ticks(along),
+                x_ticks=dict(zip(along, map(_text, axis.values), strict=True)) if named else _ticks(along),
             )
         )
     draw_curves(drawn, path, columns=min(3, len(drawn)), share_y=True)
     return ""
 
 
-def _draw_map(
-    table: dict[tuple[int, ...], Any],
-    axes: Sequence[Axis],
-    both: Sequence[tuple[Array, int]],
-    label: str,
-    known: Sequence[float],
-    path: Path,
-    title: str,
-) -> str:
-    first, second = both  # the longer one goes along x, where cells may be narrow
-    (x, x_place), (y, y_place) = (first, second) if len(first[0]) >= len(second[0]) else (second, first)
-    fixed = [other for other in range(len(axes)) if other not in (x_place, y_place)]
-    panels = list(_combinations(axes, fixed))
+def _draw_map(summary: _Summary, x_place: int, y_place: int, numeric: Mapping[int, Array], path: Path) -> str:
+    panels = summary.choices([other for other in range(len(summary.axes)) if other not in (x_place, y_place)])
     if len(panels) > _PANELS:
         return f"no picture: {len(panels)} maps are too many for a picture; plot the table instead"
-    edges, names = _sixths(np.array(known))
+    edges, names = _sixths(np.array(summary.known))
+    x, y = numeric[x_place], numeric[y_place]
     x_order, y_order = np.argsort(x), np.argsort(y)
 
-    def named(choice: Chosen) -> str:
-        cell = table[tuple(choice[k] for k in range(len(axes)))]
-        if cell is None:
+    def named(value: float | None) -> str:
+        if value is None:
             return _NONE
-        return names[int(np.clip(np.searchsorted(edges, float(cell), side="right") - 1, 0, len(names) - 1))]
+        return names[int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, len(names) - 1))]
 
+    scale: Literal["log", "linear"] = "log" if _is_geometric(x) else "linear"
+    labels = _axis_label(summary.axes[x_place]), _axis_label(summary.axes[y_place])
     drawn = []
     for chosen in panels:
-        classes = [[named(chosen | {x_place: int(i), y_place: int(j)}) for i in x_order] for j in y_order]
-        labels = _axis_label(axes[x_place]), _axis_label(axes[y_place])
-        text = (_name(axes, chosen, "\n") or title) + f"\n{label}"
-        ticks = _ticks(x)
-        scale: Literal["log", "linear"] = "log" if _is_geometric(x) else "linear"
-        drawn.append(MapPanel(x[x_order], y[y_order], classes, text, *labels, x_scale=scale, x_ticks=ticks))
+        classes = [[named(summary.at(chosen | {x_place: int(i), y_place: int(j)})) for i in x_order] for j in y_order]
+        title = f"{summary.heading(chosen)}\n{summary.label}"
+        drawn.append(MapPanel(x[x_order], y[y_order], classes, title, *labels, x_scale=scale, x_ticks=_ticks(x)))
     picked = np.linspace(0, len(_RANGES) - 1, len(names)).round().astype(int)
     colors = {name: _RANGES[k] for name, k in zip(names, picked, strict=True)}
-    if any(cell is None for cell in table.values()):
+    if None in summary.cells.values():
         colors[_NONE] = _NONE_COLOR
     draw_maps(drawn, colors, path, columns=min(3, len(drawn)))
     return ""
@@ -197,16 +203,6 @@ def _numbers(axis: Axis) -> Array | None:
     return factors * lengths.max() if parallel else None
 
 
-def _combinations(axes: Sequence[Axis], places: Sequence[int]) -> itertools.chain[Chosen]:
-    """Every choice of one value's index for each of some axes."""
-    indices = itertools.product(*(range(len(axes[place].values)) for place in places))
-    return itertools.chain(dict(zip(places, chosen, strict=True)) for chosen in indices)
-
-
-def _name(axes: Sequence[Axis], chosen: Chosen, between: str = ", ") -> str:
-    return between.join(f"{axes[place].key} = {_text(axes[place].values[index])}" for place, index in chosen.items())
-
-
 def _text(value: Any) -> str:
     if isinstance(value, dict):
         return ", ".join(_text(part) if key == "name" else f"{key} {_text(part)}" for key, part in value.items())
@@ -225,8 +221,8 @@ def _axis_label(axis: Axis) -> str:
 
 
 def _is_wide(values: Any) -> bool:
-    found = np.asarray(values, dtype=np.float64)
-    return bool(found.min() > 0.0 and found.max() >= _WIDE * found.min())
+    least, largest = min(values), max(values)
+    return bool(least > 0.0 and largest >= _WIDE * least)
 
 
 def _is_geometric(along: Array) -> bool:

@@ -18,7 +18,7 @@ from msgspec import Meta
 
 from modalshell.core.checks import shortened, shown
 from modalshell.core.errors import SceneError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.scene.models import model_tables
 from modalshell.scene.read import checked_name, checked_table, read_toml, refuse_unknown_keys
 from modalshell.scene.tables import Table
@@ -39,11 +39,12 @@ class Range(Table, frozen=True):
     def values(self) -> list[int | float]:
         """The values; integers where both ends are and all between."""
         space = np.geomspace if self.spacing == "log" else np.linspace
-        found = space(float(self.start), float(self.stop), self.count)
-        whole = np.round(found)
-        if isinstance(self.start, int) and isinstance(self.stop, int) and np.allclose(found, whole, rtol=1e-12, atol=0):
+        values = space(float(self.start), float(self.stop), self.count)
+        whole = np.round(values)
+        integers = isinstance(self.start, int) and isinstance(self.stop, int)
+        if integers and np.allclose(values, whole, rtol=1e-12, atol=0):
             return [int(value) for value in whole]
-        return [float(value) for value in found]
+        return [float(value) for value in values]
 
 
 class SweepOutput(Table, frozen=True):
@@ -62,7 +63,7 @@ class Axis:
     values: tuple[Any, ...]
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Sweep:
     """What a sweep file declares.

@@ -52,16 +52,16 @@ def run_locally(
     waiting: queue.SimpleQueue[Task] = queue.SimpleQueue()
     for task in tasks:
         waiting.put(task)
-    found: queue.SimpleQueue[CaseResult | BaseException] = queue.SimpleQueue()
+    results: queue.SimpleQueue[CaseResult | BaseException] = queue.SimpleQueue()
 
     def serve(slot: _Slot) -> None:
         try:
             while not slot.stopped:
-                found.put(slot.compute(waiting.get_nowait(), time_limit))
+                results.put(slot.compute(waiting.get_nowait(), time_limit))
         except queue.Empty:
             pass
         except BaseException as error:  # raised where the results are waited for
-            found.put(error)
+            results.put(error)
         finally:
             slot.end()
 
@@ -71,7 +71,7 @@ def run_locally(
         for thread in threads:
             thread.start()
         for _ in tasks:
-            result = found.get()
+            result = results.get()
             if isinstance(result, BaseException):
                 raise result
             yield result

@@ -50,11 +50,11 @@ class CaseFolder:
         """The result of a case; None where it is missing or damaged."""
         try:
             stored = msgspec.json.decode(read_regular(self._path(digest)), type=_Stored)
-            found = msgspec.json.decode(stored.result, type=CaseResult)
+            result = msgspec.json.decode(stored.result, type=CaseResult)
         except (OSError, msgspec.DecodeError, UnicodeDecodeError):
             return None
-        sound = _checksum(bytes(stored.result)) == stored.checksum and found.digest == digest
-        return found if sound else None
+        sound = _checksum(bytes(stored.result)) == stored.checksum and result.digest == digest
+        return result if sound else None
 
     def write(self, result: CaseResult) -> None:
         """Store a result: once this returns it outlives the process."""

@@ -41,7 +41,7 @@ MEASURES = Measures.__struct_fields__
 """Columns of every summary; "error" is added if there is a reference."""
 
 
-def summary_rows(plan: Plan, keys: Sequence[str], found: Mapping[str, CaseResult]) -> list[SummaryRow]:
+def summary_rows(plan: Plan, keys: Sequence[str], results: Mapping[str, CaseResult]) -> list[SummaryRow]:
     """One row per case: its number from 1, the values of its axes, outcome, message, measures, error, digest.
 
     The error is the relative displacement error of the last frame against the truth's, vertices weighted by their
@@ -49,23 +49,23 @@ def summary_rows(plan: Plan, keys: Sequence[str], found: Mapping[str, CaseResult
     """
     rows = []
     for number, case in enumerate(plan.cases, start=1):
-        result = found[case.digest]
+        result = results[case.digest]
         measures = dict.fromkeys(MEASURES) if result.measures is None else msgspec.structs.asdict(result.measures)
         row = {"case": number, **{key: _plain(value) for key, value in zip(keys, case.values, strict=True)}}
         row |= {"outcome": str(result.outcome), "message": result.message} | measures
         if case.truth is not None:
-            truth = found[case.truth]
+            truth = results[case.truth]
             row |= {"error": _error(result, truth, case.mesh)}
             row |= {"truth_outcome": str(truth.outcome), "truth_message": truth.message}
         rows.append(row | {"digest": case.digest})
     return rows
 
 
-def run_rows(plan: Plan, found: Mapping[str, CaseResult]) -> list[SummaryRow]:
+def run_rows(plan: Plan, results: Mapping[str, CaseResult]) -> list[SummaryRow]:
     """What differs from run to run, for each computed case, truths too: seconds, machine, versions, warnings."""
     rows = []
     for digest in plan.tasks:
-        info = found[digest].info
+        info = results[digest].info
         rows.append({"digest": digest} | msgspec.structs.asdict(info) | {"warnings": " | ".join(info.warnings)})
     return rows
 
@@ -74,8 +74,8 @@ def unit_rows(rows: Sequence[SummaryRow], scene: Mapping[str, Any]) -> list[Summ
     """The unit of each column of the summary of a ``scene``'s cases; "1" for plain numbers and texts."""
     units = UnitSystem(**scene.get("units", {}))
     sheet = "kg/m^2" if "stretch" in scene["material"] else "kg/m^3"
-    told = {key: (_UNITS | {"material.density": sheet}).get(key, "") for key in rows[0]}
-    return [{"column": key, "unit": unit} for key, unit in units.labels(told).items()]
+    named = {key: (_UNITS | {"material.density": sheet}).get(key, "") for key in rows[0]}
+    return [{"column": key, "unit": unit} for key, unit in units.labels(named).items()]
 
 
 def _error(result: CaseResult, truth: CaseResult, mesh: Any) -> float | None:

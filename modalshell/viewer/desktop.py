@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from modalshell.core.checks import checked_count
-from modalshell.core.errors import ModalShellError, OptionError
+from modalshell.core.errors import OptionError
 from modalshell.models.registry import models
 from modalshell.render.backend import opens_windows
 from modalshell.render.content import checked_path
@@ -36,7 +36,7 @@ class ShellWindow(ABC):
     """
 
     def __init__(self, shown: Shown, name: str, keys: str, *, off_screen: bool) -> None:
-        self._shown, self._name, self._note = shown, name, ""
+        self._shown, self._name = shown, name
         self._stage = Stage(shown, off_screen=off_screen)
         self._status: Any = self._stage.plotter.add_text(shown.status(), position="upper_left", font_size=10)
         self._stage.plotter.add_text(keys, position="lower_left", font_size=8, color="#404040")
@@ -44,7 +44,7 @@ class ShellWindow(ABC):
     def draw(self) -> None:
         """Draw it as it is now."""
         self._stage.refresh()
-        self._status.set_text("upper_left", "; ".join(filter(None, [self._shown.status(), self._note])))
+        self._status.set_text("upper_left", self._shown.status())
         self._stage.plotter.render()
 
     @abstractmethod
@@ -94,18 +94,19 @@ class DesktopViewer(ShellWindow):
         self._modes_slider = self._slider(
             lambda value: self._switch(session.name, round(value)), span, session.modes, "modes", 3, "%.0f", event="end"
         )
+        keys = {spec.name: key for key, spec in models().items()}
         self._model_slider = plotter.add_text_slider_widget(
-            lambda label: self._switch(label.lower(), session.modes),
-            [models()[name].name for name in self._names],
+            lambda label: self._switch(keys[label], session.modes),
+            list(keys),
             value=self._names.index(session.name),
             pointa=(0.83, 0.12),
             pointb=(0.98, 0.12),
             interaction_event="end",
             style="modern",
         )
-        plotter.add_key_event("space", self._toggle)
+        plotter.add_key_event("space", session.toggle)
         plotter.add_key_event("m", self._next_model)
-        plotter.add_key_event("n", self._reset)
+        plotter.add_key_event("n", session.reset)
 
     def _slider(
         self,
@@ -145,26 +146,13 @@ class DesktopViewer(ShellWindow):
 
     def _switch(self, name: str, modes: int) -> None:
         session = self._session
-        if (name, modes) == (session.name, session.modes):
+        if not session.choose(name, modes):
             return  # sliders call back when they are made, too
-        self._note = ""
-        try:
-            session.set_model(name, modes)
-        except ModalShellError as error:
-            self._note = str(error)
         # A key moves no slider, and a refused choice leaves one where it must not stay.
         self._modes_slider.GetRepresentation().SetValue(session.modes)
         chosen = self._model_slider.GetRepresentation()
         chosen.SetValue(self._names.index(session.name))
         chosen.SetTitleText(session.name.upper())
-
-    def _toggle(self) -> None:
-        self._note = ""
-        self._session.toggle()
-
-    def _reset(self) -> None:
-        self._note = ""
-        self._session.reset()
 
     def _advance(self) -> bool:
         now = time.perf_counter()

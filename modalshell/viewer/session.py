@@ -84,6 +84,8 @@ class ViewSession:
         Whether the last frame left simulated time undone.
     note : str
         Warning about the motion; empty if there is none.
+    refusal : str
+        Why the last choice of a model was refused; empty if it was not.
     frame_milliseconds : float
         Work of the last frame, without drawing.
 
@@ -110,7 +112,7 @@ class ViewSession:
         modal = as_modal(model)
         self._basis: Basis | None = None if modal is None else modal.basis
         self._models: dict[str, tuple[int, Model]] = {self.name: (self.modes, model)}
-        self.playing, self.frame_milliseconds, self._owed = False, 0.0, 0.0
+        self.playing, self.frame_milliseconds, self._owed, self.refusal = False, 0.0, 0.0, ""
         self._begin(self._new_motion(model, None))
 
     @property
@@ -133,10 +135,12 @@ class ViewSession:
 
     def toggle(self) -> None:
         """Play if paused, otherwise pause."""
+        self.refusal = ""
         self.playing = not (self.playing or self.diverged)
 
     def reset(self) -> None:
         """Go back to the rest shape at time 0 and pause, with the model and gravity as they are."""
+        self.refusal = ""
         self._begin(self._new_motion(self._cached_model(self.name, self.modes), None))
 
     def set_gravity(self, gravity: ArrayLike) -> None:
@@ -144,6 +148,17 @@ class ViewSession:
         vector = checked_vectors("gravity", gravity, (3,), LoadError)
         self._motion.load = self.shell.loading(vector, self._built.force, self._built.loads).dead
         self.gravity = vector
+
+    def choose(self, name: str, modes: int) -> bool:
+        """Take a model that the user names, or note why it is refused; whether it is another than the present one."""
+        if (name, modes) == (self.name, self.modes):
+            return False
+        self.refusal = ""
+        try:
+            self.set_model(name, modes)
+        except ModalShellError as error:
+            self.refusal = str(error)
+        return True
 
     def set_model(self, name: str, modes: int | None = None) -> None:
         """Continue with another model or number of modes, in the present shape as nearly as the model can take it.
@@ -215,7 +230,7 @@ class ViewSession:
         parts = [f"{self.model.name}{modes}", f"t = {self.time:.2f} s", work, state]
         if self.playing and self.late:
             parts.append("slower than real time")
-        return "; ".join([*parts, self.note] if self.note else parts)
+        return "; ".join(filter(None, [*parts, self.note, self.refusal]))
 
     def _begin(self, motion: Motion) -> None:
         """Restore a motion."""

@@ -19,6 +19,8 @@ from modalshell.render.plotter import add_faces, close_plotter, open_plotter, se
 from modalshell.render.surfaces import EdgeTable, line_color, normals
 from modalshell.viewer.session import gravity_limit
 
+_SIZE = (1200, 800)
+"""Width and height [pixels]."""
 _ARROW_COLOR = "#c0504d"
 _ARROW_LENGTH = 0.35
 """Length of the arrow, in shell sizes, at the largest gravity that the sliders offer."""
@@ -60,8 +62,6 @@ class Stage:
         What to show, such as a session.
     off_screen : bool
         Draw into memory instead of a window.
-    size : tuple of int
-        Width and height [pixels].
 
     Attributes
     ----------
@@ -69,10 +69,9 @@ class Stage:
         Where it is drawn.
     """
 
-    def __init__(self, shown: Shown, *, off_screen: bool, size: tuple[int, int] = (1200, 800)) -> None:
+    def __init__(self, shown: Shown, *, off_screen: bool) -> None:
         self._shown = shown
-        self._aspect = size[0] / size[1]
-        self._pyvista, self.plotter = open_plotter(size, off_screen=off_screen)
+        self._pyvista, self.plotter = open_plotter(_SIZE, off_screen=off_screen)
         self._actors: list[Any] = []
         self._build()
         self.refresh()
@@ -120,7 +119,7 @@ class Stage:
         center = 0.5 * (self._rest.min(axis=0) + self._rest.max(axis=0))
         swing = center + self._size * np.array([[0.0, 0.0, -0.9], [0.0, 0.0, 0.6]])
         room = np.concatenate([self._rest, self._shown.positions, swing])
-        set_camera(self.plotter, frame_points(room, DEFAULT_CAMERA, self._aspect))
+        set_camera(self.plotter, frame_points(room, DEFAULT_CAMERA, _SIZE[0] / _SIZE[1]))
 
     def refresh(self) -> None:
         """Update the stage to the present state, without rendering."""

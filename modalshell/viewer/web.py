@@ -8,7 +8,7 @@ import time
 from abc import ABC, abstractmethod
 from typing import Any
 
-from modalshell.core.errors import ModalShellError, OptionError
+from modalshell.core.errors import OptionError
 from modalshell.models.registry import models
 from modalshell.scene import Scene
 from modalshell.viewer.guard import guard
@@ -164,16 +164,11 @@ class WebViewer(BrowserPage):
 
     def _take_choice(self) -> None:
         """Apply the model and modes chosen on the page."""
-        chosen = self._state.model, round(self._state.modes)
-        if chosen == (self._session.name, self._session.modes):
-            return
-        self._note = ""
-        try:
-            self._session.set_model(*chosen)
-        except ModalShellError as error:
-            self._note = str(error)
-            self._state.model, self._state.modes = self._session.name, self._session.modes
-        self._draw()
+        session = self._session
+        if session.choose(self._state.model, round(self._state.modes)):
+            self._note = ""
+            self._state.model, self._state.modes = session.name, session.modes
+            self._draw()
 
     def _fail(self, message: str) -> None:
         self._session.pause()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import modalshell as ms
-from modalshell.commands.choices import SAG, Timing, hold_one_end, motion_in_words, softening
+from modalshell.commands.choices import SAG, Timing, hold_one_end, motion_as_text, softening
 from modalshell.commands.cli import main
 from modalshell.core.outcome import Outcome
 
@@ -209,7 +209,7 @@ def test_too_stiff_too_soft_and_flying_apart_are_told_apart(moved, outcome, told
     frames = np.stack((rest, rest + np.array([0.0, 0.0, moved])))
     found = ms.Trajectory(times=np.arange(2.0), positions=frames, outcome=outcome, message="", unconverged_steps=0,
                           seconds=0.0, rest_positions=rest)  # fmt: skip
-    line = motion_in_words(found, 1.0)
+    line = motion_as_text(found, 1.0)
     assert line.startswith(told)
     assert "\n" not in line
 

@@ -111,7 +111,7 @@ def _meshes() -> list[Target]:
     anew = [Target("remesh", ms.remesh, {"triangles": 20, "crease": 25.0}, objects={"mesh": mesh})]
     return [
         Target("TriangleMesh", _meshed(ms.TriangleMesh), soup),
-        Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup | {"tolerance": 1e-6}),
+        Target("TriangleMesh.from_soup", _meshed(ms.TriangleMesh.from_soup), soup),
         *(anew if importlib.util.find_spec("pymeshlab") else []),
         Target("repair", _meshed(lambda **given: ms.repair(**given)[0]), soup | {"tolerance": 1e-6}),
         Target("TriangleMesh.weld", part("mesh", "weld"), {"tolerance": 1e-6}),

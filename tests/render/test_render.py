@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from modalshell.core.errors import ModalShellWarning, OptionError
-from modalshell.render import ShadedSurface, View, choose_backend, draw_views, look_at, write_film
+from modalshell.render import ShadedSurface, View, backend, choose_backend, draw_views, look_at, write_film
 from modalshell.render.backend import RENDERER_VARIABLE, WINDOW_VARIABLE, drawing_hint
 from modalshell.render.camera import frame_points
 from modalshell.render.shares import draw_shares
@@ -84,7 +84,8 @@ def rim(ink: np.ndarray, width: int) -> np.ndarray:
 def test_without_pyvista_the_rasteriser_draws_and_no_probe_runs(monkeypatch):
     find_spec = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pyvista" else find_spec(name))
-    assert choose_backend(probe_command=CRASH) == "built-in"  # and warns of nothing
+    monkeypatch.setattr(backend, "PROBE_COMMAND", CRASH)
+    assert choose_backend() == "built-in"  # and warns of nothing
     assert "modalshell[vtk]" in drawing_hint()
 
 
@@ -99,29 +100,33 @@ def test_without_pyvista_the_rasteriser_draws_and_no_probe_runs(monkeypatch):
     ids=["crash", "import", "blank", "absent"],
 )
 @pytest.mark.usefixtures("unprobed")
-def test_nothing_renders(probe):
+def test_nothing_renders(probe, monkeypatch):
+    monkeypatch.setattr(backend, "PROBE_COMMAND", probe)
     with pytest.warns(ModalShellWarning, match="apt-get install libegl1 libgl1-mesa-dri"):
-        assert choose_backend(probe_command=probe) == "built-in"
+        assert choose_backend() == "built-in"
     assert os.environ[RENDERER_VARIABLE] == ""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert choose_backend(probe_command=probe) == "built-in"
+        assert choose_backend() == "built-in"
 
 
 @pytest.mark.usefixtures("unprobed")
-def test_hanging_probe_is_given_up():
+def test_hanging_probe_is_given_up(monkeypatch):
+    monkeypatch.setattr(backend, "PROBE_COMMAND", (sys.executable, "-c", "import time; time.sleep(60)"))
+    monkeypatch.setattr(backend, "PROBE_SECONDS", 0.3)
     begun = time.monotonic()
     with pytest.warns(ModalShellWarning):
-        choose_backend(probe_command=(sys.executable, "-c", "import time; time.sleep(60)"), timeout=0.3)
+        choose_backend()
     assert time.monotonic() - begun < 20
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="off-screen windows are chosen on Linux alone")
 @pytest.mark.parametrize("window", ["vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"])
 @pytest.mark.usefixtures("unprobed")
-def test_window_that_works_is_kept(window):
+def test_window_that_works_is_kept(window, monkeypatch):
     code = f"import os\nif os.environ.get('{WINDOW_VARIABLE}') == '{window}': {OK}"
-    assert choose_backend(probe_command=(sys.executable, "-c", code)) == "pyvista"
+    monkeypatch.setattr(backend, "PROBE_COMMAND", (sys.executable, "-c", code))
+    assert choose_backend() == "pyvista"
     assert os.environ[WINDOW_VARIABLE] == window
 
 
@@ -130,8 +135,9 @@ def test_users_window_is_tried_first_and_probed_once(monkeypatch, tmp_path):
     monkeypatch.setenv(WINDOW_VARIABLE, "mine")
     log = tmp_path / "log"
     code = f"import os; open({str(log)!r}, 'a').write(os.environ['{WINDOW_VARIABLE}'] + ' '); {OK}"
+    monkeypatch.setattr(backend, "PROBE_COMMAND", (sys.executable, "-c", code))
     for _ in range(3):
-        assert choose_backend(probe_command=(sys.executable, "-c", code)) == "pyvista"
+        assert choose_backend() == "pyvista"
     assert log.read_text() == "mine "
     assert os.environ[WINDOW_VARIABLE] == "mine"
 
@@ -139,7 +145,8 @@ def test_users_window_is_tried_first_and_probed_once(monkeypatch, tmp_path):
 @pytest.mark.parametrize("name", ["pyvista", "built-in"])
 def test_named_renderer_skips_probe(name, monkeypatch):
     monkeypatch.setenv(RENDERER_VARIABLE, name)
-    assert choose_backend(probe_command=CRASH) == name
+    monkeypatch.setattr(backend, "PROBE_COMMAND", CRASH)
+    assert choose_backend() == name
 
 
 def test_unknown_renderer(monkeypatch):
@@ -241,7 +248,7 @@ def test_unlinked_cameras_show_each_shape_large(detected, monkeypatch, tmp_path)
 
 def test_frame_is_tight():
     points = np.random.default_rng(3).normal(size=(200, 3))
-    camera = frame_points(points, (1.0, -2.0, 0.7), 1.5, margin=0.06)
+    camera = frame_points(points, (1.0, -2.0, 0.7), 1.5)
     reach = np.abs(camera.project(points)[:, :2]).max()
     assert reach == pytest.approx(0.88, abs=1e-9)
     assert camera.axes @ camera.axes.T == pytest.approx(np.eye(3), abs=1e-12)
@@ -400,7 +407,7 @@ def test_shares_are_drawn_as_long_as_they_are(tmp_path):
 
     shares = {"one": [{"good": 0.25, "bad": 0.75}], "two": [{"good": 1.0}]}
     colors = {"good": "#00ff00", "bad": "#ff0000"}
-    image = imread(draw_shares(shares, ["case"], colors, tmp_path / "shares.png", size=(4.0, 2.0), dpi=100.0))
+    image = imread(draw_shares(shares, ["case"], colors, tmp_path / "shares.png"))
     rows = [(np.abs(image[..., :3] - colour).max(axis=2) < 0.02).sum(axis=1) for colour in ((0, 1, 0), (1, 0, 0))]
     split, whole = rows[1].argmax(), rows[0].argmax()
     assert rows[0][split] / rows[1][split] == pytest.approx(1.0 / 3.0, rel=0.05)

@@ -136,8 +136,14 @@ def test_refused_choices_leave_the_session_as_it_was(session):
     for name, modes, text in (("fem", 8, "choose from"), ("mwts", 0, "positive"), ("mwts", 1000, "at most 64")):
         with pytest.raises(OptionError, match=text):
             session.set_model(name, modes)
+        assert session.choose(name, modes)
+        assert text in session.refusal
+        assert session.status().endswith(session.refusal)
+    assert not session.choose("mwts", 8)
     assert (session.name, session.modes, session.playing) == ("mwts", 8, True)
     np.testing.assert_array_equal(session.positions, shape)
+    session.toggle()
+    assert session.refusal == ""
 
 
 @pytest.mark.filterwarnings("ignore:no basis of up to")
@@ -293,8 +299,11 @@ def test_window_controls_drive_the_session(scene_file):
         viewer._next_model()
         assert session.name != "mwts"
         assert viewer._model_slider.GetRepresentation().GetTitleText() == session.name.upper()
-        viewer._toggle()
+        session.toggle()
         assert session.playing
+        viewer._model_slider.GetRepresentation().SetValue(viewer._names.index("reduced-rsw"))
+        viewer._model_slider.InvokeEvent("EndInteractionEvent")
+        assert session.name == "reduced-rsw"
     finally:
         viewer._stage.close()
 

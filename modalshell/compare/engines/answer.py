@@ -12,7 +12,7 @@ import numpy as np
 from modalshell.compare.engines.case import CONSTANTS, STEPS, engine_case
 from modalshell.compare.engines.engine import Engine, ask
 from modalshell.core.errors import ModalShellError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.mesh import flat_beam
 from modalshell.shell import Isotropic, Shell
@@ -28,7 +28,7 @@ _CELLS = (20, 2)
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class EngineAnswer:
     """What an engine made of a shell.
@@ -42,7 +42,7 @@ class EngineAnswer:
     version : str
         Of the engine.
     drop : float or None
-        How far the check's small drop is off, as a share.
+        How far the check's small drop is off, as a fraction.
     seconds : float or None
         Time of all loads on a processor [s].
     step : float or None
@@ -84,35 +84,35 @@ def answered(engine: Engine, shell: Shell, loads: Sequence[tuple[Array | None, A
         return EngineAnswer(engine.name, f"cannot express: {error}")
     checked = check(engine, tuple(material_constants(shell.material)[name] for name in CONSTANTS))
     if checked["outcome"] != COUNTS:
-        told = f"{checked['outcome']} ({engine.limits})" if engine.limits and "drop" in checked else checked["outcome"]
-        return EngineAnswer(engine.name, told, checked["version"], checked.get("drop"))
+        limits = f" ({engine.limits})" if engine.limits and "drop" in checked else ""
+        return EngineAnswer(engine.name, checked["outcome"] + limits, checked["version"], checked.get("drop"))
     steps = case["steps"][checked["first"] :] if engine.moves else []
-    found = ask(engine, case | {"calibration": checked["calibration"], "steps": steps})
-    fault = found.get("outcome") or _unfinished(engine, case, found)
+    answer = ask(engine, case | {"calibration": checked["calibration"], "steps": steps})
+    fault = answer.get("outcome") or _unfinished(engine, case, answer)
     version, drop = checked["version"], checked["drop"]
     if fault:
         return EngineAnswer(engine.name, fault, version, drop)
-    taken = sum(found.get("taken", []))
+    taken = sum(answer.get("taken", []))
     return EngineAnswer(
         engine.name,
         COUNTS,
         version,
         drop,
-        found["seconds"],
-        found.get("step"),
-        1e3 * found["seconds"] / taken if taken else None,
-        np.array(found["positions"])[:, : len(shell.mesh.vertices)],
-        found.get("note", ""),
+        answer["seconds"],
+        answer.get("step"),
+        1e3 * answer["seconds"] / taken if taken else None,
+        np.array(answer["positions"])[:, : len(shell.mesh.vertices)],
+        answer.get("note", ""),
     )
 
 
-def _unfinished(engine: Engine, case: dict[str, Any], found: dict[str, Any]) -> str:
+def _unfinished(engine: Engine, case: dict[str, Any], answer: dict[str, Any]) -> str:
     """Why an answer is none."""
-    if not found.get("positions"):
+    if not answer.get("positions"):
         if not engine.moves:
-            return str(found.get("note", "no equilibrium"))
+            return str(answer.get("note", "no equilibrium"))
         return f"no step down to {case['steps'][-1]:.2g} s stayed stable"
-    if engine.moves and any(taken * found["step"] < 0.99 * case["duration"] for taken in found["taken"]):
+    if engine.moves and any(taken * answer["step"] < 0.99 * case["duration"] for taken in answer["taken"]):
         return f"not at rest after {case['limit']:g} s a load"
     return ""
 
@@ -135,16 +135,16 @@ def _converted(engine: Engine, constants: tuple[float, ...], first: int) -> dict
     """The check by steps from the ``first`` on; of a calibrated modulus, on a strip of half the length."""
     scale, lengths = 1.0, (1.0, 0.5) if engine.calibrated else (1.0,)
     row: dict[str, Any] = {"version": "", "calibration": 1.0}
-    for share in lengths:
+    for fraction in lengths:
         row["calibration"] = scale
-        shell, gravity = strip(constants, share)
+        shell, gravity = strip(constants, fraction)
         case = engine_case(engine, shell, [(np.array([0.0, 0.0, -gravity]), None)], first)
-        found = ask(engine, case | {"calibration": scale})
-        row["version"] = found.get("version", "")
-        row["outcome"] = found.get("outcome") or _unfinished(engine, case, found)
+        answer = ask(engine, case | {"calibration": scale})
+        row["version"] = answer.get("version", "")
+        row["outcome"] = answer.get("outcome") or _unfinished(engine, case, answer)
         if row["outcome"]:
             return row
-        row |= deviations(found, case, shell)
+        row |= deviations(answer, case, shell)
         scale *= 1.0 + row["drop"]
     faults = [f"mass {100.0 * row['mass']:+.1f} %"] if abs(row.get("mass", 0.0)) > MASS else []
     faults += [] if abs(row["drop"]) <= DROP else [f"small drop {100.0 * row['drop']:+.0f} %"]
@@ -152,21 +152,21 @@ def _converted(engine: Engine, constants: tuple[float, ...], first: int) -> dict
     return row
 
 
-def strip(constants: tuple[float, ...], share: float = 1.0) -> tuple[Shell, float]:
-    """The check's strip, clamped at x = 0, or a share of its length; and its gravity [m/s^2]."""
+def strip(constants: tuple[float, ...], fraction: float = 1.0) -> tuple[Shell, float]:
+    """The check's strip, clamped at x = 0, or a fraction of its length; and its gravity [m/s^2]."""
     young, _, thickness, density = constants
     length = 100.0 * thickness
-    mesh = flat_beam(length=share * length, width=0.1 * length, cells=(round(share * _CELLS[0]), _CELLS[1]))
+    mesh = flat_beam(length=fraction * length, width=0.1 * length, cells=(round(fraction * _CELLS[0]), _CELLS[1]))
     shell = Shell(mesh, Isotropic(*constants), mesh.vertices[:, 0] < 1e-9 * length)
-    return shell, SMALL * young * thickness**2 / (12.0 * density * (share * length) ** 3)
+    return shell, SMALL * young * thickness**2 / (12.0 * density * (fraction * length) ** 3)
 
 
-def deviations(found: dict[str, Any], case: dict[str, Any], shell: Shell) -> dict[str, float]:
+def deviations(answer: dict[str, Any], case: dict[str, Any], shell: Shell) -> dict[str, float]:
     """Deviation of the small drop of a strip's tip, and of the mass that moves where the engine tells it."""
     rest, length = shell.rest_positions, shell.size
     tip = rest[:, 0] > (1.0 - 1e-9) * rest[:, 0].max()
-    fall = -float(np.array(found["positions"])[0, : len(rest)][tip, 2].mean())
+    fall = -float(np.array(answer["positions"])[0, : len(rest)][tip, 2].mean())
     row = {"drop": fall / (SMALL / 8.0 * length) - 1.0}
-    if "mass" in found:
-        row["mass"] = found["mass"] / float(np.delete(np.array(case["masses"]), case["held"]).sum()) - 1.0
+    if "mass" in answer:
+        row["mass"] = answer["mass"] / float(np.delete(np.array(case["masses"]), case["held"]).sum()) - 1.0
     return row

@@ -103,7 +103,7 @@ def _hinges(mesh: TriangleMesh, held: NDArray[np.bool_], constants: dict[str, fl
 
 
 def _load(gravity: Array | None, force: Array | None, images: int) -> dict[str, Any]:
-    found: dict[str, Any] = {"gravity": [0.0, 0.0, 0.0] if gravity is None else np.asarray(gravity).tolist()}
+    load: dict[str, Any] = {"gravity": [0.0, 0.0, 0.0] if gravity is None else np.asarray(gravity).tolist()}
     if force is not None:
-        found["force"] = np.vstack([force, np.zeros((images, 3))]).tolist()
-    return found
+        load["force"] = np.vstack([force, np.zeros((images, 3))]).tolist()
+    return load

@@ -107,7 +107,7 @@ def ask(engine: Engine, case: dict[str, Any]) -> dict[str, Any]:
     command = [os.path.abspath(python) if os.sep in python else python, str(ADAPTERS / f"{engine.key}.py")]
     try:
         with tempfile.TemporaryDirectory() as folder:  # engines leave logs where they run
-            told = subprocess.run(
+            ended = subprocess.run(
                 command,
                 input=json.dumps(case),
                 capture_output=True,
@@ -121,13 +121,13 @@ def ask(engine: Engine, case: dict[str, Any]) -> dict[str, Any]:
         return {"outcome": f"stopped after {SECONDS:g} s"}
     except OSError as error:
         return {"outcome": f"did not start: {error.strerror}"}
-    lines = told.stdout.strip().splitlines()
-    if told.returncode == 0 and lines:
+    lines = ended.stdout.strip().splitlines()
+    if ended.returncode == 0 and lines:
         try:
             return dict(json.loads(lines[-1]))
         except (TypeError, ValueError):
             return {"outcome": f"answered no table: {lines[-1][:200]}"}
-    last = (told.stderr.strip().splitlines() or ["no message"])[-1]
+    last = (ended.stderr.strip().splitlines() or ["no message"])[-1]
     if "No module named" in last or "No program named" in last:
         return {"outcome": f"not installed: {engine.install}"}
-    return {"outcome": f"ended with status {told.returncode}: {last[:200]}"}
+    return {"outcome": f"ended with status {ended.returncode}: {last[:200]}"}

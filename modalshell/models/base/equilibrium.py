@@ -10,7 +10,7 @@ import numpy as np
 from modalshell.core.checks import finite_answer
 from modalshell.core.drawn import Drawn
 from modalshell.core.outcome import Outcome
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.loads import Loading
 from modalshell.mesh import TriangleMesh
@@ -19,7 +19,7 @@ from modalshell.statics.live_loads import LiveLoads
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Equilibrium(Drawn):
     """A static solution with its outcome and solver statistics.

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from modalshell.core.checks import checked_count, checked_kind, shown
 from modalshell.core.errors import MeshError, OptionError, SupportError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array, Index
 from modalshell.mesh import TriangleMesh
 from modalshell.models.coarse.coarse_mesh import places_on, remeshed_to_supports
@@ -46,7 +46,7 @@ _ROUNDS, _MET = 12, 1e-4
 
 
 @final
-@brief
+@short_repr
 @dataclass(frozen=True)
 class CoarseMesh:
     """A coarser mesh of the same surface.

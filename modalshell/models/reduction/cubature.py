@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import OptionError
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Index
 from modalshell.models.reduction.candidates import candidates_of, picked
@@ -40,7 +40,7 @@ _LOADS = 24
 """Training loads."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class Cubature:
     """A trained cubature.

@@ -8,7 +8,7 @@ import numpy as np
 
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.memory import demand_memory
-from modalshell.core.short_repr import brief
+from modalshell.core.short_repr import short_repr
 from modalshell.core.typing import Array
 from modalshell.modes.basis import Basis
 from modalshell.modes.factorisation import Factoriser, condensed_factor
@@ -20,7 +20,7 @@ _STEP = 5e-4
 """Difference step: the largest change of an edge vector over its length."""
 
 
-@brief
+@short_repr
 @dataclass(frozen=True)
 class DerivativeBasis:
     """Modes, their derivatives, and an orthonormal basis of both.

@@ -62,12 +62,12 @@ def deck(case: dict[str, Any]) -> str:
 
 def displacements(written: list[str], count: int) -> list[list[list[float]]]:
     """Displacements at the end of every load: steps end at whole times, one after another."""
-    found: list[list[list[float]]] = []
+    ends: list[list[list[float]]] = []
     for row, line in enumerate(written):
-        if line.split()[:1] == ["displacements"] and abs(float(line.split()[-1]) - len(found) - 1.0) < 1e-6:
+        if line.split()[:1] == ["displacements"] and abs(float(line.split()[-1]) - len(ends) - 1.0) < 1e-6:
             rows = [entry.split() for entry in written[row + 2 : row + 2 + count]]
-            found.append([[float(value) for value in entry[1:]] for entry in rows])
-    return found
+            ends.append([[float(value) for value in entry[1:]] for entry in rows])
+    return ends
 
 
 def main() -> None:
@@ -76,8 +76,8 @@ def main() -> None:
     program = shutil.which("ccx")
     if program is None:
         raise ModuleNotFoundError("No program named 'ccx'")
-    told = subprocess.run([program, "-v"], capture_output=True, text=True, check=False).stdout
-    version = re.search(r"Version (\S+)", told)
+    text = subprocess.run([program, "-v"], capture_output=True, text=True, check=False).stdout
+    version = re.search(r"Version (\S+)", text)
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "case.inp").write_text(deck(case), encoding="utf-8")
         begin, before = time.perf_counter(), os.times().children_user
@@ -87,18 +87,18 @@ def main() -> None:
         # On Windows processes tell no time of their children.
         seconds = os.times().children_user - before or time.perf_counter() - begin
         written = Path(folder, "case.dat").read_text(encoding="utf-8").splitlines()
-    found: dict[str, Any] = {"version": f"CalculiX {version[1] if version else '?'}", "seconds": seconds}
+    answer: dict[str, Any] = {"version": f"CalculiX {version[1] if version else '?'}", "seconds": seconds}
     if case.get("modes"):
         rows = [line.split() for line in written]
         rows = [row for row in rows if len(row) == 5 and row[0].isdigit()]
-        found["frequencies"] = [float(row[3]) for row in rows][: case["modes"]]
-    found["positions"] = [
+        answer["frequencies"] = [float(row[3]) for row in rows][: case["modes"]]
+    answer["positions"] = [
         [[a + b for a, b in zip(point, step, strict=True)] for point, step in zip(case["vertices"], moved, strict=True)]
         for moved in displacements(written, len(case["vertices"]))
     ]
-    if len(found["positions"]) < len(case["loads"]):
-        found["note"] = f"no equilibrium beyond load {len(found['positions'])} (status {ended.returncode})"
-    print(json.dumps(found))
+    if len(answer["positions"]) < len(case["loads"]):
+        answer["note"] = f"no equilibrium beyond load {len(answer['positions'])} (status {ended.returncode})"
+    print(json.dumps(answer))
 
 
 if __name__ == "__main__":

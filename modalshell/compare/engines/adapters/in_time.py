@@ -20,8 +20,8 @@ def settled(case: dict[str, Any], step: float, advance: Callable[[], None], plac
         steps += 1
         if steps % 16 == 0 and not np.abs(places()).max() < case["bound"]:
             return None, steps, time.process_time() - begin
-    found = np.array(places())
-    return (found if np.abs(found).max() < case["bound"] else None), steps, time.process_time() - begin
+    last = np.array(places())
+    return (last if np.abs(last).max() < case["bound"] else None), steps, time.process_time() - begin
 
 
 def by_longest_step(

@@ -87,22 +87,22 @@ class KnownEquilibrium:
         direction = problem.shell.unknowns.values(step.ravel())
         x, stresses, _ = problem.moved(self.state.positions - origin, direction)
         goal = max(goal, min(self.rounding, ACCEPTED))
-        found = mixed_newton(problem, x, problem.scale_at(x), limit=_ITERATIONS, goal=goal, stresses=stresses)
-        if not found.residual <= max(goal, ACCEPTED):
+        solution = mixed_newton(problem, x, problem.scale_at(x), limit=_ITERATIONS, goal=goal, stresses=stresses)
+        if not solution.residual <= max(goal, ACCEPTED):
             return None
-        hessian = problem.linearise(found.point, EXACT)[1]
+        hessian = problem.linearise(solution.point, EXACT)[1]
         factor = problem.definite_factor(hessian)
         if factor is None:
             return None
         state = replace(
             self.state,
-            positions=found.point + origin,
+            positions=solution.point + origin,
             message="" if loading.conservative else NO_POTENTIAL,
-            iterations=found.iterations,
-            residual=found.residual,
+            iterations=solution.iterations,
+            residual=solution.residual,
             loading=loading,
             gravity=gravity,
         )
         # Without a potential the factor that shows a minimum may be that of the symmetric half.
         whole = problem.factor(hessian) if problem.unsymmetric else factor
-        return self._of(body, state, names, problem, found.point, hessian, whole)
+        return self._of(body, state, names, problem, solution.point, hessian, whole)
