@@ -15,8 +15,8 @@ from modalshell.statics.continuation import Steps
 
 _TOLERANCE = 1e-9
 """Change of the positions, as a share of the shell's size, at which the loads have settled."""
-_LIMIT = 60
-"""Answers to dead loads at one fraction of the loads at most."""
+_STALLED = 12
+"""Answers without halving the change after which the iteration gives up."""
 _KEPT = 6
 """Earlier answers that the next one is extrapolated from."""
 
@@ -49,8 +49,8 @@ def _fixed_point(solve: Solve, loading: Loading, fraction: float, start: Array |
     x, begin = (loading.rest if start is None else start), start
     points: list[Array] = []
     misses: list[Array] = []
-    iterations, change = 0, np.inf
-    for _ in range(_LIMIT):
+    iterations, least, stalled = 0, np.inf, 0
+    while stalled < _STALLED:
         found = solve(fraction * loading.force(x), begin)
         iterations += found.iterations
         if not found.converged:
@@ -59,6 +59,8 @@ def _fixed_point(solve: Solve, loading: Loading, fraction: float, start: Array |
         change = float(np.abs(miss).max()) / size
         if change <= _TOLERANCE:
             return replace(found, iterations=iterations)
+        stalled = 0 if change <= 0.5 * least else stalled + 1
+        least = min(least, change)
         points, misses = [*points[-_KEPT:], x], [*misses[-_KEPT:], miss]
         x, begin = _extrapolated(points, misses), found.positions
     message = f"loads that follow the shell do not settle: positions still change by {change:.1e} of its size"
