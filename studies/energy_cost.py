@@ -5,8 +5,6 @@ over edges; calibrated hinges have neither. Both are timed on the same meshes in
 of the processor counts.
 Steps are of implicit Euler from rest under weight, 1/60 s each; statics is the rest under 0.3 of that weight. Second, a
 supported plate (:mod:`studies.mesh_bias`): the error of its deflection over the seconds of the static answer.
-
-Run it alone with ``modalshell reproduce --only energy_cost``.
 """
 
 from __future__ import annotations
@@ -20,11 +18,11 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from modalshell.shell import EXACT
 from studies import mesh_bias
 from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
-from studies.pages import number
+from studies.pages import markdown
 
 FIGURES = ("energy_cost",)
 
@@ -113,40 +111,45 @@ def plate(family: str, cells: int) -> list[dict[str, Any]]:
     ]
 
 
+def ratio(row: dict[str, Any]) -> float:
+    """Seconds of Isotropic shells over those of hinges."""
+    return float(row["seconds"]["Isotropic"] / row["seconds"]["hinges"])
+
+
 def table(result: StudyResult) -> str:
     """Seconds and ratios, and errors over seconds, as Markdown tables."""
-    lines = ["| mesh | vertices | work | Isotropic [ms] | hinges [ms] | ratio | aim |", "|---" * 7 + "|"]
-    for row in result.findings["ratios"]:
-        split, hinges = (1e3 * row["seconds"][energy] for energy in ENERGIES)
-        lines.append(
-            f"| {row['mesh']} | {row['vertices']} | {row['work']} | {split:.3g} | {hinges:.3g} | {split / hinges:.2f} "
-            f"| {row['aim']:g} |"
-        )
-    lines += ["", "| mesh | cells | energy | error of the deflection [%] | seconds |", "|---" * 5 + "|"]
-    for row in result.findings["errors"]:
-        where = f"| {row['mesh']} | {row['cells']} | {row['energy']} "
-        lines.append(f"{where}| {100.0 * row['error']:.3g} | {row['seconds']:.3g} |")
-    return "\n".join(lines)
+    ratios = markdown(
+        "mesh | vertices | work | Isotropic [ms] | hinges [ms] | ratio | aim",
+        "{mesh} | {vertices} | {work} | {seconds[Isotropic]:1e3*.3g} | {seconds[hinges]:1e3*.3g} | {ratio:.2f} "
+        "| {aim:g}",
+        [row | {"ratio": ratio(row)} for row in result.findings["ratios"]],
+    )
+    errors = markdown(
+        "mesh | cells | energy | error of the deflection [%] | seconds",
+        "{mesh} | {cells} | {energy} | {error:100*.3g} | {seconds:.3g}",
+        result.findings["errors"],
+    )
+    return f"{ratios}\n\n{errors}"
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The ratios by kind of work, and at how many points of equal cost hinges are the better ones."""
-    ratios, errors = tables
+    ratios, errors = result.findings["ratios"], result.findings["errors"]
     spans = []
     for work in AIMS:
-        own = [number(row["ratio"]) for row in ratios if row["work"] == work]
+        own = [ratio(row) for row in ratios if row["work"] == work]
         spans.append(f"{work} {min(own):.2g} to {max(own):.2g}")
-    over = sum(number(row["ratio"]) > number(row["aim"]) for row in ratios)
+    over = sum(ratio(row) > row["aim"] for row in ratios)
     hinges = [row for row in errors if row["energy"] == "hinges"]
-    beaten = 0
-    for row in hinges:
-        cheaper = [
-            number(other["error of the deflection [%]"])
+    beaten = sum(
+        any(
+            (other["mesh"], other["energy"]) == (row["mesh"], "Isotropic")
+            and other["seconds"] <= row["seconds"]
+            and other["error"] < row["error"]
             for other in errors
-            if (other["mesh"], other["energy"]) == (row["mesh"], "Isotropic")
-            and number(other["seconds"]) <= number(row["seconds"])
-        ]
-        beaten += bool(cheaper) and min(cheaper) < number(row["error of the deflection [%]"])
+        )
+        for row in hinges
+    )
     words = f"{over} of {len(ratios)} ratios are above the aims" if over else "every ratio is within its aim"
     return (
         f"An Isotropic shell takes this many times as long as hinges on the same mesh: {'; '.join(spans)}; {words}. On "

@@ -2,7 +2,7 @@
 
 A strip hangs under its weight at three loads (truth: the heavy elastica); V-beams with a flange of 10 mm, and of 15 mm
 before and after their fold flattens, and a swept plate (finite elements of ``finite_elements.json`` and
-``identification.json``); a square cloth hangs from two corners (this package's shell theory on a mesh three times as
+``identification_data.json``); a square cloth hangs from two corners (this package's shell theory on a mesh three times as
 fine); a square plate vibrates (Ritz's method; finite elements alone answer). Every engine gets the same mesh,
 constants, supports and gravity, in a process of its own on one thread, as its adapter in ``modalshell/compare/engines``
 converts them. A row counts once the conversion has held on a strip of the same sheet: the mass that moves within 1 %
@@ -10,7 +10,7 @@ where the engine tells it, and the small drop within 10 %, by the longest of the
 second time with its modulus calibrated on that drop, checked then on half the length.
 
 Engines run in the Python that the environment variable ``MODALSHELL_ENGINES`` names, or in this one. What is missing is
-named in the table, with the command that installs it. Run it alone with ``modalshell reproduce --only engines``.
+named in the table, with the command that installs it.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from modalshell.compare.engines import ENGINES, Engine, answered
 from modalshell.compare.engines.case import engine_case
 from modalshell.compare.engines.engine import ask
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from studies.both_energies import displacements_at
 from studies.identification import swept_mesh
-from studies.pages import number
+from studies.pages import markdown
 from studies.plate_frequencies import reference
 from studies.v_beam_truth import SHEET, SNAPPING, beam, references
 
@@ -143,7 +143,7 @@ def v_beam(index: int, gammas: Sequence[float], coarse: bool) -> Scene:
 
 def swept(coarse: bool) -> Scene:
     """A swept plate, clamped at its root; the corners of its tip are compared."""
-    case = json.loads(Path(__file__).with_name("identification.json").read_text(encoding="utf-8"))["swept"]
+    case = json.loads(Path(__file__).with_name("identification_data.json").read_text(encoding="utf-8"))["swept"]
     mesh, corners = swept_mesh(case, 9 if coarse else 36)
 
     def error(positions: np.ndarray, load: int) -> float:
@@ -241,43 +241,46 @@ def plate_row(words: str, frequencies: np.ndarray) -> dict[str, Any]:
 
 def table(result: StudyResult) -> str:
     """Errors and cost by scene and engine, and the plate's frequencies, as Markdown tables."""
-    heads = ["scene", "engine", "outcome", "errors [%]", "ms a step", "stable step [s]", "time to answer [s]"]
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for row in result.findings["rows"]:
-        shown = ("-" if one is None else f"{100.0 * one:.2f}" for one in row.get("errors", ()))
-        times = (f"{row[key]:.2g}" if row.get(key) is not None else "" for key in ("frame_ms", "step", "seconds"))
-        outcome = f"{row['outcome']}: {row['note']}" if row.get("note") else row["outcome"]
-        lines.append(f"| {row['scene']} | {row['engine']} | {outcome} | {', '.join(shown)} | {' | '.join(times)} |")
-    lines += ["", "Frequencies of the square plate, deviations from Ritz's method:", ""]
-    heads = ["engine", "outcome", *(f"mode {mode} [%]" for mode in range(1, MODES + 1))]
-    lines += ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for row in result.findings["plates"]:
-        cells = [f"{100.0 * one:+.2f}" for one in row["deviations"]] if "deviations" in row else [""] * MODES
-        lines.append(f"| {row['engine']} | {row['outcome']} | {' | '.join(cells)} |")
-    truths = dict.fromkeys((row["scene"], row["truth"]) for row in result.findings["rows"])
-    versions = dict.fromkeys(row["version"] for row in result.findings["rows"] if row.get("version"))
-    lines += ["", "Truth: " + "; ".join(f"{scene}: {truth}" for scene, truth in truths) + "."]
-    lines += ["", f"Times are those of one thread on a processor. Versions: {', '.join(versions)}."]
-    return "\n".join(lines)
+    rows = result.findings["rows"]
+    modes = " | ".join(f"mode {mode} [%]" for mode in range(1, MODES + 1))
+    nothing = dict.fromkeys(("frame_ms", "step", "seconds"))
+    told = {
+        "outcome": lambda row: f"{row['outcome']}: {row['note']}" if row.get("note") else row["outcome"],
+        "errors": lambda row: ", ".join("-" if e is None else f"{100.0 * e:.2f}" for e in row.get("errors", ())),
+    }
+    truths = dict.fromkeys((row["scene"], row["truth"]) for row in rows)
+    versions = dict.fromkeys(row["version"] for row in rows if row.get("version"))
+    return "\n\n".join(
+        [
+            markdown(
+                "scene | engine | outcome | errors [%] | ms a step | stable step [s] | time to answer [s]",
+                "{scene} | {engine} | {outcome} | {errors} | {frame_ms:.2g|} | {step:.2g|} | {seconds:.2g|}",
+                [nothing | row | {key: words(row) for key, words in told.items()} for row in rows],
+            ),
+            "Frequencies of the square plate, deviations from Ritz's method:",
+            markdown(
+                f"engine | outcome | {modes}",
+                "{engine} | {outcome} | {deviations:100*+.2f|}",
+                [{"deviations": [None] * MODES} | row for row in result.findings["plates"]],
+            ),
+            "Truth: " + "; ".join(f"{scene}: {truth}" for scene, truth in truths) + ".",
+            f"Times are those of one thread on a processor. Versions: {', '.join(versions)}.",
+        ]
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The largest errors of each engine that counts, and what did not count."""
-    scenes, plates = tables
+    rows = result.findings["rows"]
     worst: dict[str, float] = {}
-    for row in scenes:
-        errors = [number(one) for one in row["errors [%]"].split(", ") if one not in ("", "-")]
+    for row in rows:
+        errors = [error for error in row.get("errors", ()) if error is not None]
         if errors:
             worst[row["engine"]] = max(worst.get(row["engine"], 0.0), *errors)
-    told = ", ".join(f"{engine} {error:.2g} %" for engine, error in worst.items())
-    left = dict.fromkeys(row["engine"] for row in scenes if row["engine"] not in worst)
-    off = max(
-        abs(number(row[f"mode {mode} [%]"]))
-        for row in plates
-        if row["outcome"] == "counts"
-        for mode in range(1, MODES + 1)
-    )
+    told = ", ".join(f"{engine} {100 * error:.2g} %" for engine, error in worst.items())
+    left = dict.fromkeys(row["engine"] for row in rows if row["engine"] not in worst)
+    off = max(abs(one) for row in result.findings["plates"] for one in row.get("deviations", ()))
     return (
-        f"Largest errors over five scenes under their weight: {told}. Plate frequencies are within {off:.2g} % of "
-        "Ritz's method. " + (f"Not counted: {', '.join(left)}." if left else "Every engine's conversion held.")
+        f"Largest errors over five scenes under their weight: {told}. Plate frequencies are within {100 * off:.2g} % "
+        "of Ritz's method. " + (f"Not counted: {', '.join(left)}." if left else "Every engine's conversion held.")
     )

@@ -7,8 +7,6 @@ modes is off the discrete shells. Next to them stand the same models on modes of
 hinges, and what the mesh leaves of shell theory's answer (against cells of half the size). All are displacements in the
 mass norm, relative to those of the truth, at 0.2, 0.5 and all of a load under which the tip would move by half a length
 in linear theory: a quarter for the V-beam and a fortieth for the panel, which snap.
-
-Run it alone with ``modalshell reproduce --only error_budget``.
 """
 
 from __future__ import annotations
@@ -20,15 +18,17 @@ import numpy as np
 import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import MODELS as MODEL_SPECS
 from studies.both_energies import Sheet, displacements_at, flat_shell
-from studies.pages import number
+from studies.pages import markdown
 from studies.progress import counted
 
 FIGURES = ("error_budget", "shell_theory_errors", "shell_theory_shapes")
 
 LENGTH = 0.3
+PARTS = ("on hinges", "modes and warp", "on shell theory")
+"""Errors of a model on modes."""
 LOADS = (0.2, 0.5, 1.0)
 """Shares of the largest load."""
 MODES = 16
@@ -156,35 +156,37 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
 
 def table(result: StudyResult) -> str:
     """One row per shape, mesh and load, as a Markdown table."""
-    heads = ("on hinges", "modes and warp", "on shell theory")
-    names = {model: ms.models()[model].name for model in MODELS}
-    columns = [f"{name} {head}" for name in names.values() for head in heads]
-    lines = ["Errors of displacement against shell theory [%]; parts add up as vectors:", ""]
-    lines += ["| case | mesh | load | tip [L] | hinges | " + " | ".join(columns) + " | the mesh |"]
-    lines += ["|---" * (6 + len(columns)) + "|"]
+    parts = [(model, head) for model in MODELS for head in PARTS]
+    headings = " | ".join(f"{ms.models()[model].name} {head}" for model, head in parts)
+    rows = []
     for row in result.findings["rows"]:
-        errors = [row["hinges"], *(row["models"][model][head] for model in names for head in heads), row["of the mesh"]]
-        cells = " | ".join(f"{100 * error:.2f}" for error in errors)
-        mark = "" if row["converged"] else ", not converged"
-        lines.append(f"| {row['case']}{mark} | {row['mesh']} | {row['load']:g} | {row['moved']:.3f} | {cells} |")
-    return "\n".join(lines)
+        errors = [row["models"][model][head] for model, head in parts]
+        rows.append({**row, "errors": errors, "mark": "" if row["converged"] else ", not converged"})
+    return "Errors of displacement against shell theory [%]; parts add up as vectors:\n\n" + markdown(
+        f"case | mesh | load | tip [L] | hinges | {headings} | the mesh",
+        "{case}{mark} | {mesh} | {load:g} | {moved:.3f} | {hinges:100*.2f} | {errors:100*.2f} | {of the mesh:100*.2f}",
+        rows,
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """At which shapes and loads the hinges make the larger part of the error."""
-    (rows,) = tables
-    two_way = [row for row in rows if row["case"] != "strip, one way"]
+    rows = result.findings["rows"]
 
-    def span(head: str, share: float) -> str:
-        values = [number(row[head]) for row in two_way if float(row["load"]) == share]
-        return f"{min(values):.2g} to {max(values):.2g} %"
+    def spans(load: float) -> str:
+        words = []
+        for model in MODELS:
+            chosen = [row["models"][model] for row in rows if row["case"] != "strip, one way" and row["load"] == load]
+            hinges, theory = ([100 * found[head] for found in chosen] for head in ("on hinges", "on shell theory"))
+            words.append(
+                f"{ms.models()[model].name} {min(hinges):.2g} to {max(hinges):.2g} %, "
+                f"{min(theory):.2g} to {max(theory):.2g} %"
+            )
+        return "; ".join(words)
 
-    names = [ms.models()[model].name for model in MODELS]
-    small = "; ".join(f"{n} {span(f'{n} on hinges', 0.2)}, {span(f'{n} on shell theory', 0.2)}" for n in names)
-    large = "; ".join(f"{n} {span(f'{n} on hinges', 1.0)}, {span(f'{n} on shell theory', 1.0)}" for n in names)
-    larger = sum(number(row["hinges"]) > number(row["MWTS modes and warp"]) for row in rows)
+    larger = sum(row["hinges"] > row["models"]["mwts"]["modes and warp"] for row in rows)
     return (
         "Errors against shell theory where a sheet bends two ways or twists, on modes of hinges and of shell theory: "
-        f"small loads {small}; large loads {large}. In {larger} of {len(rows)} cases the hinges are off by more than "
-        "modes and warp of MWTS."
+        f"small loads {spans(0.2)}; large loads {spans(1.0)}. In {larger} of {len(rows)} cases the hinges are off by "
+        "more than modes and warp of MWTS."
     )

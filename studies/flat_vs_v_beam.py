@@ -2,8 +2,6 @@
 
 A fold carries bending by its membrane, a flat beam by its flexure alone: the flat beam's drop falls with the flexural
 stiffness, the V-beam's hardly, until flexure is as stiff as the fold. Every MWTS shape is compared with DS.
-
-Run it alone with ``modalshell reproduce --only flat_vs_v_beam``.
 """
 
 from __future__ import annotations
@@ -14,9 +12,10 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.compare.report import percent
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.pages import numbers
+from modalshell.files.study_result import StudyResult
+from studies.pages import markdown
 
 FIGURES = ("figure_4",)
 
@@ -73,22 +72,22 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
 
 def table(result: StudyResult) -> str:
     """The findings as a Markdown table."""
-    lines = ["| beam | flexure | first frequency [Hz] | tip drop, MWTS [L] | tip drop, DS [L] | MWTS error |"]
-    lines.append("|---|---|---|---|---|---|")
-    for row in result.findings["rows"]:
-        lines.append(
-            f"| {row['beam']} ({row['fold_degrees']:g}°) | x{row['flexure_factor']:g} | {row['frequencies_hz'][0]:.3f} "
-            f"| {row['mwts_tip_drop']:.3f} | {row['ds_tip_drop']:.3f} | {100 * row['mwts_error']:.1f} % |"
-        )
-    return "\n".join(lines)
+    return markdown(
+        "beam | flexure | first frequency [Hz] | tip drop, MWTS [L] | tip drop, DS [L] | MWTS error",
+        "{beam} ({fold_degrees:g}°) | x{flexure_factor:g} | {frequencies_hz[0]:.3f} | {mwts_tip_drop:.3f} "
+        "| {ds_tip_drop:.3f} | {mwts_error:100*.1f} %",
+        result.findings["rows"],
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """What the fold gains at the least and at the largest flexure."""
-    (rows,) = tables
-    drops, errors = numbers(rows, "tip drop, DS [L]"), numbers(rows, "MWTS error")
+    rows = result.findings["rows"]
+    drops, errors = ([row[key] for row in rows] for key in ("ds_tip_drop", "mwts_error"))
+    least, most = rows[0]["flexure_factor"], rows[-1]["flexure_factor"]
     return (
-        f"With flexure {rows[0]['flexure']} the flat beam drops {drops[0] / drops[1]:.1f} times as far as the V-beam, "
-        f"with {rows[-2]['flexure']} {drops[-2] / drops[-1]:.1f} times: the fold carries bending by its membrane until "
-        f"flexure is as stiff. MWTS is {max(errors):g} % off DS at the largest drop, {min(errors):g} % at the smallest."
+        f"With flexure x{least:g} the flat beam drops {drops[0] / drops[1]:.1f} times as far as "
+        f"the V-beam, with x{most:g} {drops[-2] / drops[-1]:.1f} times: the fold carries bending by "
+        f"its membrane until flexure is as stiff. MWTS is {percent(max(errors), '.1f')} off DS at the largest drop, "
+        f"{percent(min(errors), '.1f')} at the smallest."
     )

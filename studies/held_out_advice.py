@@ -4,8 +4,6 @@ Shapes, materials, loads, and the error asked for are drawn from a seed; ten mor
 panels, are loaded beyond the load at which they snap. For each scene ``advise`` names a rung; it is right if at loads
 between its own, some of them 1 and 5 % away from a snap, the rung meets the asked error against DS solved again from
 rest, and no rung with a cheaper frame (by more than a near tie) does. Where it names none, none must meet both demands.
-
-Run it alone with ``modalshell reproduce --only held_out_advice``.
 """
 
 from __future__ import annotations
@@ -20,12 +18,13 @@ from modalshell.compare.advise import NEAR_TIE, RATE_MARGIN
 from modalshell.compare.candidates import case_factory
 from modalshell.compare.case import Case
 from modalshell.compare.path import Marks
+from modalshell.compare.report import percent
 from modalshell.compare.runs import Measurement
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
-from studies.pages import number
+from studies.pages import markdown
 
 FIGURES = ("held_out_advice",)
 
@@ -167,31 +166,26 @@ def checked(case: Case, error: float, shares: tuple[float, ...]) -> dict[str, An
 
 def table(result: StudyResult) -> str:
     """One row per scene, and the count."""
-    lines = ["| scene | asked | advice | measured | held-out loads | snaps | cheaper rungs that meet it |"]
-    lines.append("|---|---|---|---|---|---|---|")
-    rows = result.findings["rows"]
-    for row in rows:
-        errors = " | ".join(
-            "-" if row[key] is None else f"{100 * row[key]:.3g} %" for key in ("measured_error", "held_out_error")
-        )
-        lines.append(
-            f"| {row['scene']} | {100 * row['error']:g} % | {row['chosen'] or 'none'} | {errors} "
-            f"| {'yes' if row['snap'] else 'no'} | {', '.join(row['cheaper_that_meet']) or 'none'} |"
-        )
+    rows = []
+    for row in result.findings["rows"]:
+        errors = [percent(row[key]) for key in ("measured_error", "held_out_error")]
+        cheaper = ", ".join(row["cheaper_that_meet"]) or None
+        rows.append({**row, "errors": errors, "snaps": "yes" if row["snap"] else "no", "cheaper": cheaper})
+    scenes = markdown(
+        "scene | asked | advice | measured | held-out loads | snaps | cheaper rungs that meet it",
+        "{scene} | {error:100*g} % | {chosen:|none} | {errors} | {snaps} | {cheaper:|none}",
+        rows,
+    )
     met, right = sum(row["meets"] for row in rows), sum(row["right"] for row in rows)
-    lines += [
-        "",
-        f"The rung meets the asked error on {met} of {len(rows)} scenes; on {right} of these no cheaper one does.",
-    ]
-    return "\n".join(lines)
+    words = f"The rung meets the asked error on {met} of {len(rows)} scenes; on {right} of these no cheaper one does."
+    return f"{scenes}\n\n{words}"
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """How often the advice is right."""
-    (rows,) = tables
-    met = [row for row in rows if row["held-out loads"] == "-" or number(row["held-out loads"]) <= number(row["asked"])]
-    cheapest = sum(row["cheaper rungs that meet it"] == "none" for row in met)
+    rows = result.findings["rows"]
+    met, right = sum(row["meets"] for row in rows), sum(row["right"] for row in rows)
     return (
-        f"At loads that were not measured for it, the advised model meets the asked error on {len(met)} of {len(rows)} "
-        f"random scenes; on {cheapest} of these no cheaper model does."
+        f"At loads that were not measured for it, the advised model meets the asked error on {met} of {len(rows)} "
+        f"random scenes; on {right} of these no cheaper model does."
     )

@@ -1,10 +1,8 @@
 """Constants of sheets recovered from measurements: tip curves, corners of a swept plate, natural frequencies.
 
-The measurements are those of finite elements (``studies/identification.json``), so that the constants are known. Each
+The measurements are those of finite elements (``studies/identification_data.json``), so that the constants are known. Each
 fit begins at twice the modulus. Tip curves get errors, too: normal ones of 1 % of the largest drop, from 40 seeds; each
 interval of 95 % either holds the modulus that was put in or does not.
-
-Run it alone with ``modalshell reproduce --only identification``.
 """
 
 from __future__ import annotations
@@ -18,13 +16,14 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.compare.report import percent
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.pages import number
+from modalshell.files.study_result import StudyResult
+from studies.pages import markdown
 
 FIGURES = ("identification",)
 
-DATA = Path(__file__).with_name("identification.json")
+DATA = Path(__file__).with_name("identification_data.json")
 NOISE = 0.01
 """Standard deviation of errors, over the largest drop."""
 
@@ -129,41 +128,41 @@ def row(words: str, measured: str, case: dict[str, Any], found: ms.Fit) -> dict[
     return {"case": words, "measured": measured, "exact": exact, **told, "shells": found.evaluations}
 
 
+def held(found: dict[str, Any]) -> int:
+    """Number of intervals that hold the modulus."""
+    return sum(row["low"] <= found["true"] <= row["high"] for row in found["noisy"])
+
+
 def table(result: StudyResult) -> str:
     """Constants recovered, and how often intervals hold, as Markdown tables."""
-    heads = ("case", "measured", "constant", "true", "found", "interval of 95 %", "deviation [%]", "shells solved")
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for found in result.findings["rows"]:
-        for name, value in found["values"].items():
-            low, high = found["intervals"][name]
-            exact = found["exact"][name]
-            cells = [found["case"], found["measured"], name, f"{exact:.6g}", f"{value:.6g}", f"{low:.6g} to {high:.6g}"]
-            lines.append(
-                "| " + " | ".join([*cells, f"{100.0 * (value / exact - 1.0):+.2f}", f"{found['shells']}"]) + " |"
-            )
-    noisy, exact = result.findings["noisy"], result.findings["true"]
-    off = np.array([found["young"] / exact - 1.0 for found in noisy])
-    held = sum(found["low"] <= exact <= found["high"] for found in noisy)
-    width = np.mean([0.5 * (found["high"] - found["low"]) / exact for found in noisy])
-    lines += ["", "Tip curves with errors of 1 % of the largest drop:", ""]
-    lines += ["| curves | mean deviation [%] | largest [%] | mean half width of intervals [%] | intervals that hold |"]
-    lines += ["|---" * 5 + "|"]
-    cells = [
-        f"{len(noisy)}",
-        f"{100 * off.mean():+.2f}",
-        f"{100 * np.abs(off).max():.2f}",
-        f"{100 * width:.2f}",
-        f"{held}",
+    found = result.findings
+    rows = [
+        row | {"name": name, "true": row["exact"][name], "value": value, "interval": row["intervals"][name]}
+        for row in found["rows"]
+        for name, value in row["values"].items()
     ]
-    return "\n".join([*lines, "| " + " | ".join(cells) + " |"])
+    constants = markdown(
+        "case | measured | constant | true | found | interval of 95 % | deviation [%] | shells solved",
+        "{case} | {measured} | {name} | {true:.6g} | {value:.6g} | {interval[0]:.6g} to {interval[1]:.6g} "
+        "| {off:100*+.2f} | {shells}",
+        [row | {"off": row["value"] / row["true"] - 1.0} for row in rows],
+    )
+    off = np.array([row["young"] / found["true"] - 1.0 for row in found["noisy"]])
+    width = np.mean([0.5 * (row["high"] - row["low"]) / found["true"] for row in found["noisy"]])
+    curves = markdown(
+        "curves | mean deviation [%] | largest [%] | mean half width of intervals [%] | intervals that hold",
+        "{curves} | {mean:100*+.2f} | {largest:100*.2f} | {width:100*.2f} | {held}",
+        [{"curves": off.size, "mean": off.mean(), "largest": abs(off).max(), "width": width, "held": held(found)}],
+    )
+    return f"{constants}\n\nTip curves with errors of 1 % of the largest drop:\n\n{curves}"
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Largest deviations, and how many intervals hold."""
-    exact, noisy = tables
-    worst = max(abs(number(found["deviation [%]"])) for found in exact if found["constant"] == "young")
-    held, curves = noisy[0]["intervals that hold"], noisy[0]["curves"]
+    found = result.findings
+    worst = max(abs(row["values"]["young"] / row["exact"]["young"] - 1.0) for row in found["rows"])
     return (
-        f"Young's modulus is recovered within {worst:.2g} % from tip curves, corners and frequencies of finite "
-        f"elements; from tip curves with errors of 1 % {held} of {curves} intervals of 95 % hold it."
+        f"Young's modulus is recovered within {percent(worst, '.2g')} from tip curves, corners and frequencies of "
+        f"finite elements; from tip curves with errors of 1 % {held(found)} of {len(found['noisy'])} intervals of 95 % "
+        "hold it."
     )

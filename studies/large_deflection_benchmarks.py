@@ -7,8 +7,6 @@ surface. An error is the largest difference from the published displacements at 
 these. The published ones are of finite elements, those of 3.2 of the closed form. Where the walls of 3.5 and 3.6
 buckle, loads are compared at the published displacement, too, on the path of equilibria. The wall of 3.6 buckles at
 many loads, each time to one of several states; its meshes are graded towards the force.
-
-Run it alone with ``modalshell reproduce --only large_deflection_benchmarks``.
 """
 
 from __future__ import annotations
@@ -22,9 +20,9 @@ import numpy as np
 import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from studies.both_energies import FAMILIES
-from studies.pages import number
+from studies.pages import markdown
 from studies.progress import counted
 from studies.sze_liu_lo import GRADING, PROBLEMS, Problem
 
@@ -130,46 +128,49 @@ def at_displacements(problem: Problem, entries: list[list[float]], steep: Steep)
     return rows
 
 
-def table(result: StudyResult) -> str:
-    """The largest error of each problem and mesh, and every displacement, as Markdown tables."""
-    rows, names = result.findings["rows"], result.findings["names"]
-    lines = [
-        "| problem | mesh | vertices | largest error [%] | at share of the load | not converged |",
-        "|---" * 6 + "|",
-    ]
-    for problem, family in dict.fromkeys((row["problem"], row["mesh"]) for row in rows):
-        own = [r for r in rows if (r["problem"], r["mesh"]) == (problem, family)]
-        parts = [("", own)]
+def largest_errors(found: dict[str, Any]) -> list[dict[str, Any]]:
+    """The worst row of each problem on each mesh, before and beyond its snap, and those at its snap."""
+    worst = []
+    for problem, family in dict.fromkeys((row["problem"], row["mesh"]) for row in found["rows"]):
+        parts = {"": (-np.inf, np.inf)}
         if problem in STEEP:
             shares = STEEP[problem].shares
-            parts = [
-                (", up to its snap", [r for r in own if r["share"] < shares[0]]),
-                (", beyond", [r for r in own if r["share"] > shares[-1]]),
-            ]
-        for name, chosen in parts:
-            worst = max(chosen, key=lambda row: row["error"])
-            wrong = sum(row["status"] != "converged" for row in chosen)
-            lines.append(
-                f"| {problem} {names[problem]}{name} | {family} | {worst['vertices']} | {100 * worst['error']:.2f} "
-                f"| {worst['share']:g} | {wrong} |"
-            )
-    for row in result.findings["steep"]:
-        error = "-" if row["error"] is None else f"{100 * row['error']:.2f}"
-        name = f"{row['problem']} {names[row['problem']]}, its snap: load at the displacement"
-        lines.append(f"| {name} | {row['mesh']} | - | {error} | {row['share']:g} | 0 |")
-    lines += ["", "| problem | mesh | share | found | published | error [%] |", "|---" * 6 + "|"]
-    for row in rows:
-        found, published = (", ".join(f"{value:.3f}" for value in row[key]) for key in ("found", "published"))
-        where = f"| {row['problem']} | {row['mesh']} | {row['share']:g} "
-        lines.append(f"{where}| {found} | {published} | {100 * row['error']:.2f} |")
-    return "\n".join(lines)
+            parts = {", up to its snap": (-np.inf, shares[0]), ", beyond": (shares[-1], np.inf)}
+        for words, (low, high) in parts.items():
+            own = [row for row in found["rows"] if (row["problem"], row["mesh"]) == (problem, family)]
+            own = [row for row in own if low < row["share"] < high]
+            wrong = sum(row["status"] != "converged" for row in own)
+            named = {"name": f"{problem} {NAMES[problem]}{words}", "wrong": wrong}
+            worst.append(max(own, key=lambda row: row["error"]) | named)
+    for row in found["steep"]:
+        name = f"{row['problem']} {NAMES[row['problem']]}, its snap: load at the displacement"
+        worst.append({**row, "name": name, "vertices": None, "wrong": 0})
+    return worst
 
 
-def finding(tables: list[Table]) -> str:
+def table(result: StudyResult) -> str:
+    """The largest error of each problem and mesh, and every displacement, as Markdown tables."""
+    rows = [
+        row | {key: ", ".join(f"{value:.3f}" for value in row[key]) for key in ("found", "published")}
+        for row in result.findings["rows"]
+    ]
+    largest = markdown(
+        "problem | mesh | vertices | largest error [%] | at share of the load | not converged",
+        "{name} | {mesh} | {vertices:} | {error:100*.2f} | {share:g} | {wrong}",
+        largest_errors(result.findings),
+    )
+    every = markdown(
+        "problem | mesh | share | found | published | error [%]",
+        "{problem} | {mesh} | {share:g} | {found} | {published} | {error:100*.2f}",
+        rows,
+    )
+    return f"{largest}\n\n{every}"
+
+
+def finding(result: StudyResult) -> str:
     """The largest error of each problem over all meshes."""
     largest: dict[str, float] = {}
-    for row in tables[0]:
-        name = row["problem"]
-        largest[name] = max(largest.get(name, 0.0), number(row["largest error [%]"]))
-    words = "; ".join(f"{name} {value:.2g} %" for name, value in largest.items())
+    for row in largest_errors(result.findings):
+        largest[row["name"]] = max(largest.get(row["name"], 0.0), row["error"] or 0.0)
+    words = "; ".join(f"{name} {100 * value:.2g} %" for name, value in largest.items())
     return f"Largest errors over all loads and three mesh families against Sze, Liu and Lo: {words}."

@@ -10,13 +10,12 @@ easily than a shell: a rectangle of width w and thickness t has the torsion cons
 w t^3 / 3 (Timoshenko and Goodier), so that its critical load is less by 0.315 t / w. The load is the first bifurcation
 on the path of equilibria. This is the lateral buckling test of Romero et al. (2021, ``romero2021``); no number is
 theirs.
-
-Run it alone with ``modalshell reproduce --only lateral_buckling``.
 """
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypedDict
 
@@ -26,11 +25,12 @@ from scipy.linalg import eigvalsh
 from scipy.optimize import brentq
 
 import modalshell as ms
+from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
-from studies.pages import number
+from studies.pages import markdown
 from studies.progress import counted
 
 FIGURES = ("lateral_buckling",)
@@ -50,6 +50,12 @@ NARROW = 12.8538
 NARROWER = (0.0125, 0.025)
 """Widths without finite elements, which show the limit."""
 CLAMP, BEAM_END = "clamp", "beam end"
+WORDS = (
+    "The lateral buckling test of Romero et al. (2021). The narrow strip's values are those of a formula with "
+    "Bessel functions, the finite elements' of CalculiX; none is of the paper. Solid strips twist more easily than "
+    "shells, by 0.63 t / w of the torsion constant: the last column is without this. A beam end holds a section's "
+    "position and mean slope and leaves it free to warp, as the formula has it. Critical Γ of strips of length 1:\n\n"
+)
 RANGE = (0.8, 1.8)
 """Share of the reference, or of the narrow strip's load, between which the bifurcation is looked for."""
 
@@ -135,51 +141,52 @@ def _first_section(mesh: ms.TriangleMesh) -> NDArray[np.bool_]:
     return mesh.vertices[:, 0] < 1e-9
 
 
+def solid_gamma(row: dict[str, Any]) -> float | None:
+    """Critical Gamma of solid finite elements."""
+    return row["gamma"]
+
+
+def thin(row: dict[str, Any]) -> float | None:
+    """That of finite elements as thin as a shell."""
+    return None if row["gamma"] is None else row["gamma"] * (1.0 + 0.315 * row["thickness"] / row["width"])
+
+
+def off(row: dict[str, Any], reference: float | None) -> float | None:
+    """Error of what was found; None where one of both is missing."""
+    return None if row["found"] is None or reference is None else row["found"] / reference - 1.0
+
+
 def table(result: StudyResult) -> str:
     """One row per strip, energy and mesh, as a Markdown table."""
-    lines = [
-        "The lateral buckling test of Romero et al. (2021). The narrow strip's values are those of a formula with "
-        "Bessel functions, the finite elements' of CalculiX; none is of the paper. Solid strips twist more easily than "
-        "shells, by 0.63 t / w of the torsion constant: the last column is without this. A beam end holds a section's "
-        "position and mean slope and leaves it free to warp, as the formula has it. Critical Γ of strips of length 1:",
-        "",
-    ]
-    names = ["width", "Poisson's ratio", "support", "energy", "mesh", "found", "narrow strip", "over it [%]"]
-    names += ["finite elements", "off [%]", "off if thin [%]"]
-    lines += [f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
+    rows = []
     for row in result.findings["rows"]:
-        found, solid = row["found"], row["gamma"]
-        cells = [f"{row['width']:g}", f"{row['poisson']:g}", row["support"], row["energy"], row["mesh"]]
-        cells += ["none" if found is None else f"{found:.3f}", f"{row['narrow']:.3f}", _percent(found, row["narrow"])]
-        thin = None if solid is None else solid * (1.0 + 0.315 * row["thickness"] / row["width"])
-        cells += ["-" if solid is None else f"{solid:.3f}", _percent(found, solid), _percent(found, thin)]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+        over, solid, thinned = (off(row, reference) for reference in (row["narrow"], row["gamma"], thin(row)))
+        rows.append({**row, "over": over, "solid": solid, "thinned": thinned})
+    return WORDS + markdown(
+        "width | Poisson's ratio | support | energy | mesh | found | narrow strip | over it [%] | finite elements "
+        "| off [%] | off if thin [%]",
+        "{width:g} | {poisson:g} | {support} | {energy} | {mesh} | {found:.3f|none} | {narrow:.3f} | {over:100*+.2f} "
+        "| {gamma:.3f} | {solid:100*+.2f} | {thinned:100*+.2f}",
+        rows,
+    )
 
 
-def _percent(found: float | None, reference: float | None) -> str:
-    return "-" if found is None or reference is None else f"{100.0 * (found / reference - 1.0):+.2f}"
-
-
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Largest difference of both energies from finite elements."""
-    (rows,) = tables
-    largest = {
-        (energy, column): max(
-            abs(number(row[column])) for row in rows if row["energy"] == energy and row[column] != "-"
-        )
-        for energy in ENERGIES
-        for column in ("off [%]", "off if thin [%]")
-    }
-    shells = [row for row in rows if row["energy"] == "Isotropic" and row["width"] == "0.05"]
-    above = {
-        support: max(number(row["over it [%]"]) for row in shells if row["support"] == support)
-        for support in (CLAMP, BEAM_END)
-    }
+    rows = result.findings["rows"]
+    solid, beam = [row for row in rows if row["gamma"] is not None], [row for row in rows if row["width"] == 0.05]
+
+    def largest(energy: str, reference: Callable[[dict[str, Any]], float | None]) -> str:
+        return percent(max(abs(off(row, reference(row)) or 0.0) for row in solid if row["energy"] == energy), ".2g")
+
+    def above(support: str) -> str:
+        own = [off(row, row["narrow"]) for row in beam if (row["energy"], row["support"]) == ("Isotropic", support)]
+        return percent(max((one for one in own if one is not None), default=None), ".2g")
+
     return (
-        f"Clamped strips of width 0.05 to 0.4 buckle sideways within {largest['Isotropic', 'off if thin [%]']:.2g} % "
-        f"of thin finite elements ({largest['Isotropic', 'off [%]']:.2g} % of solid ones) with Isotropic shells on "
-        f"{len(FAMILIES)} mesh families; calibrated hinges are off by up to {largest['hinges', 'off [%]']:.2g} %. At "
-        f"width 0.05 shells that are held as a beam is, free to warp, are at most {above[BEAM_END]:.2g} % above the "
-        f"closed form of narrow strips, clamped ones {above[CLAMP]:.2g} %."
+        f"Clamped strips of width 0.05 to 0.4 buckle sideways within {largest('Isotropic', thin)} of thin finite "
+        f"elements ({largest('Isotropic', solid_gamma)} of solid ones) with Isotropic shells on {len(FAMILIES)} mesh "
+        f"families; calibrated hinges are off by up to {largest('hinges', solid_gamma)}. At width 0.05 shells that are "
+        f"held as a beam is, free to warp, are at most {above(BEAM_END)} above the closed form of narrow strips, "
+        f"clamped ones {above(CLAMP)}."
     )

@@ -6,8 +6,6 @@ each way change them by 0.002 % at most. Modes are matched to the reference's by
 with the masses as weights, a double frequency's shapes taken together), since an energy that is wrong may put them in
 another order. The panel, clamped at a curved edge, and the V-beam are compared with solid finite elements
 (``studies/finite_elements.json``), the likeness of shapes taken at points.
-
-Run it alone with ``modalshell reproduce --only plate_frequencies``.
 """
 
 from __future__ import annotations
@@ -26,9 +24,9 @@ from scipy.optimize import linear_sum_assignment
 import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from studies.both_energies import ENERGIES, FAMILIES, Sheet, displacements_at, flat_shell
-from studies.pages import numbers
+from studies.pages import markdown
 from studies.progress import counted
 
 FIGURES = ("plate_frequencies",)
@@ -202,44 +200,40 @@ def assurance(reference_shapes: np.ndarray, found: np.ndarray, masses: np.ndarra
 
 def table(result: StudyResult) -> str:
     """The reference, and the error of each mode by supports, energy, mesh and resolution, as Markdown tables."""
-    modes = range(1, MODES + 1)
-    lines = ["Frequency numbers ω a² √(ρ h / D) of the Kirchhoff plate, and frequencies [Hz] of finite elements:", ""]
-    lines += ["| supports | " + " | ".join(f"mode {mode}" for mode in modes) + " |", "|---" * (MODES + 1) + "|"]
-    for name, exact in result.findings["reference"].items():
-        lines.append(f"| {name} | " + " | ".join(f"{value:.4f}" for value in exact) + " |")
-    lines += ["", "Errors [%], C clamped, F free, S simply supported; cells are counted across:", ""]
-    lines.append("| supports | energy | mesh | cells | " + " | ".join(f"mode {mode}" for mode in modes))
-    lines[-1] += " | largest | order of modes | least likeness of shapes |"
-    lines.append("|---" * (MODES + 7) + "|")
+    modes, rows = " | ".join(f"mode {mode}" for mode in range(1, MODES + 1)), []
     for row in result.findings["rows"]:
-        errors = 100.0 * np.asarray(row["errors"])
-        lines.append(
-            f"| {row['supports']} | {row['energy']} | {row['mesh']} | {row['cells']} | "
-            + " | ".join(f"{error:+.2f}" for error in errors)
-            + f" | {np.abs(errors).max():.2f} | {'changed' if row['swapped'] else 'kept'} "
-            f"| {min(row['likeness']):.3f} |"
-        )
-    return "\n".join(lines)
+        largest, order = np.abs(row["errors"]).max(), "changed" if row["swapped"] else "kept"
+        rows.append({**row, "largest": largest, "order": order, "least": min(row["likeness"])})
+    exact = [{"supports": name, "numbers": values} for name, values in result.findings["reference"].items()]
+    return "\n\n".join(
+        [
+            "Frequency numbers ω a² √(ρ h / D) of the Kirchhoff plate, and frequencies [Hz] of finite elements:",
+            markdown(f"supports | {modes}", "{supports} | {numbers:.4f}", exact),
+            "Errors [%], C clamped, F free, S simply supported; cells are counted across:",
+            markdown(
+                f"supports | energy | mesh | cells | {modes} | largest | order of modes | least likeness of shapes",
+                "{supports} | {energy} | {mesh} | {cells} | {errors:100*+.2f} | {largest:100*.2f} "
+                "| {order} | {least:.3f}",
+                rows,
+            ),
+        ]
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The largest error of each energy on the finer meshes, over all modes and supports."""
-    _, rows = tables
-    finest = {
-        name: max(numbers([row for row in rows if row["supports"] == name], "cells")) for name in (*SUPPORTS, *SHELLS)
-    }
+    rows = result.findings["rows"]
 
-    def largest(energy: str, name: str) -> float:
+    def largest(energy: str, name: str) -> str:
         own = [row for row in rows if (row["energy"], row["supports"]) == (energy, name)]
-        return max(
-            numbers([row for row in own if float(row["cells"]) == finest.get(name, float(row["cells"]))], "largest")
-        )
+        finest = max(row["cells"] for row in own)
+        return f"{100 * max(np.abs(row['errors']).max() for row in own if row['cells'] == finest):.2g}"
 
-    split, hinges = (", ".join(f"{largest(energy, name):.2g}" for name in SUPPORTS) for energy in ENERGIES)
-    panel, beam = ([largest(energy, name) for energy in ENERGIES] for name in SHELLS)
+    split, hinges = (", ".join(largest(energy, name) for name in SUPPORTS) for energy in ENERGIES)
+    panel, beam = (" and ".join(largest(energy, name) for energy in ENERGIES) for name in SHELLS)
+    cells = max(row["cells"] for row in rows if row["supports"] == "SSSS")
     return (
-        f"With {finest['SSSS']:g} cells a side the first {MODES} frequencies of a square plate ({', '.join(SUPPORTS)}) "
+        f"With {cells} cells a side the first {MODES} frequencies of a square plate ({', '.join(SUPPORTS)}) "
         f"are off by {split} % at most with Isotropic shells on all {len(FAMILIES)} mesh families, by {hinges} % with "
-        f"calibrated hinges; those of a curved panel by {panel[0]:.2g} and {panel[1]:.2g} %, of a V-beam by "
-        f"{beam[0]:.2g} and {beam[1]:.2g} %."
+        f"calibrated hinges; those of a curved panel by {panel} %, of a V-beam by {beam} %."
     )

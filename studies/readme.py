@@ -5,13 +5,10 @@ Run ``python -m studies.readme`` in a checkout, after a study's page or picture 
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from modalshell.files.atomic_io import write_text
-from studies.pages import read_tables
+from studies.pages import FOLDER, committed
 from studies.reproduce import studies
 
-FOLDER = Path(__file__).resolve().parent
 HEAD = """# Studies
 
 Each study answers one question. Its module explains how, its page has every number, and its figure module draws the
@@ -111,8 +108,7 @@ def row(name: str) -> str:
     pictures = [f"../paper_figures/{figure}.png" for figure in study.FIGURES]
     picture = next((path for path in pictures if (FOLDER / path).is_file()), None)
     shown = "" if picture is None else f'[<img src="{picture}" width="320" alt="{name}">]({picture})'
-    finding = study.finding(read_tables((FOLDER / f"{name}.md").read_text(encoding="utf-8")))
-    return f"| [**{name}**]({name}.md)<br>{title} | {shown} | {finding} |\n"
+    return f"| [**{name}**]({name}.md)<br>{title} | {shown} | {study.finding(committed(name))} |\n"
 
 
 def scenes() -> str:

@@ -9,8 +9,6 @@ are compared with known results:
 * A tape spring, half of its length and width. Bent, it folds, and the fold keeps its radius while it grows: the moment
   stays at ``(1 + nu) D alpha`` where the section opens outwards, ``(1 - nu) D alpha`` where inwards, D the bending
   stiffness and alpha the angle of the section [seffen1999]. Thick end blocks carry a couple of forces along its axis.
-
-Run it alone with ``modalshell reproduce --only snap``.
 """
 
 from __future__ import annotations
@@ -22,10 +20,11 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
+from modalshell.compare.report import percent
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from studies.elastica_frame import LOADED_AT, frame_path, limit_loads
-from studies.pages import number
+from studies.pages import markdown
 from studies.tape_spring import moments, plateau_start, tape_spring
 
 FIGURES = ("snap",)
@@ -218,42 +217,40 @@ def check(case: str, what: str, value: float, exact: float) -> dict[str, Any]:
 
 def table(result: StudyResult) -> str:
     """The marks of every path, and the checks, as Markdown tables."""
-    found = result.findings
-    lines = ["| case | model | bifurcation | snap | stable again | limit points | bifurcations | points |"]
-    lines.append("|" + "---|" * 8)
-    for one in found["curves"]:
-        marks = [one[key] for key in ("bifurcation", "snap", "stable_again")]
-        places = " | ".join("–" if mark is None else f"{mark:.4g}" for mark in marks)
+    paths = []
+    for one in result.findings["curves"]:
         kinds = [event[0] for event in one["events"]]
-        lines.append(
-            f"| {one['case']} | {one['model']} | {places} | {kinds.count('limit')} | {kinds.count('bifurcation')} "
-            f"| {one['points']} |"
-        )
-    lines.append("")
-    lines.append(
-        "Loads are gravity [m/s²] of the V-beams and the panel, N of the roof, EI/L² of the frame, and the couple of "
-        "the tape spring at rest over D alpha."
+        paths.append({**one, "counts": [kinds.count(kind) for kind in ("limit", "bifurcation")]})
+    return "\n\n".join(
+        [
+            markdown(
+                "case | model | bifurcation | snap | stable again | limit points | bifurcations | points",
+                "{case} | {model} | {bifurcation:.4g|–} | {snap:.4g|–} | {stable_again:.4g|–} | {counts} | {points}",
+                paths,
+            ),
+            "Loads are gravity [m/s²] of the V-beams and the panel, N of the roof, EI/L² of the frame, and the couple "
+            "of the tape spring at rest over D alpha.",
+            markdown(
+                "case | quantity | here | reference | off",
+                "{case} | {what} | {value:.5g} | {reference:.5g} | {off:100*.2f} %",
+                result.findings["checks"],
+            ),
+        ]
     )
-    lines += ["", "| case | quantity | here | reference | off |", "|---|---|---|---|---|"]
-    for one in found["checks"]:
-        values = f"{one['value']:.5g} | {one['reference']:.5g} | {100 * one['off']:.2f} %"
-        lines.append(f"| {one['case']} | {one['what']} | {values} |")
-    return "\n".join(lines)
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """What holds of the references, and what the rungs on rest modes see of the snap."""
-    paths, checks = tables
+    found = result.findings
 
-    def worst(name: str) -> float:
-        return max(number(row["off"]) for row in checks if row["case"].startswith(name))
+    def worst(name: str) -> str:
+        return percent(max(one["off"] for one in found["checks"] if one["case"].startswith(name)), ".2g")
 
-    strip = [row for row in paths if row["case"] == "V 150°"]
-    exact = next(row for row in strip if row["model"] == "DS")
-    blind = [row["model"].split()[0] for row in strip if "twisted" not in row["model"] and row["snap"] == "–"]
+    strip = {one["model"]: one for one in found["curves"] if one["case"] == "V 150°"}
+    blind = [name.split()[0] for name, one in strip.items() if "twisted" not in name and one["snap"] is None]
     return (
-        f"Limit loads of Lee's frame are within {worst('Lee'):.2g} % of the elastica's, those of the hinged roof "
-        f"change by {worst('roof'):.2g} % between the two finest meshes, and the tape spring's moment is within "
-        f"{worst('tape'):.2g} % of its plateau's. The stiff V snaps at a gravity of {exact['snap']} and is stable "
-        f"again, flattened, from {exact['stable again']} on; on rest modes, {' and '.join(blind)} shows neither."
+        f"Limit loads of Lee's frame are within {worst('Lee')} of the elastica's, those of the hinged roof change by "
+        f"{worst('roof')} between the two finest meshes, and the tape spring's moment is within {worst('tape')} of its "
+        f"plateau's. The stiff V snaps at a gravity of {strip['DS']['snap']:.4g} and is stable again, flattened, from "
+        f"{strip['DS']['stable_again']:.4g} on; on rest modes, {' and '.join(blind)} shows neither."
     )

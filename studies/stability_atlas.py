@@ -16,8 +16,6 @@ leaves 1/200 of a motion. Shorter runs, undamped ones, loads at which DS statics
 compared with the same model at half the step, twice as many of them: that says nothing of the model, only of the step.
 
 Limits that have a theory are measured by bisection, see ``stability_limits``.
-
-Run it alone with ``modalshell reproduce --only stability_atlas``.
 """
 
 from __future__ import annotations
@@ -33,7 +31,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
 from modalshell.models.base.full import FullModel
 from modalshell.models.base.modal import ModalModel, as_modal
@@ -43,7 +41,6 @@ from modalshell.motion.recorder import Recorder
 from studies import modal_steps
 from studies import stability_limits as limits
 from studies import stability_models as models
-from studies.pages import numbers
 from studies.stability_page import page
 
 FIGURES = ("stability_atlas",)
@@ -389,10 +386,9 @@ def table(result: StudyResult) -> str:
     return page(result)
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """How near measured limits are to theory."""
-    *_, rows = (table for table in tables if "ratio" in table[0])
-    ratios = numbers(rows, "ratio")
+    ratios = [limit["ratio"] for limit in result.findings["limits"] if limit["ratio"] is not None]
     return (
         f"{len(ratios)} limits of stable steps and loads have a theory; small motion meets each within "
         f"{100 * max(abs(ratio - 1.0) for ratio in ratios):.1f} %. The page says what to check before choosing a step."

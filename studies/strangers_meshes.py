@@ -4,8 +4,6 @@
 sensible where its motion completed and moves the shell by 0.2 to 100 % of its size, and where each part is held. What
 is tried depends on the packages that are installed; the quick version takes shapes of trimesh alone, and pictures of
 their equilibrium instead of films. Times are processor time, the start of Python included.
-
-Run it alone with ``modalshell reproduce --only strangers_meshes``.
 """
 
 from __future__ import annotations
@@ -26,9 +24,9 @@ import modalshell as ms
 from modalshell.commands.choices import LARGE, UNSEEN
 from modalshell.core.checks import shortened
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from modalshell.mesh.files import read_polygons, repair_mesh
-from studies.pages import number, numbers
+from studies.pages import markdown
 from studies.strangers import Stranger, generated, installed_files
 
 FIGURES = ("strangers_meshes",)
@@ -146,37 +144,38 @@ def _plain(text: str, stranger: Stranger) -> str:
 
 def table(result: StudyResult) -> str:
     """Every mesh with its outcome, and the files that are no meshes."""
-    headings = ["mesh", "triangles", "parts", "without `--repair`", "CPU [s]"]
-    headings += ["what `--repair` does", "with it", "CPU [s]", "moves [%]"]
-    lines = ["| " + " | ".join(headings) + " |", "|---" * len(headings) + "|"]
+    rows = []
     for row in result.findings["rows"]:
         plain, mended = row["plain"], row["mended"]
-        better = mended if mended["film"] else plain
-        cells = [row["name"], f"{row['triangles']:,}", row["parts"], plain["told"], f"{plain['seconds']:.0f}"]
+        moved = (mended if mended["film"] else plain)["moved"]
+        repair = ["nothing", "the same", "-"]
         if row["repair"]:
-            cells += ["; ".join(row["repair"]), mended["told"], f"{mended['seconds']:.0f}"]
-        else:
-            cells += ["nothing", "the same", "-"]
-        cells.append("-" if better["moved"] is None else f"{100.0 * better['moved']:.2g}")
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    lines += ["", "Files of packages that are no meshes, whatever their suffix says:", ""]
-    lines += ["| file | message |", "|---|---|"]
-    lines += [f"| {entry['name']} | {entry['told']} |" for entry in result.findings["unread"]]
-    return "\n".join(lines)
+            repair = ["; ".join(row["repair"]), mended["told"], f"{mended['seconds']:.0f}"]
+        rows.append({**row, "mends": repair, "moved": moved})
+    return "\n\n".join(
+        [
+            markdown(
+                "mesh | triangles | parts | without `--repair` | CPU [s] | what `--repair` does | with it | CPU [s] "
+                "| moves [%]",
+                "{name} | {triangles:,} | {parts} | {plain[told]} | {plain[seconds]:.0f} | {mends} | {moved:100*.2g}",
+                rows,
+            ),
+            "Files of packages that are no meshes, whatever their suffix says:",
+            markdown("file | message", "{name} | {told}", result.findings["unread"]),
+        ]
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """How many give a film, with and without repair, and how long the slowest took."""
-    rows, _ = tables
-    plain = [row for row in rows if row["without `--repair`"] == "film"]
-    films = [row for row in rows if "film" in (row["without `--repair`"], row["with it"])]
-    others = [row["mesh"] for row in rows if row not in films]
-    slowest = max(numbers(rows, "CPU [s]") + numbers(rows, "CPU [s] (2)"))
-    packages = len({row["mesh"].partition(":")[0] for row in rows})
-    largest = max(number(row["triangles"]) for row in rows)
+    rows = result.findings["rows"]
+    plain = sum(row["plain"]["film"] for row in rows)
+    others = [row["name"] for row in rows if not row["plain"]["film"] and not row["mended"]["film"]]
+    slowest = max(row[way]["seconds"] for row in rows for way in ("plain", "mended"))
+    packages = len({row["name"].partition(":")[0] for row in rows})
     left = f"; none comes of {', '.join(others)}" if others else ""
     return (
-        f"One command without options makes a sensible film of {len(plain)} of {len(rows)} meshes of {packages} other "
-        f"packages, with `--repair` of {len(films)}{left}. The slowest took {slowest:.0f} s of one core; the largest "
-        f"mesh has {largest:,.0f} triangles."
+        f"One command without options makes a sensible film of {plain} of {len(rows)} meshes of {packages} other "
+        f"packages, with `--repair` of {len(rows) - len(others)}{left}. The slowest took {slowest:.0f} s of one core; "
+        f"the largest mesh has {max(row['triangles'] for row in rows):,} triangles."
     )

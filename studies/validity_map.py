@@ -7,14 +7,12 @@ strip is followed through its snap: bifurcation, limit point and the load from w
 are drawn. Beyond the snap no rung on rest modes is of use, and DS on a coarse mesh takes over.
 
 Gravity is given as Gamma, see :func:`modalshell.measure.gamma_per_gravity`.
-
-Run it alone with ``modalshell reproduce --only validity_map``.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,12 +20,12 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.scene.models import model_tables
-from studies.pages import number
+from studies.pages import markdown
 
 FIGURES = ("validity_map",)
 
@@ -148,46 +146,44 @@ def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
     return names
 
 
+def reach(case: dict[str, Any], rung: str, tolerance: float, gammas: Sequence[float]) -> float:
+    """Largest Gamma up to which a rung stays within a tolerance; 0 where it does not at the smallest."""
+    errors = [np.inf if error is None else error for error in case["errors"][rung]]
+    within = int(np.cumprod(np.array(errors) <= tolerance).sum())
+    return gammas[within - 1] if within else 0.0
+
+
 def table(result: StudyResult) -> str:
     """Largest Gamma up to which each rung stays within each tolerance, one row per strip."""
-    found = result.findings
-    lines = [
-        "| strip | snap at Γ | bifurcation | limit | stable again | "
-        + " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in LADDER)
-        + " |"
-    ]
-    lines.append("|---|---|---|---|---|" + "---|" * len(LADDER))
-    words = {"fold": "fold {:g}°", "membrane": "membrane {:g} N/m"}
-    for axis, text in words.items():
+    found, rows = result.findings, []
+    for axis, words in {"fold": "fold {:g}°", "membrane": "membrane {:g} N/m"}.items():
         for value, case in zip(found["maps"][axis]["values"], found["maps"][axis]["rows"], strict=True):
-            places = " | ".join("no" if case[name] is None else f"{case[name]:.3g}" for name in ("snap", *MARKS))
-            reach = [" / ".join(_reach(case, rung, t, found["gammas"]) for t in TOLERANCES) for rung in LADDER]
-            lines.append(f"| {text.format(value)} | {places} | " + " | ".join(reach) + " |")
-    lines += ["", "Numbers are the largest Γ of the sweep up to which the rung stays within; – for none."]
-    return "\n".join(lines)
-
-
-def finding(tables: list[Table]) -> str:
-    """Loads up to which models on rest modes, and coarse DS, stay within 5 %."""
-    (rows,) = tables
-
-    def reach(row: dict[str, str], rung: str) -> float:
-        within = row[f"{rung} within 1 / 5 / 20 %"].split(" / ")[1]
-        return 0.0 if within == "–" else number(within)
-
-    flat, most, strains = rows[0], max(GAMMAS), ms.RotationStrain.name
-    # The page may be of a run before the latest model.
-    modal = [spec.name for spec in RUNGS if not spec.on_coarse_mesh and f"{spec.name} within 1 / 5 / 20 %" in flat]
-    folded = [row for row in rows if row["strip"].startswith("fold") and number(row["strip"]) >= 20.0]
-    best = max(reach(row, rung) for row in folded for rung in modal)
-    coarse = sum(reach(row, ms.CoarseDiscreteShell.name) >= most for row in rows)
-    return (
-        f"Flat, {strains} stays within 5 % up to Γ = {reach(flat, strains):g}; with folds from 20° on no model on rest "
-        f"modes does beyond Γ = {best:g}. Coarse DS does up to Γ = {most:g} on {coarse} of {len(rows)} strips."
+            reached = [[reach(case, rung, limit, found["gammas"]) for limit in TOLERANCES] for rung in LADDER]
+            cells = [" / ".join(f"{gamma:.2g}" if gamma else "–" for gamma in one) for one in reached]
+            rows.append({**case, "strip": words.format(value), "reached": cells})
+    names = " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in LADDER)
+    strips = markdown(
+        f"strip | snap at Γ | bifurcation | limit | stable again | {names}",
+        "{strip} | {snap:.3g|no} | {bifurcation:.3g|no} | {limit:.3g|no} | {stable_again:.3g|no} | {reached}",
+        rows,
     )
+    return f"{strips}\n\nNumbers are the largest Γ of the sweep up to which the rung stays within; – for none."
 
 
-def _reach(case: dict[str, Any], rung: str, tolerance: float, gammas: np.ndarray) -> str:
-    errors = [np.inf if error is None else error for error in case["errors"][rung]]
-    within = np.cumprod(np.array(errors) <= tolerance).sum()
-    return f"{gammas[int(within) - 1]:.2g}" if within else "–"
+def finding(result: StudyResult) -> str:
+    """Loads up to which models on rest modes, and coarse DS, stay within 5 %."""
+    maps, gammas = result.findings["maps"], result.findings["gammas"]
+
+    def within(case: dict[str, Any], rung: str) -> float:
+        return reach(case, rung, 0.05, gammas)
+
+    folds = dict(zip(maps["fold"]["values"], maps["fold"]["rows"], strict=True))
+    modal = [spec.name for spec in RUNGS if not spec.on_coarse_mesh]
+    best = max(within(case, rung) for fold, case in folds.items() if fold >= 20.0 for rung in modal)
+    strips = [*folds.values(), *maps["membrane"]["rows"]]
+    coarse = sum(within(case, ms.CoarseDiscreteShell.name) >= gammas[-1] for case in strips)
+    return (
+        f"Flat, {ms.RotationStrain.name} stays within 5 % up to Γ = {within(folds[0.0], ms.RotationStrain.name):.2g}; "
+        f"with folds from 20° on no model on rest modes does beyond Γ = {best:.2g}. Coarse DS does up to "
+        f"Γ = {gammas[-1]:.2g} on {coarse} of {len(strips)} strips."
+    )

@@ -28,6 +28,8 @@ def test_every_study_leaves_its_files(name, quick_study):
     for figure in studies()[name].FIGURES:
         assert (folder / "figures" / f"{figure}.png").read_bytes()[:4] == b"\x89PNG"
     assert not list(folder.glob("*.part"))
+    found = studies()[name].finding(StudyResult.load(folder, name))
+    assert any(letter.isdigit() for letter in found)
 
 
 def test_record_says_how_to_make_it_again(results):
