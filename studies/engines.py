@@ -2,8 +2,8 @@
 
 A strip hangs under its weight at three loads (truth: the heavy elastica); V-beams with a flange of 10 mm, and of 15 mm
 before and after their fold flattens, and a swept plate (finite elements of ``finite_elements.json`` and
-``identification_data.json``); a square cloth hangs from two corners (this package's shell theory on a mesh three times as
-fine); a square plate vibrates (Ritz's method; finite elements alone answer). Every engine gets the same mesh,
+``identification_data.json``); a square cloth hangs from two corners (this package's shell theory on a mesh three times
+as fine); a square plate vibrates (Ritz's method; finite elements alone answer). Every engine gets the same mesh,
 constants, supports and gravity, in a process of its own on one thread, as its adapter in ``modalshell/compare/engines``
 converts them. A row counts once the conversion has held on a strip of the same sheet: the mass that moves within 1 %
 where the engine tells it, and the small drop within 10 %, by the longest of the steps tried. MuJoCo's flex runs a

@@ -1,8 +1,8 @@
 """Constants of sheets recovered from measurements: tip curves, corners of a swept plate, natural frequencies.
 
-The measurements are those of finite elements (``studies/identification_data.json``), so that the constants are known. Each
-fit begins at twice the modulus. Tip curves get errors, too: normal ones of 1 % of the largest drop, from 40 seeds; each
-interval of 95 % either holds the modulus that was put in or does not.
+The measurements are those of finite elements (``studies/identification_data.json``), so that the constants are known.
+Each fit begins at twice the modulus. Tip curves get errors, too: normal ones of 1 % of the largest drop, from 40 seeds;
+each interval of 95 % either holds the modulus that was put in or does not.
 """
 
 from __future__ import annotations
