@@ -20,9 +20,8 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
 from studies.pages import markdown
-from studies.progress import counted
+from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("cantilever_master_curve",)
 
@@ -38,27 +37,24 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     count, cells = (5, (16, 3)) if quick else (50, (48, 8))
     loads = np.geomspace(*GAMMAS, count)
     exact = np.array([elastica(load) for load in loads])
-    cases = [(energy, family) for energy in ENERGIES for family in FAMILIES]
-    rows: list[dict[str, Any]] = []
-    for energy, family in counted(cases, on_step):
-        tips, states = tip_path(energy, family, cells, loads)
-        errors = np.linalg.norm(tips - exact, axis=1)
-        worst = int(np.argmax(errors))
-        rows.append(
-            {
-                "energy": energy,
-                "mesh": family,
-                "drop": tips[:, 0],
-                "reach": tips[:, 1],
-                "error": errors,
-                "largest_error": errors[worst],
-                "largest_drop_error": np.abs(tips[:, 0] - exact[:, 0]).max(),
-                "largest_reach_error": np.abs(tips[:, 1] - exact[:, 1]).max(),
-                "worst_gamma": loads[worst],
-                "smallest_load_drop_ratio": tips[0, 0] / exact[0, 0],
-                "stable_minima": sum(state.converged and state.stable for state in states),
-            }
-        )
+
+    def tips(energy: str, mesh: str) -> dict[str, Any]:
+        found, states = tip_path(energy, mesh, cells, loads)
+        errors = np.linalg.norm(found - exact, axis=1)
+        drop, reach = np.abs(found - exact).max(axis=0)
+        return {
+            "drop": found[:, 0],
+            "reach": found[:, 1],
+            "error": errors,
+            "largest_error": errors.max(),
+            "largest_drop_error": drop,
+            "largest_reach_error": reach,
+            "worst_gamma": loads[np.argmax(errors)],
+            "smallest_load_drop_ratio": found[0, 0] / exact[0, 0],
+            "stable_minima": sum(state.converged and state.stable for state in states),
+        }
+
+    rows = rows_of(tips, crossed(energy=ENERGIES, mesh=FAMILIES), on_step)
     findings = {"gamma": loads, "drop": exact[:, 0], "reach": exact[:, 1], "rows": rows}
     parameters = {**SHEET, "length": LENGTH, "width": WIDTH, "cells": cells, "gammas": GAMMAS, "loads": count}
     return StudyResult("cantilever_master_curve", findings, {"exact": exact}, run_record(parameters))

@@ -17,12 +17,13 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.shell import EXACT
 from studies import mesh_bias
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
 from studies.pages import markdown
+from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("energy_cost",)
 
@@ -33,20 +34,11 @@ REPEATS = {"gradient": 60, "Hessian": 20, "implicit step": 3, "statics": 2}
 STEPS, STEP = 6, 1.0 / 60.0
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All mesh families and sizes; ``quick`` takes coarse meshes and few repeats."""
     cells, sizes = (12, (6, 12)) if quick else (50, (8, 12, 16, 24, 32, 48))
-    total, done = len(FAMILIES) * (1 + len(sizes)), 0
-    ratios: list[dict[str, Any]] = []
-    errors: list[dict[str, Any]] = []
-    for family in FAMILIES:
-        ratios += costs(family, cells, quick)
-        for size in (None, *sizes):
-            if size is not None:
-                errors += plate(family, size)
-            done += 1
-            if on_step is not None:
-                on_step(done, total)
+    ratios = rows_of(partial(costs, cells=cells, quick=quick), crossed(mesh=FAMILIES))
+    errors = rows_of(plate, crossed(mesh=FAMILIES, cells=sizes), on_step)
     record = run_record({**SHEET, "cells": cells, "sizes": sizes, "repeats": REPEATS})
     return StudyResult("energy_cost", {"ratios": ratios, "errors": errors}, {}, record)
 
@@ -62,11 +54,11 @@ def least_seconds(actions: Sequence[Callable[[], object]], repeats: int) -> list
     return least
 
 
-def costs(family: str, cells: int, quick: bool) -> list[dict[str, Any]]:
+def costs(mesh: str, cells: int, quick: bool) -> list[dict[str, Any]]:
     """Seconds of both energies on a square sheet that is clamped at one edge."""
-    mesh = mesh_bias.square(family, cells)
-    held = mesh.vertices[:, 0] < 1e-9
-    shells = [flat_shell(energy, mesh, SHEET, held) for energy in ENERGIES]
+    square = mesh_bias.square(mesh, cells)
+    held = square.vertices[:, 0] < 1e-9
+    shells = [flat_shell(energy, square, SHEET, held) for energy in ENERGIES]
     models = [ms.DiscreteShell(shell) for shell in shells]
     bent = []
     for shell in shells:
@@ -88,27 +80,20 @@ def costs(family: str, cells: int, quick: bool) -> list[dict[str, Any]]:
         if name == "implicit step":
             seconds = [value / STEPS for value in seconds]
         found = dict(zip(ENERGIES, seconds, strict=True))
-        rows.append({"mesh": family, "vertices": len(mesh.vertices), "work": name, "seconds": found, "aim": AIMS[name]})
+        rows.append({"vertices": len(held), "work": name, "seconds": found, "aim": AIMS[name]})
     return rows
 
 
-def plate(family: str, cells: int) -> list[dict[str, Any]]:
+def plate(mesh: str, cells: int) -> list[dict[str, Any]]:
     """Error of a supported plate's deflection and seconds of the answer, one row per energy."""
-    mesh = mesh_bias.square(family, cells)
-    cases = [mesh_bias.loaded(energy, mesh, "supported") for energy in ENERGIES]
-    answers = [ms.DiscreteShell(shell).equilibrium(force=load) for shell, load, _ in cases]
+    cases = [mesh_bias.loaded(energy, mesh_bias.square(mesh, cells), "supported") for energy in ENERGIES]
     actions = [partial(ms.DiscreteShell(shell).equilibrium, force=load) for shell, load, _ in cases]
-    seconds = least_seconds(actions, 3)
-    return [
-        {
-            "mesh": family,
-            "cells": cells,
-            "energy": energy,
-            "error": mesh_bias.difference(shell, answer.positions, exact),
-            "seconds": spent,
-        }
-        for energy, (shell, _, exact), answer, spent in zip(ENERGIES, cases, answers, seconds, strict=True)
+    errors = [
+        mesh_bias.difference(shell, action().positions, exact)
+        for action, (shell, _, exact) in zip(actions, cases, strict=True)
     ]
+    found = zip(ENERGIES, errors, least_seconds(actions, 3), strict=True)
+    return [{"energy": energy, "error": error, "seconds": spent} for energy, error, spent in found]
 
 
 def ratio(row: dict[str, Any]) -> float:

@@ -30,10 +30,10 @@ from modalshell.compare.engines.case import engine_case
 from modalshell.compare.engines.engine import ask
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.both_energies import displacements_at
 from studies.identification import swept_mesh
 from studies.pages import markdown
 from studies.plate_frequencies import reference
+from studies.shell_theory import displacements_at
 from studies.v_beam_truth import SHEET, SNAPPING, beam, references
 
 FIGURES = ("engines",)

@@ -11,6 +11,7 @@ in linear theory: a quarter for the V-beam and a fortieth for the panel, which s
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,8 @@ from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import MODELS as MODEL_SPECS
-from studies.both_energies import Sheet, displacements_at, flat_shell
 from studies.pages import markdown
-from studies.progress import counted
+from studies.shell_theory import ENERGIES, Sheet, columns, crossed, displacements_at, flat_shell, rows_of
 
 FIGURES = ("error_budget", "shell_theory_errors", "shell_theory_shapes")
 
@@ -50,21 +50,17 @@ SHAPES: dict[str, tuple[str, float, str, float]] = {
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All shapes on both mesh families; ``quick`` takes coarser meshes and two shapes."""
     across = 4 if quick else 8
-    names = list(SHAPES)[:4:3] if quick else list(SHAPES)
-    rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
-    cases = [(name, family) for name in names for family in FAMILIES]
-    for name, family in counted(cases, on_step):
-        rows += budget(name, family, across, arrays)
+    cases = crossed(case=list(SHAPES)[:4:3] if quick else SHAPES, mesh=FAMILIES)
+    rows = rows_of(partial(budget, across=across, arrays=arrays), cases, on_step)
     parameters = {"length": LENGTH, "loads": LOADS, "modes": MODES, "across": across, "shapes": SHAPES}
     return StudyResult("error_budget", {"rows": rows}, arrays, run_record(parameters))
 
 
 def shape(kind: str, family: str, across: int) -> ms.TriangleMesh:
     """A mesh of ``across`` cells across, clamped at x = 0; cells near equilateral or square."""
-    stretch = 2.0 / np.sqrt(3.0) if family == "equilateral" else 1.0
     width = {"flat": 0.06, "wide": 0.2, "swept": 0.1, "panel": 0.15, "v": 0.04}[kind]
-    cells = (round(LENGTH / width * across / stretch), across)
+    cells = (columns(family, LENGTH / width * across), across)
     if kind == "panel":
         return ms.cylinder_panel(length=LENGTH, radius=LENGTH, angle=np.degrees(0.5), cells=cells, family=family)
     if kind == "v":
@@ -97,16 +93,15 @@ def load_of(shell: ms.Shell, how: str) -> np.ndarray:
     return weight
 
 
-def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+def budget(case: str, mesh: str, across: int, arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     """Errors of one shape on one mesh family, one row per load."""
-    kind, poisson, how, most = SHAPES[name]
-    mesh = shape(kind, family, across)
+    kind, poisson, how, most = SHAPES[case]
+    coarse_mesh, fine_mesh = (shape(kind, mesh, factor * across) for factor in (1, 2))
     stuff = sheet(kind, poisson)
-    held = mesh.vertices[:, 0] < 1e-9
+    held = coarse_mesh.vertices[:, 0] < 1e-9
     slope = SWEEP if kind == "swept" else 0.0
     along = (float(np.cos(slope)), -float(np.sin(slope)), 0.0)
-    theory, hinges = (flat_shell(energy, mesh, stuff, held, direction=along) for energy in ("Isotropic", "hinges"))
-    fine_mesh = shape(kind, family, 2 * across)
+    theory, hinges = (flat_shell(energy, coarse_mesh, stuff, held, direction=along) for energy in ENERGIES)
     fine = flat_shell("Isotropic", fine_mesh, stuff, fine_mesh.vertices[:, 0] < 1e-9)
     whole = {key: ms.DiscreteShell(shell) for key, shell in (("theory", theory), ("hinges", hinges), ("fine", fine))}
     bases = {"theory": ms.solve_modes(theory, MODES), "hinges": ms.solve_modes(hinges, MODES)}
@@ -131,8 +126,6 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
 
         rows.append(
             {
-                "case": name,
-                "mesh": family,
                 "load": share,
                 "moved": float(np.linalg.norm(truth[tip]) / LENGTH),
                 "hinges": size(moved["whole hinges"] - truth) / size(truth),
@@ -149,8 +142,8 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
             }
         )
         for key, field in moved.items():
-            arrays[f"{name}, {family}, {share:g}, {key}"] = rest + field
-    arrays[f"{name}, {family}, faces"] = mesh.faces
+            arrays[f"{case}, {mesh}, {share:g}, {key}"] = rest + field
+    arrays[f"{case}, {mesh}, faces"] = coarse_mesh.faces
     return rows
 
 

@@ -21,9 +21,8 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.both_energies import FAMILIES
 from studies.pages import markdown
-from studies.progress import counted
+from studies.shell_theory import FAMILIES, crossed, rows_of
 from studies.sze_liu_lo import GRADING, PROBLEMS, Problem
 
 FIGURES = ("large_deflection_benchmarks",)
@@ -64,18 +63,20 @@ STEEP = {"3.5": Steep((0.525,), 1, (0.45, 0.57)), "3.6": Steep((0.15, 0.175), 0,
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All problems, mesh families and tabulated loads; ``quick`` takes one family, coarse meshes and few loads."""
     tables = json.loads(Path(__file__).with_name("sze_liu_lo.json").read_text(encoding="utf-8"))["problems"]
-    families = FAMILIES[:1] if quick else FAMILIES
-    cases = [(name, family) for name in (QUICK if quick else PROBLEMS) for family in families]
-    rows: list[dict[str, Any]] = []
     steep: list[dict[str, Any]] = []
-    for name, family in counted(cases, on_step):
-        case = {"problem": name, "mesh": family}
-        along, across = CELLS[name]
-        problem = PROBLEMS[name](family, (along // 2, across // 2) if quick else (along, across))
-        entries = tables[name]["rows"][4::5] if quick else tables[name]["rows"]
-        rows += [case | row for row in solve(problem, entries)]
-        if name in STEEP and not quick:
-            steep += [case | row for row in at_displacements(problem, entries, STEEP[name])]
+
+    def answers(problem: str, mesh: str) -> list[dict[str, Any]]:
+        along, across = CELLS[problem]
+        built = PROBLEMS[problem](mesh, (along // 2, across // 2) if quick else (along, across))
+        entries = tables[problem]["rows"][4::5] if quick else tables[problem]["rows"]
+        found = solve(built, entries)
+        if problem in STEEP and not quick:
+            at_snap = at_displacements(built, entries, STEEP[problem])
+            steep.extend({"problem": problem, "mesh": mesh, **row} for row in at_snap)
+        return found
+
+    cases = crossed(problem=QUICK if quick else PROBLEMS, mesh=FAMILIES[:1] if quick else FAMILIES)
+    rows = rows_of(answers, cases, on_step)
     record = run_record({"cells": CELLS, "steep": STEEP, "grading of 3.6": GRADING})
     return StudyResult("large_deflection_benchmarks", {"names": NAMES, "rows": rows, "steep": steep}, {}, record)
 

@@ -14,9 +14,7 @@ theirs.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, TypedDict
 
 import numpy as np
@@ -29,9 +27,8 @@ from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
 from studies.pages import markdown
-from studies.progress import counted
+from studies.shell_theory import ENERGIES, FAMILIES, Sheet, columns, crossed, finite_elements, flat_shell, rows_of
 
 FIGURES = ("lateral_buckling",)
 
@@ -62,18 +59,20 @@ RANGE = (0.8, 1.8)
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All widths, supports, energies and meshes; ``quick`` takes one mesh and one width of either support."""
-    text = Path(__file__).with_name("finite_elements.json").read_text(encoding="utf-8")
-    solids = json.loads(text)["lateral_buckling"]["cases"]
-    families = FAMILIES[:1] if quick else FAMILIES
+    solids, families = finite_elements("lateral_buckling"), FAMILIES[:1] if quick else FAMILIES
     strips = [s for nu in (0.0, 0.3) for s in (*narrower(nu), *solids) if s["poisson"] == nu]
     clamped, ended = (solids[2::4], solids[::4]) if quick else (strips, strips)
-    cases = [(strip, CLAMP, energy, family) for strip in clamped for energy in ENERGIES for family in families]
-    cases += [({**strip, "gamma": None}, BEAM_END, "Isotropic", family) for strip in ended for family in families]
-    rows: list[dict[str, Any]] = []
-    for strip, support, energy, family in counted(cases, on_step):
-        found = critical(strip, energy, family) if support == CLAMP else critical_of_beam_end(strip, family)
-        row = {"narrow": narrow(strip["poisson"]), "support": support, "energy": energy, "mesh": family, "found": found}
-        rows.append({**strip, **row})
+
+    def found(strip: Strip, support: str, energy: str, mesh: str) -> dict[str, Any]:
+        gamma = critical(strip, energy, mesh) if support == CLAMP else critical_of_beam_end(strip, mesh)
+        return {**strip, "narrow": narrow(strip["poisson"]), "found": gamma}
+
+    cases = crossed(strip=clamped, support=[CLAMP], energy=ENERGIES, mesh=families)
+    free = [{**strip, "gamma": None} for strip in ended]
+    cases += crossed(strip=free, support=[BEAM_END], energy=ENERGIES[:1], mesh=families)
+    rows = rows_of(found, cases, on_step)
+    for row in rows:
+        del row["strip"]
     return StudyResult("lateral_buckling", {"rows": rows}, {}, run_record({"range": RANGE}))
 
 
@@ -129,8 +128,7 @@ def critical_of_beam_end(strip: Strip, family: str) -> float:
 def _problem(strip: Strip, family: str) -> tuple[ms.TriangleMesh, Sheet, float]:
     """Mesh and sheet of a strip, and the gravity [m/s^2] for each unit of Gamma."""
     across = 4 if strip["width"] < 0.15 else 8 if strip["width"] < 0.3 else 16
-    stretch = 2.0 / np.sqrt(3.0) if family == "equilateral" else 1.0
-    cells = (round(across / strip["width"] / stretch), across)
+    cells = (columns(family, across / strip["width"]), across)
     mesh = ms.flat_beam(length=1.0, width=strip["width"], cells=cells, family=family)
     sheet: Sheet = {"young": 1e9, "poisson": strip["poisson"], "thickness": strip["thickness"], "density": 1000.0}
     rigidity = sheet["young"] * sheet["thickness"] ** 3 / (12.0 * (1.0 - sheet["poisson"] ** 2))

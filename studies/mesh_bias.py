@@ -26,9 +26,8 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle
 from modalshell.supports import Support
-from studies.both_energies import ENERGIES, Sheet, flat_shell
 from studies.pages import markdown
-from studies.progress import counted
+from studies.shell_theory import ENERGIES, Sheet, crossed, flat_shell, plate, rows_of
 
 FIGURES = ("mesh_bias",)
 
@@ -50,21 +49,19 @@ SMALL = 1e-5
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All meshes, sizes, energies and problems; ``quick`` leaves out the finest meshes."""
     sizes = (6, 12) if quick else (12, 18, 24, 30, 36)
-    rows: list[dict[str, Any]] = []
     refined: dict[str, list[float]] = {name: [] for name in MESHES}
-    cases = [(name, cells) for name in MESHES for cells in sizes]
-    for name, cells in counted(cases, on_step):
-        mesh = square(name, cells)
-        for energy in ENERGIES:
-            for problem in PROBLEMS:
-                error = deviation(energy, mesh, problem)
-                found = {"mesh": name, "cells": cells, "vertices": len(mesh.vertices), "energy": energy}
-                rows.append({**found, "problem": problem, "error": error})
-        refined[name].append(refinement(name, cells, 1 if quick else SEEDS.get(name, 1)))
+
+    def errors(mesh: str, cells: int) -> list[dict[str, Any]]:
+        made = square(mesh, cells)
+        refined[mesh].append(refinement(mesh, cells, 1 if quick else SEEDS.get(mesh, 1)))
+        rows = rows_of(lambda **of: {"error": deviation(mesh=made, **of)}, crossed(energy=ENERGIES, problem=PROBLEMS))
+        return [{"vertices": len(made.vertices), **row} for row in rows]
+
+    rows = rows_of(errors, crossed(mesh=MESHES, cells=sizes), on_step)
     orders = {
         name: dict(zip(("order", "interval"), order(sizes, errors), strict=True)) for name, errors in refined.items()
     }
-    findings = {"rows": rows, "refined": {name: np.array(errors) for name, errors in refined.items()}, "orders": orders}
+    findings = {"rows": rows, "refined": refined, "orders": orders}
     parameters = {**SHEET, "sizes": sizes, "meshes": MESHES, "jitter": JITTER, "seeds": SEEDS, "waves": WAVES}
     return StudyResult("mesh_bias", findings, {}, run_record(parameters))
 
@@ -72,8 +69,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
 def square(name: str, cells: int, seed: int = 0) -> ms.TriangleMesh:
     """A unit square of about ``cells`` cells a side."""
     if name in FAMILIES and not seed:
-        columns = round(cells * 2.0 / np.sqrt(3.0)) if name == "equilateral" else cells
-        return ms.sheet(length=1.0, width=1.0, cells=(columns, cells), family=name)
+        return plate(name, cells)
     random = np.random.default_rng(cells + 1000 * seed)
     regular = ms.sheet(length=1.0, width=1.0, cells=(cells, cells))
     vertices = np.array(regular.vertices)

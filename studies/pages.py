@@ -1,16 +1,28 @@
-"""What is committed of a study, its page ``studies/NAME.md`` and findings ``studies/NAME.json``; tables of pages."""
+"""What studies share: counted cases, tables of pages, and what is committed, ``studies/NAME.md`` and ``NAME.json``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from string import Formatter
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
+
+from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import checked_record
 from modalshell.files.study_result import StudyResult
 
+Case = TypeVar("Case")
 FOLDER = Path(__file__).resolve().parent
+
+
+def counted(cases: Sequence[Case], on_step: Progress | None) -> Iterator[Case]:
+    """Each of ``cases``; after each, ``on_step`` takes how many are done, and of how many."""
+    for done, case in enumerate(cases, start=1):
+        yield case
+        if on_step is not None:
+            on_step(done, len(cases))
 
 
 def committed(name: str) -> StudyResult:
@@ -24,7 +36,7 @@ class _Cells(Formatter):
 
     def format_field(self, value: Any, format_spec: str) -> str:
         """One cell, or one of each number of a list."""
-        if isinstance(value, list | tuple):
+        if isinstance(value, list | tuple | np.ndarray):
             return " | ".join(self.format_field(one, format_spec) for one in value)
         form, given, missing = format_spec.partition("|")
         if value is None:

@@ -10,10 +10,8 @@ another order. The panel, clamped at a curved edge, and the V-beam are compared 
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,9 +23,19 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, displacements_at, flat_shell
 from studies.pages import markdown
-from studies.progress import counted
+from studies.shell_theory import (
+    ENERGIES,
+    FAMILIES,
+    Sheet,
+    columns,
+    crossed,
+    displacements_at,
+    finite_elements,
+    flat_shell,
+    plate,
+    rows_of,
+)
 
 FIGURES = ("plate_frequencies",)
 
@@ -48,56 +56,34 @@ Shapes = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All supports, energies and meshes at two resolutions; ``quick`` takes coarser ones."""
     resolutions = (8, 16) if quick else (22, 44)
-    cases = [(s, e, f, cells) for s in SUPPORTS for e in ENERGIES for f in FAMILIES for cells in resolutions]
-    references = {supports: reference(supports) for supports in SUPPORTS}
-    rows: list[dict[str, Any]] = []
-    for supports, energy, family, cells in counted(cases, on_step):
-        exact, shapes = references[supports]
-        found, likeness = matched_frequencies(supports, energy, family, cells, exact, shapes)
-        rows.append(found_row(supports, energy, family, cells, found, exact[:MODES], likeness))
-    elements = finite_elements()
-    for name, energy, family in [(n, e, f) for n in SHELLS for e in ENERGIES for f in FAMILIES]:
-        exact = np.array(elements[name]["frequencies"])[:MODES]
-        both = (24, 8 if name == "panel" else 4) if quick else SHELLS[name]
-        found, likeness = shell_frequencies(name, energy, family, both, elements[name])
-        rows.append(found_row(name, energy, family, both[1], found, exact, likeness))
-    numbers_of = {name: exact[:MODES] for name, (exact, _) in references.items()}
-    numbers_of |= {name: np.array(elements[name]["frequencies"])[:MODES] for name in SHELLS}
-    findings = {"reference": numbers_of, "rows": rows}
-    arrays = {name: exact for name, (exact, _) in references.items()}
+    references, elements = {supports: reference(supports) for supports in SUPPORTS}, finite_elements("frequencies")
+    exact = {name: numbers[:MODES] for name, (numbers, _) in references.items()}
+    exact |= {name: np.array(elements[name]["frequencies"])[:MODES] for name in SHELLS}
+
+    def row(name: str, found: np.ndarray, likeness: np.ndarray) -> dict[str, Any]:
+        swapped = bool((np.diff(found) < -1e-9 * found[:-1]).any())
+        return {"frequencies": found, "errors": found / exact[name] - 1.0, "likeness": likeness, "swapped": swapped}
+
+    def of_plate(supports: str, energy: str, mesh: str, cells: int) -> dict[str, Any]:
+        return row(supports, *matched_frequencies(supports, energy, mesh, cells, *references[supports]))
+
+    def of_shell(supports: str, energy: str, mesh: str) -> dict[str, Any]:
+        cells = (24, 8 if supports == "panel" else 4) if quick else SHELLS[supports]
+        found = shell_frequencies(supports, energy, mesh, cells, elements[supports])
+        return {"cells": cells[1], **row(supports, *found)}
+
+    rows = rows_of(of_plate, crossed(supports=SUPPORTS, energy=ENERGIES, mesh=FAMILIES, cells=resolutions), on_step)
+    rows += rows_of(of_shell, crossed(supports=SHELLS, energy=ENERGIES, mesh=FAMILIES))
+    arrays = {name: numbers for name, (numbers, _) in references.items()}
     parameters = {**SHEET, "resolutions": resolutions, "modes": MODES, "candidates": CANDIDATES, "terms": TERMS}
-    return StudyResult("plate_frequencies", findings, arrays, run_record(parameters))
-
-
-def found_row(
-    name: str, energy: str, family: str, cells: int, found: np.ndarray, exact: np.ndarray, likeness: np.ndarray
-) -> dict[str, Any]:
-    """What was found on one mesh."""
-    return {
-        "supports": name,
-        "energy": energy,
-        "mesh": family,
-        "cells": cells,
-        "frequencies": found,
-        "errors": found / exact - 1.0,
-        "likeness": likeness,
-        "swapped": bool((np.diff(found) < -1e-9 * found[:-1]).any()),
-    }
-
-
-def finite_elements() -> dict[str, Any]:
-    """Points, frequencies [Hz] and shapes of the finite elements' shells."""
-    text = Path(__file__).with_name("finite_elements.json").read_text(encoding="utf-8")
-    cases: dict[str, Any] = json.loads(text)["frequencies"]["cases"]
-    return cases
+    return StudyResult("plate_frequencies", {"reference": exact, "rows": rows}, arrays, run_record(parameters))
 
 
 def shell_frequencies(
     name: str, energy: str, family: str, cells: tuple[int, int], elements: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies [Hz] of the modes that are most like each mode of the finite elements, and how alike."""
-    if family == "equilateral":
-        cells = (round(cells[0] * np.sqrt(3.0) / 2.0), cells[1])
+    cells = (columns(family, cells[0]), cells[1])
     if name == "panel":
         mesh = ms.cylinder_panel(length=0.3, radius=0.6, angle=np.degrees(0.5), cells=cells, family=family)
     else:
@@ -108,8 +94,8 @@ def shell_frequencies(
     shapes = [displacements_at(basis.shell, rest + mode.reshape(-1, 3), points).ravel() for mode in basis.modes.T]
     ones = np.ones(points.size)
     likeness = assurance(wanted.reshape(len(wanted), -1).T, np.column_stack(shapes), ones)
-    rows, columns = linear_sum_assignment(likeness, maximize=True)
-    return basis.frequencies[columns][:MODES], likeness[rows, columns][:MODES]
+    wanted_modes, chosen = linear_sum_assignment(likeness, maximize=True)
+    return basis.frequencies[chosen][:MODES], likeness[wanted_modes, chosen][:MODES]
 
 
 def reference(supports: str) -> tuple[np.ndarray, Shapes]:
@@ -166,8 +152,7 @@ def matched_frequencies(
     supports: str, energy: str, family: str, cells: int, exact: np.ndarray, shapes: Shapes
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequency number of the shell's mode that is most like each mode of the reference (7,), and how alike (7,)."""
-    columns = round(cells * 2.0 / np.sqrt(3.0)) if family == "equilateral" else cells
-    mesh = ms.sheet(length=1.0, width=1.0, cells=(columns, cells), family=family)
+    mesh = plate(family, cells)
     clamp = mesh.vertices[:, 0] < 1e-9 if supports == "CFFF" else None
     pins = [ms.Pin(mesh.boundary_vertices)] if supports == "SSSS" else []
     shell = flat_shell(energy, mesh, SHEET, clamp, pins)

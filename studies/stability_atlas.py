@@ -40,8 +40,7 @@ from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder
 from studies import stability_limits as limits
 from studies import stability_models as models
-from studies.pages import markdown
-from studies.progress import counted
+from studies.pages import counted, markdown
 from studies.stability_models import BASE, ROWS, IntegratedModel, StripScene
 
 FIGURES = ("stability_atlas",)

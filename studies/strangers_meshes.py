@@ -151,13 +151,13 @@ def table(result: StudyResult) -> str:
         repair = ["nothing", "the same", "-"]
         if row["repair"]:
             repair = ["; ".join(row["repair"]), mended["told"], f"{mended['seconds']:.0f}"]
-        rows.append({**row, "repaired": repair, "moved": moved})
+        rows.append({**row, "after": repair, "moved": moved})
     return "\n\n".join(
         [
             markdown(
                 "mesh | triangles | parts | without `--repair` | CPU [s] | what `--repair` does | with it | CPU [s] "
                 "| moves [%]",
-                "{name} | {triangles:,} | {parts} | {plain[told]} | {plain[seconds]:.0f} | {repaired} | {moved:100*.2g}",
+                "{name} | {triangles:,} | {parts} | {plain[told]} | {plain[seconds]:.0f} | {after} | {moved:100*.2g}",
                 rows,
             ),
             "Files of packages that are no meshes, whatever their suffix says:",

@@ -13,7 +13,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.supports import Support
-from studies.mapped_sheets import near, quarter_cylinder, spread, square
+from studies.shell_theory import near, quarter_cylinder, spread, square
 
 X, Y, Z = np.eye(3)
 GRADING = 1.3
@@ -29,24 +29,35 @@ class Problem(NamedTuple):
     moment: tuple[np.ndarray, float] | None = None
 
 
-def cantilever(family: str, cells: tuple[int, int]) -> Problem:
-    """3.1: length 10, width 1, thickness 0.1; the shear at its end is 4."""
+def strip(family: str, cells: tuple[int, int], length: float) -> tuple[ms.Shell, np.ndarray, int]:
+    """A cantilever of width 1 and thickness 0.1; which vertices are its end, and the one in their middle."""
     plain = square(family, cells)
-    mesh = ms.TriangleMesh(plain.vertices * (10.0, 1.0, 1.0), plain.faces)
+    mesh = ms.TriangleMesh(plain.vertices * (length, 1.0, 1.0), plain.faces)
     x = mesh.vertices[:, 0]
     shell = ms.Shell(mesh, ms.Isotropic(1.2e6, 0.0, 0.1, 1.0), clamped=x < 1e-9)
-    tip = near(mesh, (10.0, 0.5, 0.0))
-    return Problem(shell, spread(mesh, np.isclose(x, 10.0), 4.0 * Z), [(tip, -X), (tip, Z)])
+    return shell, np.isclose(x, length), near(mesh, (length, 0.5, 0.0))
+
+
+def eighth_of_cylinder(u: np.ndarray, v: np.ndarray, diaphragm: bool) -> list[Support]:
+    """Planes of symmetry of an eighth of a cylinder, and a rigid diaphragm at its end."""
+    planes: list[Support] = [
+        ms.Symmetry(np.isclose(u, 0.0), (0.0, 1.0, 0.0)),
+        ms.Symmetry(np.isclose(v, 0.0), (0.0, 0.0, 1.0)),
+        ms.Symmetry(np.isclose(v, 1.0), (1.0, 0.0, 0.0)),
+    ]
+    return [*planes, ms.Diaphragm(np.isclose(u, 1.0), axis=(0.0, 1.0, 0.0))] if diaphragm else planes
+
+
+def cantilever(family: str, cells: tuple[int, int]) -> Problem:
+    """3.1: length 10, width 1, thickness 0.1; the shear at its end is 4."""
+    shell, end, tip = strip(family, cells, 10.0)
+    return Problem(shell, spread(shell.mesh, end, 4.0 * Z), [(tip, -X), (tip, Z)])
 
 
 def ring(family: str, cells: tuple[int, int]) -> Problem:
     """3.2: length 12, width 1, thickness 0.1; the moment at its end is 50 pi / 3, which bends it to a full ring."""
-    plain = square(family, cells)
-    mesh = ms.TriangleMesh(plain.vertices * (12.0, 1.0, 1.0), plain.faces)
-    x = mesh.vertices[:, 0]
-    shell = ms.Shell(mesh, ms.Isotropic(1.2e6, 0.0, 0.1, 1.0), clamped=x < 1e-9)
-    tip, end = near(mesh, (12.0, 0.5, 0.0)), np.isclose(x, 12.0)
-    return Problem(shell, np.zeros_like(plain.vertices), [(tip, -X), (tip, Z)], (end, 50.0 * np.pi / 3.0))
+    shell, end, tip = strip(family, cells, 12.0)
+    return Problem(shell, np.zeros_like(shell.rest_positions), [(tip, -X), (tip, Z)], (end, 50.0 * np.pi / 3.0))
 
 
 def annulus(family: str, cells: tuple[int, int]) -> Problem:
@@ -87,11 +98,7 @@ def hemisphere(family: str, cells: tuple[int, int]) -> Problem:
 def cylinder(family: str, cells: tuple[int, int]) -> Problem:
     """3.5: an eighth of radius 4.953, length 10.35 and thickness 0.094; 40,000 pull at its middle."""
     mesh, u, v = quarter_cylinder(family, cells, 4.953, 5.175)
-    supports: list[Support] = [
-        ms.Symmetry(np.isclose(u, 0.0), (0.0, 1.0, 0.0)),
-        ms.Symmetry(np.isclose(v, 0.0), (0.0, 0.0, 1.0)),
-        ms.Symmetry(np.isclose(v, 1.0), (1.0, 0.0, 0.0)),
-    ]
+    supports = eighth_of_cylinder(u, v, diaphragm=False)
     shell = ms.Shell(mesh, ms.Isotropic(10.5e6, 0.3125, 0.094, 1.0), supports=supports)
     pulled = near(mesh, (0.0, 0.0, 4.953))
     force = np.zeros_like(mesh.vertices)
@@ -106,12 +113,7 @@ def pinched_cylinder(family: str, cells: tuple[int, int]) -> Problem:
     Cells are smaller towards the force: equal ones leave its dent twice as far off.
     """
     mesh, u, v = quarter_cylinder(family, cells, 100.0, 100.0, GRADING)
-    supports: list[Support] = [
-        ms.Symmetry(np.isclose(u, 0.0), (0.0, 1.0, 0.0)),
-        ms.Symmetry(np.isclose(v, 0.0), (0.0, 0.0, 1.0)),
-        ms.Symmetry(np.isclose(v, 1.0), (1.0, 0.0, 0.0)),
-        ms.Diaphragm(np.isclose(u, 1.0), axis=(0.0, 1.0, 0.0)),
-    ]
+    supports = eighth_of_cylinder(u, v, diaphragm=True)
     shell = ms.Shell(mesh, ms.Isotropic(30e3, 0.3, 1.0, 1.0), supports=supports)
     pushed, beside = near(mesh, (0.0, 0.0, 100.0)), near(mesh, (100.0, 0.0, 0.0))
     force = np.zeros_like(mesh.vertices)

@@ -12,18 +12,26 @@ width of a flange.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, displacements_at, flat_shell
 from studies.pages import markdown
+from studies.shell_theory import (
+    ENERGIES,
+    FAMILIES,
+    Sheet,
+    columns,
+    crossed,
+    displacements_at,
+    finite_elements,
+    flat_shell,
+    rows_of,
+)
 
 FIGURES = ("v_beam_truth",)
 
@@ -47,48 +55,38 @@ ASIDE = 2.04
 
 def references() -> list[dict[str, Any]]:
     """Beams, loads and displacements of the finite elements."""
-    text = Path(__file__).with_name("finite_elements.json").read_text(encoding="utf-8")
-    cases: list[dict[str, Any]] = json.loads(text)["v_beams"]["cases"]
-    return cases
+    return list(finite_elements("v_beams"))
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All beams, energies, models and loads; ``quick`` takes a coarser mesh, two beams and few loads and models."""
     flange_cells, stride = (3, 3) if quick else (6, 1)
-    cases = references()[::3] if quick else references()
-    rungs = RUNGS[1::3] if quick else RUNGS
-    total, done = len(cases) * len(ENERGIES) * len(rungs), 0
-    rows: list[dict[str, Any]] = []
+    cases = {case["name"]: case for case in (references()[::3] if quick else references())}
+    meshes = {name: beam(case, flange_cells) for name, case in cases.items()}
     snaps: dict[str, Any] = {}
-    arrays: dict[str, np.ndarray] = {}
-    for case in cases:
-        loads = case["loads"][::-stride][::-1]
-        mesh = beam(case, flange_cells)
-        for energy in ENERGIES:
-            shell = flat_shell(energy, mesh, SHEET, mesh.vertices[:, 0] < 1e-9)
-            for key in rungs:
-                if key == WHOLE and case["name"] == SNAPPING:
-                    found, events = path_answers(shell, case, loads, 12 if quick else 80)
-                    snaps[energy] = events
-                else:
-                    found = answers(shell, key, case, loads)
-                rows += [{"beam": case["name"], "energy": energy, "model": key, **row} for row in found]
-                done += 1
-                if on_step is not None:
-                    on_step(done, total)
-        arrays[f"{case['name']} faces"], arrays[f"{case['name']} rest"] = mesh.faces, mesh.vertices
+
+    def errors(beam: str, energy: str, model: str) -> list[dict[str, Any]]:
+        case, loads = cases[beam], cases[beam]["loads"][::-stride][::-1]
+        shell = flat_shell(energy, meshes[beam], SHEET, meshes[beam].vertices[:, 0] < 1e-9)
+        if (beam, model) != (SNAPPING, WHOLE):
+            return answers(shell, model, case, loads)
+        found, snaps[energy] = path_answers(shell, case, loads, 12 if quick else 80)
+        return found
+
+    rows = rows_of(errors, crossed(beam=cases, energy=ENERGIES, model=RUNGS[1::3] if quick else RUNGS), on_step)
+    families = [before_snap(case, family, flange_cells, stride) for case in cases.values() for family in FAMILIES]
+    arrays = {f"{name} faces": mesh.faces for name, mesh in meshes.items()}
+    arrays |= {f"{name} rest": mesh.vertices for name, mesh in meshes.items()}
     parameters = {**SHEET, "length": LENGTH, "modes": MODES, "flange_cells": flange_cells, "family": "equilateral"}
-    families = [before_snap(case, family, flange_cells, stride) for case in cases for family in FAMILIES]
-    findings = {"rows": rows, "snaps": snaps, "families": families}
-    return StudyResult("v_beam_truth", findings, arrays, run_record(parameters))
+    return StudyResult(
+        "v_beam_truth", {"rows": rows, "snaps": snaps, "families": families}, arrays, run_record(parameters)
+    )
 
 
 def beam(case: dict[str, Any], flange_cells: int, family: str = "equilateral") -> ms.TriangleMesh:
     """A V-beam of near-equilateral triangles, or of square cells."""
-    stretch = 2.0 / np.sqrt(3.0) if family == "equilateral" else 1.0
-    columns = round(LENGTH * flange_cells / (case["flange"] * stretch))
-    width, cells = 2.0 * case["flange"], (columns, 2 * flange_cells)
-    return ms.v_beam(length=LENGTH, width=width, fold=case["fold"], cells=cells, family=family)
+    cells = (columns(family, LENGTH * flange_cells / case["flange"]), 2 * flange_cells)
+    return ms.v_beam(length=LENGTH, width=2.0 * case["flange"], fold=case["fold"], cells=cells, family=family)
 
 
 def before_snap(case: dict[str, Any], family: str, flange_cells: int, stride: int = 1) -> dict[str, Any]:
