@@ -15,18 +15,18 @@ its stability asks for in a frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.state import MotionState
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("cloth_scaling",)
 
@@ -42,14 +42,10 @@ _FALL = 3
 """Frames before the clock starts: the first compile, and the sheet leaves its plane."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All sizes, threads side by side; ``quick`` takes the two smallest and fewer frames."""
     sides, repeats = (SIDES[:2], 3) if quick else (SIDES, 7)
-    rows = []
-    for done, side in enumerate(sides):
-        rows.append(measured(side, repeats))
-        if on_step is not None:
-            on_step(done + 1, len(sides))
+    rows = [measured(side, repeats) for side in counted(sides, on_step)]
     parameters: dict[str, Any] = {
         "structural": STRUCTURAL,
         "flexion": FLEXION,

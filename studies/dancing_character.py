@@ -8,17 +8,18 @@ The skeleton and its dance are in ``studies/character``.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 import modalshell as ms
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.character import clothes, skeleton
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("figure_8",)
 
@@ -65,13 +66,13 @@ GARMENTS = (
 )  # fmt: skip
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Dance; ``quick`` takes coarser shells and the first moments."""
     dancer = skeleton.Skeleton()
     duration = QUICK_DURATION if quick else dancer.duration
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
-    for done, garment in enumerate(GARMENTS, start=1):
+    for garment in counted(GARMENTS, on_step):
         begin = time.perf_counter()
         tube = clothes.Tube(garment.profile, QUICK_SPACING if quick else SPACING, garment.shift)
         height = tube.mesh.vertices[:, 2]
@@ -88,8 +89,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         rows.append(findings(garment, basis, run, path, prepared))
         arrays[f"{garment.name}_positions"] = run.positions.astype(np.float32)
         arrays[f"{garment.name}_faces"] = tube.mesh.faces.astype(np.int32)
-        if on_step is not None:
-            on_step(done, len(GARMENTS))
     poses = [dancer.pose(float(t)) for t in run.times]
     arrays["times"] = run.times
     arrays["rest_joints"] = np.array(list(dancer.rest.values()))

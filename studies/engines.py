@@ -28,10 +28,11 @@ import modalshell as ms
 from modalshell.compare.engines import ENGINES, Engine, answered
 from modalshell.compare.engines.case import engine_case
 from modalshell.compare.engines.engine import ask
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.identification import swept_mesh
-from studies.pages import markdown
+from studies.pages import counted, markdown
 from studies.plate_frequencies import reference
 from studies.shell_theory import displacements_at
 from studies.v_beam_truth import SHEET, SNAPPING, beam, references
@@ -76,11 +77,11 @@ class Scene:
     error: Callable[[np.ndarray, int], float]
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All scenes; ``quick`` takes coarser meshes and leaves the others' processes out, and says so in their rows."""
     makers = (strip, lambda coarse: v_beam(0, SOFT, coarse), lambda coarse: v_beam(-1, STIFF, coarse), swept, cloth)
     rows: list[dict[str, Any]] = []
-    for done, make in enumerate(makers, start=1):
+    for make in counted(makers, on_step):
         scene = make(quick)
         for key in RUNGS:
             ours(scene, key)  # compiles
@@ -88,8 +89,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         for engine in ENGINES:
             found = {"engine": engine.name, "outcome": "left out of a quick run"} if quick else foreign(scene, engine)
             rows.append({"scene": scene.name, "truth": scene.truth, **found})
-        if on_step is not None:
-            on_step(done, len(makers))
     plates = [our_plate(12 if quick else 32)]
     if not quick:
         plates.append(foreign_plate(ENGINES[0]))

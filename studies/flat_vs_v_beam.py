@@ -6,16 +6,16 @@ stiffness, the V-beam's hardly, until flexure is as stiff as the fold. Every MWT
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("figure_4",)
 
@@ -32,14 +32,14 @@ PARAMETERS: dict[str, Any] = {
 }
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Solve the three pairs; ``quick`` takes a coarser mesh."""
     p = PARAMETERS
     cells = (20, 4) if quick else (40, 8)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
     cases = [(factor, name) for factor in FACTORS for name in FOLDS]
-    for done, (factor, name) in enumerate(cases, start=1):
+    for factor, name in counted(cases, on_step):
         mesh = ms.v_beam(length=p["length"], width=p["width"], fold=FOLDS[name], cells=cells)
         material = ms.Material(p["membrane"], p["membrane"], p["flexure"] * factor, p["density"])
         shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * p["length"] / cells[0])
@@ -64,8 +64,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         key = f"{name}_x{factor:g}"
         arrays |= {f"{key}_mwts": warped.positions, f"{key}_ds": truth.positions}
         arrays |= {f"{name}_faces": mesh.faces, f"{name}_rest": mesh.vertices}
-        if on_step is not None:
-            on_step(done, len(cases))
     parameters = {**p, "folds": FOLDS, "flexure_factors": FACTORS, "cells": cells}
     return StudyResult("flat_vs_v_beam", {"rows": rows}, arrays, run_record(parameters))
 

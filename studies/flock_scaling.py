@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.core.typing import Progress
 from modalshell.crowd import LEVELS
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.benchmarks import crowd
 from studies.benchmarks.devices import missing_devices
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("flock_scaling",)
 
@@ -29,7 +30,7 @@ DEVICE_BOIDS, DEVICE_INSTANCES = (300, 10000, 100000), (8, 512, 4096)
 """Flocks and crowds on devices, timed side by side."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Measure; ``quick`` takes the small sizes alone."""
     boids, pairs = (BOIDS[:3], PAIRS[:3]) if quick else (BOIDS, PAIRS)
     batches, cells = (INSTANCES[:3], CELLS[:2]) if quick else (INSTANCES, CELLS)
@@ -52,10 +53,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             for near, placed in zip(*sizes, strict=True)
         ]
     rows: dict[str, list[dict[str, Any]]] = {"flock": [], "instances": [], "vertices": [], "devices": []}
-    for done, (name, job) in enumerate(jobs, start=1):
+    for name, job in counted(jobs, on_step):
         rows[name] += job()
-        if on_step is not None:
-            on_step(done, len(jobs))
     grid = [row for row in rows["flock"] if row["search"] == "grid"]
     thousand = next(row for row in grid if row["boids"] == 1000)
     findings = {

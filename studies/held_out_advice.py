@@ -8,7 +8,6 @@ rest, and no rung with a cheaper frame (by more than a near tie) does. Where it 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,12 @@ from modalshell.compare.case import Case
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
 from modalshell.compare.runs import Measurement
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("held_out_advice",)
 
@@ -39,14 +39,12 @@ AROUND_SNAP = (0.95, 0.99, 1.01, 1.05)
 """Further ones, over the load of the snap."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Check the advice on all scenes; ``quick`` takes one."""
     rows = []
     kinds = [random_case] * (1 if quick else SCENES) + [snapping_case] * (1 if quick else SNAPPING)
-    for place, kind in enumerate(kinds):
+    for place, kind in counted(list(enumerate(kinds)), on_step):
         rows.append(checked(*kind(np.random.default_rng([SEED, place]), f"scene {place + 1}")))
-        if on_step is not None:
-            on_step(place + 1, len(kinds))
     parameters = {"scenes": len(kinds), "frames_per_second": FRAMES_PER_SECOND, "held_out": HELD_OUT}
     parameters |= {"around_snap": AROUND_SNAP}
     return StudyResult(

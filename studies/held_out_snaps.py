@@ -11,7 +11,6 @@ both sides of the snap; the last table has the gravity at which each model snaps
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,12 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
-from studies.pages import markdown
+from studies.pages import counted, markdown
 from studies.snap import v_beam
 
 FIGURES = ("held_out_snaps",)
@@ -50,7 +50,7 @@ SHARES = {"median": 0.5, "75 %": 0.75, "90 %": 0.9, "largest": 1.0}
 Frames = tuple[np.ndarray, float, int]
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Train, and measure all motions; ``quick`` takes coarser meshes and fewer loads."""
     fine, cells, count, motions = ((32, 8), (16, 4), 4, 12) if quick else ((80, 16), (40, 8), LOADS, 40)
     shell = v_beam(150.0, fine)
@@ -70,10 +70,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     }
     tasks = [*named.items(), *((f"load {place + 1}", task) for place, task in enumerate(drawn))]
     rows = []
-    for done, (name, (load, damping)) in enumerate(tasks, start=1):
+    for name, (load, damping) in counted(tasks, on_step):
         rows.append({"motion": name, "drawn": name not in named} | measured(shell, models, load, damping))
-        if on_step is not None:
-            on_step(done, len(tasks))
     found = {
         "rows": rows,
         "equilibria": [statics(shell, models, gravity) for gravity in STATICS],

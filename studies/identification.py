@@ -8,7 +8,6 @@ each interval of 95 % either holds the modulus that was put in or does not.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,10 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("identification",)
 
@@ -28,37 +28,23 @@ NOISE = 0.01
 """Standard deviation of errors, over the largest drop."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All measurements; ``quick`` takes coarser meshes and fewer seeds."""
     data = json.loads(DATA.read_text(encoding="utf-8"))
-    seeds = 6 if quick else 40
-    share = 2 if quick else 1
-    steps = seeds + 4
-
-    def done(count: int) -> None:
-        if on_step is not None:
-            on_step(count, steps)
-
+    seeds, share = (6, 2) if quick else (40, 1)
     strip, seen, options = strip_curve(data["strip"], 60 // share, 4)
-    exact = ms.fit(strip, "young", seen, **options)
-    rows = [row("tip curve of a strip", "6 drops", data["strip"], exact)]
-    done(1)
-    noisy = []
-    drop = float(np.nanmax(np.abs(seen)))
-    for seed in range(seeds):
-        errors = NOISE * drop * np.random.default_rng(seed).standard_normal(seen.shape)
+    exact, noisy = ms.fit(strip, "young", seen, **options), []
+    for seed in counted(range(seeds), on_step):
+        errors = NOISE * float(np.nanmax(np.abs(seen))) * np.random.default_rng(seed).standard_normal(seen.shape)
         found = ms.fit(strip, "young", seen + errors, **options)
         low, high = found.intervals["young"]
         noisy.append({"young": found.values["young"], "low": low, "high": high})
-        done(2 + seed)
-    rows.append(
-        row("corners of a swept plate", "24 coordinates", data["swept"], swept_corners(data["swept"], 30 // share))
-    )
-    done(seeds + 2)
-    for index, plate in enumerate(data["plates"]):
+    corners = swept_corners(data["swept"], 30 // share)
+    rows = [row("tip curve of a strip", "6 drops", data["strip"], exact)]
+    rows.append(row("corners of a swept plate", "24 coordinates", data["swept"], corners))
+    for plate in data["plates"]:
         words = f"frequencies of a {plate['length'] / plate['width']:g} : 1 plate"
         rows.append(row(words, "6 frequencies", plate, plate_constants(plate, 48 // share**2)))
-        done(seeds + 3 + index)
     curve = {
         "gravities": data["strip"]["gravities"],
         "measured": (-seen[:, 2]).tolist(),

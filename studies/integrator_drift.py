@@ -18,6 +18,7 @@ from typing import Any, NoReturn, final
 import numpy as np
 
 import modalshell as ms
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ModalIntegrator
@@ -25,7 +26,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
 from modalshell.motion import Motion
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("integrator_drift",)
 
@@ -46,13 +47,12 @@ MOTION_STEP, MOTION_DAMPING, MOTION_TIME = 1.0 / 30.0, (4.0, 0.0), 16.0
 """Step [s], Rayleigh factors, and time [s] under the load and as long again without it."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Both scenes and paths; ``quick`` takes a coarser mesh and larger steps."""
     cells, finest = ((16, 4), FINEST // 4) if quick else ((40, 8), FINEST)
     findings: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
-    done, total = 0, len(LOADS) * (len(PATHS) + 1)
-    for scene, loads in LOADS.items():
+    for scene, loads in counted(list(LOADS.items()), on_step):
         basis = scene_basis(scene, cells)
         forces = [load_of(basis.shell, kind, size) for kind, size in loads.items()]
         findings[scene] = {}
@@ -60,15 +60,9 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             coordinates = equilibrium_path(basis, forces, factors(np.linspace(0.0, 2.0 * np.pi, finest + 1)))
             arrays[f"{scene}_{path}_coordinates"] = coordinates
             findings[scene][path] = drift_findings(basis, coordinates)
-            done += 1
-            if on_step is not None:
-                on_step(done, total)
         findings[scene]["motion"] = motion_findings(
             basis, np.sum(forces, axis=0), (1, 4) if quick else (1, 2, 4, 8, 16)
         )
-        done += 1
-        if on_step is not None:
-            on_step(done, total)
     parameters = {"length": LENGTH, "width": WIDTH, "flexure": FLEXURE, "density": DENSITY, "membrane": MEMBRANE}
     parameters |= {"modes": MODES, "cells": cells, "loads": LOADS, "finest": finest, "cycles": CYCLES}
     parameters |= {"motion": {"step": MOTION_STEP, "damping": MOTION_DAMPING, "time": MOTION_TIME}}

@@ -15,6 +15,7 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import repository_file, run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.modes.modal_rotation import rotation_matrix
@@ -42,7 +43,7 @@ KEYFRAMES = np.array(
 )
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Preprocess, drive and time the creature; ``quick`` simulates a quarter of the time."""
     duration = DURATION / 4 if quick else DURATION
     parts: dict[str, float] = {}

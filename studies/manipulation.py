@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 import modalshell as ms
 from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("figure_7",)
 
@@ -44,7 +45,7 @@ CASES: dict[str, tuple[tuple[float, float, float] | None, tuple[float, float] | 
 }
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Lead the beam to six targets; ``quick`` takes a coarser mesh."""
     p = PARAMETERS
     cells = (16, 4) if quick else (40, 8)
@@ -56,7 +57,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     tip = int(np.argmin(np.linalg.norm(mesh.vertices - [p["length"], 0.0, 0.0], axis=1)))
     rows = []
     arrays = {"faces": mesh.faces, "rest": mesh.vertices, "tip": np.array(tip)}
-    for done, (name, (position, angles)) in enumerate(CASES.items(), start=1):
+    for number, (name, (position, angles)) in counted(list(enumerate(CASES.items(), start=1)), on_step):
         turn = None if angles is None else upwards(*angles)
         static = model.equilibrium(constraints=constraints(tip, mesh.vertices[tip], position, turn))
         led = constraints(tip, mesh.vertices[tip], position, turn, leading=p["leading"])
@@ -75,7 +76,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             "settled_apart": float(np.abs(run.positions[-1] - static.positions).max()) / p["length"],
             "frames_per_second": (len(run.times) - 1) / run.seconds,
         }
-        key = f"case_{done}"
+        key = f"case_{number}"
         arrays |= {f"{key}_mwts": static.positions, f"{key}_motion": run.positions.astype(np.float32)}
         arrays[f"{key}_turn"] = (basis.rotations @ static.coordinates).reshape(-1, 3)[tip]
         if position is not None:
@@ -89,8 +90,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             }
             arrays[f"{key}_ds"] = truth.positions
         rows.append(row)
-        if on_step is not None:
-            on_step(done, len(CASES))
     findings = {"vertices": len(mesh.vertices), "frequencies_hz": basis.frequencies, "rows": rows}
     return StudyResult("manipulation", findings, arrays, run_record({**p, "cells": cells, "cases": CASES}))
 

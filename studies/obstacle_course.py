@@ -29,9 +29,9 @@ from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.supports import Support
+from studies.large_deflection_benchmarks import GRADING, Problem, Y, Z, eighth_of_cylinder, hemisphere
 from studies.pages import markdown
 from studies.shell_theory import FAMILIES, near, plate, quarter_cylinder, rows_of, spread, square
-from studies.sze_liu_lo import GRADING, Problem, Y, Z, eighth_of_cylinder, hemisphere
 
 FIGURES = ("obstacle_course",)
 

@@ -13,7 +13,7 @@ both by factorisation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from time import perf_counter
 from typing import Any
 
@@ -21,12 +21,13 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.base.full import FullModel
 from modalshell.models.registry import TRUTH
 from modalshell.springs import shell_springs
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("sheet_vs_shell",)
 
@@ -45,23 +46,19 @@ LARGE = 256.0
 DT, STEPS = 1.0 / 30.0, 5
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All sheets, loads and reference folds; ``quick`` takes two loads, one fold and coarser meshes."""
     folds = FOLDS[1:2] if quick else FOLDS
     gammas = {name: found[1::4][:2] if quick else found for name, found in GAMMAS.items()}
     findings: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
-    done, total = 0, sum(map(len, gammas.values()))
-    for name, asked in gammas.items():
+    for name, asked in counted(list(gammas.items()), on_step):
         rows = []
         start: np.ndarray | None = None
         for shell, gravity, gamma in cases(name, asked, quick):
             row, truth = compared(shell, gravity, folds, start)
             rows.append({"gamma": gamma} | row)
             start = truth if row["ds"]["converged"] else None
-            done += 1
-            if on_step is not None:
-                on_step(done, total)
         findings[name] = rows
         arrays[f"{name}_faces"], arrays[f"{name}_last"] = np.asarray(shell.mesh.faces), truth
     parameters = {"gravity": GRAVITY, "membrane": MEMBRANE, "density": DENSITY, "soft": SOFT, "folds": folds}

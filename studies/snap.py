@@ -13,7 +13,6 @@ are compared with known results:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,10 +20,11 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.elastica_frame import LOADED_AT, frame_path, limit_loads
-from studies.pages import markdown
+from studies.pages import counted, markdown
 from studies.tape_spring import moments, plateau_start, tape_spring
 
 FIGURES = ("snap",)
@@ -78,7 +78,7 @@ def lee_frame(cells: tuple[int, int]) -> tuple[ms.Shell, np.ndarray, float]:
     return shell, np.abs(s - 1.0 - LOADED_AT) < 1e-9, young * thickness**3 / 12.0
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Follow every path; ``quick`` takes coarser meshes."""
     found: dict[str, Any] = {"curves": [], "checks": []}
     arrays: dict[str, np.ndarray] = {}
@@ -90,7 +90,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         lambda: taped((24, 4) if quick else (48, 8)),
         *(lambda sense=sense: folded_tape(sense, (40, 10) if quick else (64, 12)) for sense in (1.0, -1.0)),
     ]
-    for done, task in enumerate(tasks, start=1):
+    for task in counted(tasks, on_step):
         curves, checks = task()
         for path, told in curves:
             found["curves"].append(told | numbers_of(path))
@@ -99,8 +99,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
                 arrays[f"{told['case']}_positions"] = path.positions[chosen]
                 arrays[f"{told['case']}_faces"] = np.asarray(path.mesh.faces)
         found["checks"] += checks
-        if on_step is not None:
-            on_step(done, len(tasks))
     return StudyResult("snap", found, arrays, run_record({"roof": ROOF, "plateau": PLATEAU, "quick": quick}))
 
 

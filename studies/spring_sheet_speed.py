@@ -18,6 +18,7 @@ from typing import Any
 import numba
 import numpy as np
 
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.kernels.device import devices
@@ -26,7 +27,7 @@ from modalshell.springs.device import DeviceVerlet
 from studies.benchmarks.devices import missing_devices
 from studies.benchmarks.numpy_verlet import NumpyVerlet
 from studies.benchmarks.timing import interleaved
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("spring_sheet_speed",)
 
@@ -42,19 +43,17 @@ COPIED = 2**26
 """Bytes of the array that is copied for the bandwidth of memory."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Every way at every size; ``quick`` stops at 128^2."""
     sizes = SIZES[:2] if quick else SIZES
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     bandwidth = copy_bandwidth()
     rows: list[dict[str, Any]] = []
     sheets: list[dict[str, Any]] = []
-    for done, size in enumerate(sizes, start=1):
+    for size in counted(sizes, on_step):
         sheet, timed = timings(size, 3 if quick else 5)
         sheets.append(sheet)
         rows += timed
-        if on_step is not None:
-            on_step(done, len(sizes))
     findings = {
         "rows": rows,
         "sheets": sheets,

@@ -13,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -23,10 +22,11 @@ import numpy as np
 import modalshell as ms
 from modalshell.commands.choices import LARGE, UNSEEN
 from modalshell.core.checks import shortened
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh.files import read_polygons, repair_mesh
-from studies.pages import markdown
+from studies.pages import counted, markdown
 from studies.strangers import Stranger, generated, installed_files
 
 FIGURES = ("strangers_meshes",)
@@ -39,7 +39,7 @@ QUICK = ("annulus", "icosphere", "sliced capsule", "soup", "torus")
 """Shapes of the quick version."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Try every mesh; ``quick`` takes few shapes and no films."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -54,14 +54,12 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         options = ["--static"] if quick else []
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             answers = pool.map(lambda pair: tried(pair[1], folder / f"tried_{pair[0]}", options), enumerate(strangers))
-            for done, (row, shown) in enumerate(answers, start=1):
+            for _, (row, shown) in zip(counted(strangers, on_step), answers, strict=False):
                 if "told" in row:
                     unread.append(row)
                 else:
                     arrays |= {f"{key}_{len(rows)}": value for key, value in shown.items()}
                     rows.append(row)
-                if on_step is not None:
-                    on_step(done, len(strangers))
     parameters = {"files": FILES, "shapes": SHAPES, "limit": LIMIT, "quick": quick}
     return StudyResult("strangers_meshes", {"rows": rows, "unread": unread}, arrays, run_record(parameters))
 

@@ -7,7 +7,6 @@ and by the hybrid.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -20,12 +19,13 @@ from modalshell.compare.case import Case, scene_case
 from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
 from modalshell.core.timings import Stopwatch
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import repository_file, run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import MODELS, TRUTH
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("tradeoff",)
 
@@ -47,13 +47,13 @@ SNAP_TIME, SNAP_DAMPING = 0.5, (2.0, 0.001)
 """Motion through the snap: time [s] and Rayleigh factors."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Measure all scenes; ``quick`` takes two of them, coarser, with fewer modes and loads."""
     options: dict[str, Any] = {"modes": (4,), "loads": (0.5, 1.0)} if quick else {}
     names = list(QUICK if quick else SCENES)
     findings: dict[str, Any] = {"scenes": {}, "titles": {name: SCENES[name] for name in names}}
     arrays: dict[str, np.ndarray] = {}
-    for done, name in enumerate(names, start=1):
+    for name in counted(names, on_step):
         case = scene(name, QUICK[name] if quick else None)
         found = ms.tradeoff(case, **options)
         findings["scenes"][name] = found.findings()
@@ -63,8 +63,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         arrays |= {f"{name}_faces": np.asarray(case.shell.mesh.faces), f"{name}_rest": case.shell.rest_positions}
         if name == "v_beam_stiff":
             findings["snap"] = through_snap(case)
-        if on_step is not None:
-            on_step(done, len(names))
     return StudyResult("tradeoff", findings, arrays, run_record({"scenes": names, "after_snap": AFTER_SNAP}))
 
 

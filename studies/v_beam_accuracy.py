@@ -11,7 +11,6 @@ Gravity is given as Gamma = (weight per length) L^3 / EI, see :func:`modalshell.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,12 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import TRUTH
 from modalshell.modes import lowest_tangent_eigenvalue
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("figure_5", "figure_6a", "figure_6b")
 
@@ -40,15 +40,13 @@ MARKS = ("bifurcation", "limit", "stable_again")
 """Marks of the path of equilibria: where it turns unstable aside, where stable states end, and begin again."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Sweep both regimes; ``quick`` takes a coarser mesh and fewer loads."""
     cells = (20, 4) if quick else (40, 8)
     stride = 3 if quick else 1
     findings: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
-    total = sum(len(regime["gravities"][::-stride]) for regime in REGIMES.values())
-    done = 0
-    for name, regime in REGIMES.items():
+    for name, regime in counted(list(REGIMES.items()), on_step):
         mesh = ms.v_beam(**SHAPE, cells=cells, family="alternating")
         material = ms.Material(regime["membrane"], regime["membrane"], FLEXURE, DENSITY)
         clamped = mesh.vertices[:, 0] < 1.5 * SHAPE["length"] / cells[0]
@@ -85,9 +83,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             row["after_snap"] = snap is not None and gravity > snap["gravity"]
             rows.append(row)
             last = exact
-            done += 1
-            if on_step is not None:
-                on_step(done, total)
         findings[name] = {"rows": rows, "snap": snap, "gamma_per_gravity": gamma, "frequencies_hz": basis.frequencies}
         arrays |= {f"{name}_faces": mesh.faces, f"{name}_rest": mesh.vertices}
     parameters = {**SHAPE, "flexure": FLEXURE, "density": DENSITY, "regimes": REGIMES, "modes": MODES}

@@ -12,20 +12,21 @@ Gravity is given as Gamma, see :func:`modalshell.measure.gamma_per_gravity`.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
+from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.scene.models import model_tables
-from studies.pages import markdown
+from studies.pages import counted, markdown
 
 FIGURES = ("validity_map",)
 
@@ -50,7 +51,7 @@ Those trained on motions are trained at every load.
 LADDER = tuple(spec.name for spec in RUNGS)
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Solve both maps; ``quick`` takes fewer cases on a coarser mesh."""
     cells = (16, 4) if quick else (30, 6)
     folds, membranes = (FOLDS[::4], MEMBRANES[1::4]) if quick else (FOLDS, MEMBRANES)
@@ -58,11 +59,9 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     cases = [("fold", fold, fold, FIXED["membrane"]) for fold in folds]
     cases += [("membrane", membrane, FIXED["fold"], membrane) for membrane in membranes]
     found: dict[str, Any] = {name: {"values": [], "rows": []} for name in ("fold", "membrane")}
-    for done, (axis, value, fold, membrane) in enumerate(cases, start=1):
+    for axis, value, fold, membrane in counted(cases, on_step):
         found[axis]["values"].append(value)
         found[axis]["rows"].append(row(cells, fold, membrane, gammas))
-        if on_step is not None:
-            on_step(done, len(cases))
     parameters: dict[str, Any] = {
         "length": LENGTH,
         "width": WIDTH,
