@@ -23,6 +23,7 @@ from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
+from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.scene.models import model_tables
@@ -85,7 +86,8 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=cells)
     material = ms.Material(membrane, membrane, FLEXURE, DENSITY)
     shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
-    coarse = CoarseMesh(coarse_mesh(fold, cells), "half the cells")
+    half = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=(cells[0] // 2, 4 if cells[1] > 4 else 2))
+    coarse = CoarseMesh(drawn_to_supports(shell, half), "half the cells")
     gamma_per_gravity = ms.measure.gamma_per_gravity(shell)
     unit = shell.gravity_force((0.0, 0.0, -1.0))
     gravity = 0.0
@@ -121,17 +123,6 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
             errors[spec.name].append(error if answer.converged and exact.converged else None)
         last = exact.positions
     return {"errors": errors, "ds_statuses": statuses, **scaled}
-
-
-def coarse_mesh(fold: float, cells: tuple[int, int]) -> ms.TriangleMesh:
-    """The strip with half the cells along it, its second row of vertices where the fine one's is: both are held."""
-    half, held = cells[0] // 2, LENGTH / cells[0]
-    mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=(half, 4 if cells[1] > 4 else 2))
-    vertices = np.array(mesh.vertices)
-    x, cell = vertices[:, 0], LENGTH / half
-    beyond = held + (x - cell) * (LENGTH - held) / (LENGTH - cell)
-    vertices[:, 0] = np.where(x < 0.5 * cell, 0.0, beyond)
-    return ms.TriangleMesh(vertices, mesh.faces)
 
 
 def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
