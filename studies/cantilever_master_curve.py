@@ -20,7 +20,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown
+from studies.pages import markdown, paragraphs
 from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("cantilever_master_curve",)
@@ -122,7 +122,7 @@ def table(result: StudyResult) -> str:
         ],
     )
     words = "The tip of the heavy elastica, and the error of each shell's tip [% of L], at every fifth load:"
-    return "\n\n".join([ORIGIN, largest, words, curve])
+    return paragraphs(ORIGIN, largest, words, curve)
 
 
 def finding(result: StudyResult) -> str:

@@ -26,7 +26,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.state import MotionState
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 
 FIGURES = ("cloth_scaling",)
 
@@ -177,15 +177,13 @@ def table(result: StudyResult) -> str:
         '{particles:,} | {factored[iterations]:.3f} | {factored[seconds]:.3f} | {once:.2f} | solver="{choice}"',
         rows,
     )
-    return "\n\n".join(
-        [
-            f"Seconds a frame ({STEPS} steps, {ITERATIONS} iterations each), the fastest of several:",
-            f"{frames}\n{mark}| | {published['threads']} | {published['frame']:g} | | |",
-            "Share of the tasks [%], and what the linear equations ask for:",
-            f"{tasks}\n{mark}| up to {100.0 * published['matrix_share']:g} | | | | | | |",
-            f"CPU seconds of one solved step on one thread, iterations to {SOLVED:g} or a factorisation:",
-            solved,
-        ]
+    return paragraphs(
+        f"Seconds a frame ({STEPS} steps, {ITERATIONS} iterations each), the fastest of several:",
+        f"{frames}\n{mark}| | {published['threads']} | {published['frame']:g} | | |",
+        "Share of the tasks [%], and what the linear equations ask for:",
+        f"{tasks}\n{mark}| up to {100.0 * published['matrix_share']:g} | | | | | | |",
+        f"CPU seconds of one solved step on one thread, iterations to {SOLVED:g} or a factorisation:",
+        solved,
     )
 
 

@@ -22,7 +22,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.shell import EXACT
 from studies import mesh_bias
-from studies.pages import markdown
+from studies.pages import markdown, paragraphs
 from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("energy_cost",)
@@ -114,7 +114,7 @@ def table(result: StudyResult) -> str:
         "{mesh} | {cells} | {energy} | {error:100*.3g} | {seconds:.3g}",
         result.findings["errors"],
     )
-    return f"{ratios}\n\n{errors}"
+    return paragraphs(ratios, errors)
 
 
 def finding(result: StudyResult) -> str:

@@ -32,7 +32,7 @@ from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.identification import swept_mesh
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 from studies.plate_frequencies import reference
 from studies.shell_theory import displacements_at
 from studies.v_beam_truth import SHEET, SNAPPING, beam, references
@@ -249,22 +249,20 @@ def table(result: StudyResult) -> str:
     }
     truths = dict.fromkeys((row["scene"], row["truth"]) for row in rows)
     versions = dict.fromkeys(row["version"] for row in rows if row.get("version"))
-    return "\n\n".join(
-        [
-            markdown(
-                "scene | engine | outcome | errors [%] | ms a step | stable step [s] | time to answer [s]",
-                "{scene} | {engine} | {outcome} | {errors} | {frame_ms:.2g|} | {step:.2g|} | {seconds:.2g|}",
-                [nothing | row | {key: words(row) for key, words in told.items()} for row in rows],
-            ),
-            "Frequencies of the square plate, deviations from Ritz's method:",
-            markdown(
-                f"engine | outcome | {modes}",
-                "{engine} | {outcome} | {deviations:100*+.2f|}",
-                [{"deviations": [None] * MODES} | row for row in result.findings["plates"]],
-            ),
-            "Truth: " + "; ".join(f"{scene}: {truth}" for scene, truth in truths) + ".",
-            f"Times are those of one thread on a processor. Versions: {', '.join(versions)}.",
-        ]
+    return paragraphs(
+        markdown(
+            "scene | engine | outcome | errors [%] | ms a step | stable step [s] | time to answer [s]",
+            "{scene} | {engine} | {outcome} | {errors} | {frame_ms:.2g|} | {step:.2g|} | {seconds:.2g|}",
+            [nothing | row | {key: words(row) for key, words in told.items()} for row in rows],
+        ),
+        "Frequencies of the square plate, deviations from Ritz's method:",
+        markdown(
+            f"engine | outcome | {modes}",
+            "{engine} | {outcome} | {deviations:100*+.2f|}",
+            [{"deviations": [None] * MODES} | row for row in result.findings["plates"]],
+        ),
+        "Truth: " + "; ".join(f"{scene}: {truth}" for scene, truth in truths) + ".",
+        f"Times are those of one thread on a processor. Versions: {', '.join(versions)}.",
     )
 
 

@@ -14,7 +14,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.benchmarks import crowd
 from studies.benchmarks.devices import missing_devices
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 
 FIGURES = ("flock_scaling",)
 
@@ -96,33 +96,30 @@ def table(result: StudyResult) -> str:
         "| {instances_per_second:1e-3*,.3g} | {ratio_placed:.2f} | {ratio_left:.2f} | {ratio_step:.2f}",
         found["devices"],
     )
-    return "\n\n".join(
-        [
-            "Steps of a flock a second of the processor, 20 boids in a cube of the neighbour distance:",
-            markdown(
-                "boids | neighbours of each | grid of cells | all pairs | times faster",
-                "{boids:,} | {neighbours:.1f} | {steps_per_second:,.3g} | {pairs:,.3g|} | {times:.1f|}",
-                flocks,
-            ),
-            f"A boid costs {found['boid_growth']:.2f} times as much in the largest flock as among 1,000, where more "
-            f"fly at the edge and each has {found['neighbour_growth']:.2f} times fewer neighbours. Trying all pairs "
-            f"grows with N to the power {found['pairs_exponent']:.2f} at the end.",
-            "Thousands of instances of the paper bird a second, eight modes. The bounds: the products Phi q and Psi q "
-            "over the whole batch by BLAS, and writing the positions alone. Placed instances have a rotation and "
-            "translation each; the last column is MWTS over the products.",
-            markdown(
-                "instances | vertices | precision | rigid | LMA | MWTS | MWTS placed | steps | products | writing "
-                "| ratio",
-                "{instances:,} | {vertices:,} | {dtype} | {rates:1e-3*,.3g} | {ratio_products:.2f}",
-                [
-                    row | {"rates": [row[f"per_second_{name}"] for name in names]}
-                    for row in [*found["instances"], *found["vertices"]]
-                ],
-            ),
-            "By Warp, over one thread of the kernels above (sums: the kernels' in float64): the sums over the "
-            "neighbours, placed MWTS, the same left on the device, and steps. Its cpu device takes one core.",
-            "\n".join([devices, *missing]),
-        ]
+    return paragraphs(
+        "Steps of a flock a second of the processor, 20 boids in a cube of the neighbour distance:",
+        markdown(
+            "boids | neighbours of each | grid of cells | all pairs | times faster",
+            "{boids:,} | {neighbours:.1f} | {steps_per_second:,.3g} | {pairs:,.3g|} | {times:.1f|}",
+            flocks,
+        ),
+        f"A boid costs {found['boid_growth']:.2f} times as much in the largest flock as among 1,000, where more "
+        f"fly at the edge and each has {found['neighbour_growth']:.2f} times fewer neighbours. Trying all pairs "
+        f"grows with N to the power {found['pairs_exponent']:.2f} at the end.",
+        "Thousands of instances of the paper bird a second, eight modes. The bounds: the products Phi q and Psi q "
+        "over the whole batch by BLAS, and writing the positions alone. Placed instances have a rotation and "
+        "translation each; the last column is MWTS over the products.",
+        markdown(
+            "instances | vertices | precision | rigid | LMA | MWTS | MWTS placed | steps | products | writing | ratio",
+            "{instances:,} | {vertices:,} | {dtype} | {rates:1e-3*,.3g} | {ratio_products:.2f}",
+            [
+                row | {"rates": [row[f"per_second_{name}"] for name in names]}
+                for row in [*found["instances"], *found["vertices"]]
+            ],
+        ),
+        "By Warp, over one thread of the kernels above (sums: the kernels' in float64): the sums over the "
+        "neighbours, placed MWTS, the same left on the device, and steps. Its cpu device takes one core.",
+        "\n".join([devices, *missing]),
     )
 
 

@@ -24,7 +24,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 
 FIGURES = ("held_out_advice",)
 
@@ -176,7 +176,7 @@ def table(result: StudyResult) -> str:
     )
     met, right = sum(row["meets"] for row in rows), sum(row["right"] for row in rows)
     words = f"The rung meets the asked error on {met} of {len(rows)} scenes; on {right} of these no cheaper one does."
-    return f"{scenes}\n\n{words}"
+    return paragraphs(scenes, words)
 
 
 def finding(result: StudyResult) -> str:

@@ -23,7 +23,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 from studies.snap import v_beam
 
 FIGURES = ("held_out_snaps",)
@@ -183,21 +183,19 @@ def table(result: StudyResult) -> str:
     errors = "{coarse:100*.2f} % | {fine:100*.2f} % | {coarse_to_fine:100*.2f} %"
     drawn = [{"which": name, **quantiles(found, share)} for name, share in SHARES.items()]
     snaps = [{"model": name, "load": load} for name, load in found["snaps"].items()]
-    return "\n\n".join(
-        [
-            f"DS has {found['cells']['fine']} cells, the coarse shell {found['cells']['coarse']}; the hybrid was "
-            f"trained in {found['training_seconds']:.3g} s of processor time and states an error of "
-            f"{100 * found['held_out_error']:.2g} %.",
-            markdown(
-                f"motion | {headings} | snaps | coarse frames | processor ms a frame: hybrid, coarse DS, DS",
-                f"{{motion}} | {errors} | {{which}} | {{handed}} | {{times}}",
-                rows,
-            ),
-            markdown(f"drawn loads | {headings}", f"{{which}} | {errors}", drawn),
-            markdown(f"gravity, m/s² | {headings}", f"{{gravity:g}} | {errors}", found["equilibria"]),
-            markdown("model | snaps at a gravity of", "{model} | {load:.2f|–}", snaps),
-            FILM,
-        ]
+    return paragraphs(
+        f"DS has {found['cells']['fine']} cells, the coarse shell {found['cells']['coarse']}; the hybrid was "
+        f"trained in {found['training_seconds']:.3g} s of processor time and states an error of "
+        f"{100 * found['held_out_error']:.2g} %.",
+        markdown(
+            f"motion | {headings} | snaps | coarse frames | processor ms a frame: hybrid, coarse DS, DS",
+            f"{{motion}} | {errors} | {{which}} | {{handed}} | {{times}}",
+            rows,
+        ),
+        markdown(f"drawn loads | {headings}", f"{{which}} | {errors}", drawn),
+        markdown(f"gravity, m/s² | {headings}", f"{{gravity:g}} | {errors}", found["equilibria"]),
+        markdown("model | snaps at a gravity of", "{model} | {load:.2f|–}", snaps),
+        FILM,
     )
 
 

@@ -26,7 +26,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
 from modalshell.motion import Motion
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 
 FIGURES = ("integrator_drift",)
 
@@ -228,22 +228,20 @@ def table(result: StudyResult) -> str:
             own = {"scene": scene, "path": path, "one": [run[0] for run in cycled], "many": cycled[1][-1]}
             cycles.append({**found, **own, "closed": largest_of_closed_form(found)})
         motions += [{**row, "scene": scene, "rate": 1.0 / row["step"]} for row in result.findings[scene]["motion"]]
-    return "\n\n".join(
-        [
-            markdown(
-                "scene | path | largest displacement [L] | drift of the sum in one cycle [L]: 16 steps | 64 | 256 "
-                f"| in the limit | order in the step | after {CYCLES} cycles of 64 | closed form, largest",
-                "{scene} | {path} | {largest_displacement:.3f} | {one:.2e} | {path_part:.1e} | {order:.2f} "
-                "| {many:.2e} | {closed:.0e}",
-                cycles,
-            ),
-            "Both loads put on and taken away at once, in damped motion:",
-            markdown(
-                "scene | step [s] | drift of the sum [L] | closed form",
-                "{scene} | 1/{rate:.0f} | {sum:.2e} | {closed_form:.0e}",
-                motions,
-            ),
-        ]
+    return paragraphs(
+        markdown(
+            "scene | path | largest displacement [L] | drift of the sum in one cycle [L]: 16 steps | 64 | 256 "
+            f"| in the limit | order in the step | after {CYCLES} cycles of 64 | closed form, largest",
+            "{scene} | {path} | {largest_displacement:.3f} | {one:.2e} | {path_part:.1e} | {order:.2f} "
+            "| {many:.2e} | {closed:.0e}",
+            cycles,
+        ),
+        "Both loads put on and taken away at once, in damped motion:",
+        markdown(
+            "scene | step [s] | drift of the sum [L] | closed form",
+            "{scene} | 1/{rate:.0f} | {sum:.2e} | {closed_form:.0e}",
+            motions,
+        ),
     )
 
 

@@ -24,7 +24,7 @@ from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.supports import Support
-from studies.pages import markdown
+from studies.pages import markdown, paragraphs
 from studies.shell_theory import FAMILIES, crossed, near, quarter_cylinder, rows_of, spread, square
 
 FIGURES = ("large_deflection_benchmarks",)
@@ -292,7 +292,7 @@ def table(result: StudyResult) -> str:
         "{problem} | {mesh} | {share:g} | {found} | {published} | {error:100*.2f}",
         rows,
     )
-    return f"{largest}\n\n{every}"
+    return paragraphs(largest, every)
 
 
 def finding(result: StudyResult) -> str:

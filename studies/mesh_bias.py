@@ -26,7 +26,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle
 from modalshell.supports import Support
-from studies.pages import markdown
+from studies.pages import markdown, paragraphs
 from studies.shell_theory import ENERGIES, Sheet, crossed, flat_shell, plate, rows_of
 
 FIGURES = ("mesh_bias",)
@@ -169,25 +169,23 @@ def table(result: StudyResult) -> str:
         mesh = meshes.setdefault((row["mesh"], str(row["cells"]), str(row["vertices"])), {})
         mesh[row["problem"], row["energy"]] = row["error"]
     sizes = " | ".join(f"{cells} cells" for cells in dict.fromkeys(row["cells"] for row in found["rows"]))
-    return "\n\n".join(
-        [
-            "Errors of the deflection [%]:",
-            markdown(
-                "mesh | cells | vertices | " + " | ".join(f"{problem}, {energy}" for problem, energy in kinds),
-                "{mesh} | {errors:100*.3g}",
-                [{"mesh": " | ".join(mesh), "errors": [own[kind] for kind in kinds]} for mesh, own in meshes.items()],
-            ),
-            "The waves with Isotropic shells over all seeds, errors [%], and the order of convergence with its\n"
-            "interval of 95 %:",
-            markdown(
-                f"mesh | {sizes} | order | interval",
-                "{mesh} | {errors:100*.3g} | {order:.2f} | {sign}{interval:.2f}",
-                [
-                    {"mesh": name, "errors": found["refined"][name], "sign": "+-" if one["interval"] else "", **one}
-                    for name, one in found["orders"].items()
-                ],
-            ),
-        ]
+    return paragraphs(
+        "Errors of the deflection [%]:",
+        markdown(
+            "mesh | cells | vertices | " + " | ".join(f"{problem}, {energy}" for problem, energy in kinds),
+            "{mesh} | {errors:100*.3g}",
+            [{"mesh": " | ".join(mesh), "errors": [own[kind] for kind in kinds]} for mesh, own in meshes.items()],
+        ),
+        "The waves with Isotropic shells over all seeds, errors [%], and the order of convergence with its\n"
+        "interval of 95 %:",
+        markdown(
+            f"mesh | {sizes} | order | interval",
+            "{mesh} | {errors:100*.3g} | {order:.2f} | {sign}{interval:.2f}",
+            [
+                {"mesh": name, "errors": found["refined"][name], "sign": "+-" if one["interval"] else "", **one}
+                for name, one in found["orders"].items()
+            ],
+        ),
     )
 
 

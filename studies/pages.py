@@ -54,3 +54,8 @@ def markdown(headings: str, cells: str, rows: Iterable[Mapping[str, Any]]) -> st
     """
     rule = "|" + "---|" * (headings.count(" | ") + 1)
     return "\n".join([f"| {headings} |", rule, *(f"| {_Cells().vformat(cells, (), row)} |" for row in rows)])
+
+
+def paragraphs(*parts: str) -> str:
+    """Texts and tables with an empty line between them."""
+    return "\n\n".join(parts)

@@ -23,7 +23,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown
+from studies.pages import markdown, paragraphs
 from studies.shell_theory import (
     ENERGIES,
     FAMILIES,
@@ -190,18 +190,15 @@ def table(result: StudyResult) -> str:
         largest, order = np.abs(row["errors"]).max(), "changed" if row["swapped"] else "kept"
         rows.append({**row, "largest": largest, "order": order, "least": min(row["likeness"])})
     exact = [{"supports": name, "numbers": values} for name, values in result.findings["reference"].items()]
-    return "\n\n".join(
-        [
-            "Frequency numbers ω a² √(ρ h / D) of the Kirchhoff plate, and frequencies [Hz] of finite elements:",
-            markdown(f"supports | {modes}", "{supports} | {numbers:.4f}", exact),
-            "Errors [%], C clamped, F free, S simply supported; cells are counted across:",
-            markdown(
-                f"supports | energy | mesh | cells | {modes} | largest | order of modes | least likeness of shapes",
-                "{supports} | {energy} | {mesh} | {cells} | {errors:100*+.2f} | {largest:100*.2f} "
-                "| {order} | {least:.3f}",
-                rows,
-            ),
-        ]
+    return paragraphs(
+        "Frequency numbers ω a² √(ρ h / D) of the Kirchhoff plate, and frequencies [Hz] of finite elements:",
+        markdown(f"supports | {modes}", "{supports} | {numbers:.4f}", exact),
+        "Errors [%], C clamped, F free, S simply supported; cells are counted across:",
+        markdown(
+            f"supports | energy | mesh | cells | {modes} | largest | order of modes | least likeness of shapes",
+            "{supports} | {energy} | {mesh} | {cells} | {errors:100*+.2f} | {largest:100*.2f} | {order} | {least:.3f}",
+            rows,
+        ),
     )
 
 

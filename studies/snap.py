@@ -24,7 +24,7 @@ from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.elastica_frame import LOADED_AT, frame_path, limit_loads
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 from studies.tape_spring import moments, plateau_start, tape_spring
 
 FIGURES = ("snap",)
@@ -219,21 +219,19 @@ def table(result: StudyResult) -> str:
     for one in result.findings["curves"]:
         kinds = [event[0] for event in one["events"]]
         paths.append({**one, "counts": [kinds.count(kind) for kind in ("limit", "bifurcation")]})
-    return "\n\n".join(
-        [
-            markdown(
-                "case | model | bifurcation | snap | stable again | limit points | bifurcations | points",
-                "{case} | {model} | {bifurcation:.4g|–} | {snap:.4g|–} | {stable_again:.4g|–} | {counts} | {points}",
-                paths,
-            ),
-            "Loads are gravity [m/s²] of the V-beams and the panel, N of the roof, EI/L² of the frame, and the couple "
-            "of the tape spring at rest over D alpha.",
-            markdown(
-                "case | quantity | here | reference | off",
-                "{case} | {what} | {value:.5g} | {reference:.5g} | {off:100*.2f} %",
-                result.findings["checks"],
-            ),
-        ]
+    return paragraphs(
+        markdown(
+            "case | model | bifurcation | snap | stable again | limit points | bifurcations | points",
+            "{case} | {model} | {bifurcation:.4g|–} | {snap:.4g|–} | {stable_again:.4g|–} | {counts} | {points}",
+            paths,
+        ),
+        "Loads are gravity [m/s²] of the V-beams and the panel, N of the roof, EI/L² of the frame, and the couple "
+        "of the tape spring at rest over D alpha.",
+        markdown(
+            "case | quantity | here | reference | off",
+            "{case} | {what} | {value:.5g} | {reference:.5g} | {off:100*.2f} %",
+            result.findings["checks"],
+        ),
     )
 
 

@@ -27,7 +27,7 @@ from modalshell.springs.device import DeviceVerlet
 from studies.benchmarks.devices import missing_devices
 from studies.benchmarks.numpy_verlet import NumpyVerlet
 from studies.benchmarks.timing import interleaved
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 
 FIGURES = ("spring_sheet_speed",)
 
@@ -166,14 +166,12 @@ def table(result: StudyResult) -> str:
         words += "processor's clock; two threads and GPUs by the wall's, which on a busy machine says little"
     bounds = ", ".join(f"{most / 1e6:.0f} in {kind}" for kind, most in bound.items())
     published = "; ".join(f"{name} {low:.2f} to {high:.2f}" for name, (low, high) in found["published"].items())
-    return "\n\n".join(
-        [
-            "\n".join([ways, *missing]),
-            f"{words}.",
-            f"One core copies {found['bandwidth'] / 1e9:.1f} GB/s, read and written, which bounds a step's million "
-            f"masses a second: {bounds}.",
-            f"Published speed-ups over one core of a CPU, 64^2 to 1024^2: {published}.",
-        ]
+    return paragraphs(
+        "\n".join([ways, *missing]),
+        f"{words}.",
+        f"One core copies {found['bandwidth'] / 1e9:.1f} GB/s, read and written, which bounds a step's million "
+        f"masses a second: {bounds}.",
+        f"Published speed-ups over one core of a CPU, 64^2 to 1024^2: {published}.",
     )
 
 

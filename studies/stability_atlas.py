@@ -40,7 +40,7 @@ from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder
 from studies import stability_limits as limits
 from studies import stability_models as models
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 from studies.stability_models import BASE, ROWS, IntegratedModel, StripScene
 
 FIGURES = ("stability_atlas",)
@@ -287,31 +287,29 @@ def table(result: StudyResult) -> str:
     explicit = {row["model"]: row for row in found["limits"] if row["rule"] == "Verlet" and "(undamped)" in row["what"]}
     steps = " and ".join(f"{1e3 * explicit[model]['theory']:.2g} ms for {model}" for model in ("DS", "springs"))
     cells = [c for maps in found["rows"].values() for one in maps.values() for line in one["classes"] for c in line]
-    return "\n\n".join(
-        [
-            ADVICE.format(steps=f" (here, undamped, {steps})").rstrip("\n"),
-            "[The poster](../paper_figures/stability_atlas_poster.png) shows every map; the summary, the share of each "
-            "outcome.",
-            f"A strip clamped at one end, {models.CELLS[0]} x {models.CELLS[1]} cells, at the base point: step 1/30 s "
-            f"(explicit: half its limit), membrane over bending stiffness {base['ratio']:g}, Γ = {base['gamma']:g}, "
-            f"damping ratio {base['damping']:g} of mode 1. Each column leaves it along one line; Γ and the damping "
-            "ratio cross at Γ = 1 and a damping ratio of 1. A cell is right if the tip is within "
-            f"{100.0 * TOLERANCE:g} % of the truth: DS statics where the run of 40 to 80 "
-            "steps settles, else the same model at half the step. So short a run says little of slow growth: there the "
-            "theory's lines count; one at the left edge of a map calls all of its row unstable up to the next line.",
-            markdown(
-                f"model | longest stable step [s]: theory, measured | {' | '.join(AXES)}",
-                "{name} | {step} | {reach}",
-                rows,
-            ),
-            "Limits, by theory and by measurement:",
-            markdown(
-                "model | limit | theory | measured | ratio",
-                "{row} | {what}{unit} | {theory} | {measured:.4g|none found} | {ratio:.3f|–}",
-                shown,
-            ),
-            "Cells: " + ", ".join(f"{cells.count(name)} {name}" for name in found["outcomes"]) + ".",
-        ]
+    return paragraphs(
+        ADVICE.format(steps=f" (here, undamped, {steps})").rstrip("\n"),
+        "[The poster](../paper_figures/stability_atlas_poster.png) shows every map; the summary, the share of each "
+        "outcome.",
+        f"A strip clamped at one end, {models.CELLS[0]} x {models.CELLS[1]} cells, at the base point: step 1/30 s "
+        f"(explicit: half its limit), membrane over bending stiffness {base['ratio']:g}, Γ = {base['gamma']:g}, "
+        f"damping ratio {base['damping']:g} of mode 1. Each column leaves it along one line; Γ and the damping "
+        "ratio cross at Γ = 1 and a damping ratio of 1. A cell is right if the tip is within "
+        f"{100.0 * TOLERANCE:g} % of the truth: DS statics where the run of 40 to 80 "
+        "steps settles, else the same model at half the step. So short a run says little of slow growth: there the "
+        "theory's lines count; one at the left edge of a map calls all of its row unstable up to the next line.",
+        markdown(
+            f"model | longest stable step [s]: theory, measured | {' | '.join(AXES)}",
+            "{name} | {step} | {reach}",
+            rows,
+        ),
+        "Limits, by theory and by measurement:",
+        markdown(
+            "model | limit | theory | measured | ratio",
+            "{row} | {what}{unit} | {theory} | {measured:.4g|none found} | {ratio:.3f|–}",
+            shown,
+        ),
+        "Cells: " + ", ".join(f"{cells.count(name)} {name}" for name in found["outcomes"]) + ".",
     )
 
 

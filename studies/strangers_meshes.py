@@ -26,7 +26,7 @@ from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh.files import read_polygons, repair_mesh
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 from studies.strangers import Stranger, generated, installed_files
 
 FIGURES = ("strangers_meshes",)
@@ -150,17 +150,15 @@ def table(result: StudyResult) -> str:
         if row["repair"]:
             repair = ["; ".join(row["repair"]), mended["told"], f"{mended['seconds']:.0f}"]
         rows.append({**row, "after": repair, "moved": moved})
-    return "\n\n".join(
-        [
-            markdown(
-                "mesh | triangles | parts | without `--repair` | CPU [s] | what `--repair` does | with it | CPU [s] "
-                "| moves [%]",
-                "{name} | {triangles:,} | {parts} | {plain[told]} | {plain[seconds]:.0f} | {after} | {moved:100*.2g}",
-                rows,
-            ),
-            "Files of packages that are no meshes, whatever their suffix says:",
-            markdown("file | message", "{name} | {told}", result.findings["unread"]),
-        ]
+    return paragraphs(
+        markdown(
+            "mesh | triangles | parts | without `--repair` | CPU [s] | what `--repair` does | with it | CPU [s] "
+            "| moves [%]",
+            "{name} | {triangles:,} | {parts} | {plain[told]} | {plain[seconds]:.0f} | {after} | {moved:100*.2g}",
+            rows,
+        ),
+        "Files of packages that are no meshes, whatever their suffix says:",
+        markdown("file | message", "{name} | {told}", result.findings["unread"]),
     )
 
 

@@ -23,7 +23,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import TRUTH
 from modalshell.modes import lowest_tangent_eigenvalue
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, paragraphs
 
 FIGURES = ("figure_5", "figure_6a", "figure_6b")
 
@@ -118,7 +118,7 @@ def table(result: StudyResult) -> str:
     if stiff is not None:
         marks = [f"{key.replace('_', ' ')} at Γ = {stiff[key]:.4f}" for key in MARKS if stiff[key] is not None]
         words = f"The path of equilibria of the stiff beam: {', '.join(marks)}.\n\n{words}"
-    return f"{loads}\n\n{words}"
+    return paragraphs(loads, words)
 
 
 def finding(result: StudyResult) -> str:

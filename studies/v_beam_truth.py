@@ -20,7 +20,7 @@ import modalshell as ms
 from modalshell.core.typing import Progress
 from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown
+from studies.pages import markdown, paragraphs
 from studies.shell_theory import (
     ENERGIES,
     FAMILIES,
@@ -178,27 +178,25 @@ def table(result: StudyResult) -> str:
         for energy, own in found["snaps"].items()
     ]
     events.append({"energy": "finite elements", "first": ["2.2 to 2.3", "not sought"]})
-    return "\n\n".join(
-        [
-            "Errors of displacement against finite elements [%]:",
-            markdown(
-                "beam | Γ | drop [L] | " + " | ".join(next(iter(loads.values()))["errors"]),
-                "{beam} | {gamma:g} | {reference_drop:.4f} | {errors}",
-                [load | {"errors": list(load["errors"].values())} for load in loads.values()],
-            ),
-            f"Events on the symmetric path of the last beam ({SNAPPING}), Γ:",
-            markdown(
-                "energy | limit point, the fold flattens | bifurcation, the beam leaves its plane of symmetry",
-                "{energy} | {first}",
-                events,
-            ),
-            "Largest errors [%] of whole Isotropic meshes before the snap, by mesh family:",
-            markdown(
-                f"beam | mesh | vertices | drops up to {MODERATE:g} L | beyond",
-                "{beam} | {mesh} | {vertices} | {moderate:100*.2f} | {beyond:100*.2f}",
-                found["families"],
-            ),
-        ]
+    return paragraphs(
+        "Errors of displacement against finite elements [%]:",
+        markdown(
+            "beam | Γ | drop [L] | " + " | ".join(next(iter(loads.values()))["errors"]),
+            "{beam} | {gamma:g} | {reference_drop:.4f} | {errors}",
+            [load | {"errors": list(load["errors"].values())} for load in loads.values()],
+        ),
+        f"Events on the symmetric path of the last beam ({SNAPPING}), Γ:",
+        markdown(
+            "energy | limit point, the fold flattens | bifurcation, the beam leaves its plane of symmetry",
+            "{energy} | {first}",
+            events,
+        ),
+        "Largest errors [%] of whole Isotropic meshes before the snap, by mesh family:",
+        markdown(
+            f"beam | mesh | vertices | drops up to {MODERATE:g} L | beyond",
+            "{beam} | {mesh} | {vertices} | {moderate:100*.2f} | {beyond:100*.2f}",
+            found["families"],
+        ),
     )
 
 
