@@ -18,9 +18,8 @@ from scipy.optimize import brentq
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown, paragraphs
+from studies.pages import markdown, paragraphs, result_of
 from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("cantilever_master_curve",)
@@ -56,8 +55,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
 
     rows = rows_of(tips, crossed(energy=ENERGIES, mesh=FAMILIES), on_step)
     findings = {"gamma": loads, "drop": exact[:, 0], "reach": exact[:, 1], "rows": rows}
-    parameters = {**SHEET, "length": LENGTH, "width": WIDTH, "cells": cells, "gammas": GAMMAS, "loads": count}
-    return StudyResult("cantilever_master_curve", findings, {"exact": exact}, run_record(parameters))
+    return result_of("cantilever_master_curve", findings, {"exact": exact}, cells=cells, loads=count)
 
 
 def elastica(gamma: float) -> tuple[float, float]:

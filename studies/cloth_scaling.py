@@ -22,11 +22,10 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.state import MotionState
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("cloth_scaling",)
 
@@ -46,17 +45,9 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All sizes, threads side by side; ``quick`` takes the two smallest and fewer frames."""
     sides, repeats = (SIDES[:2], 3) if quick else (SIDES, 7)
     rows = [measured(side, repeats) for side in counted(sides, on_step)]
-    parameters: dict[str, Any] = {
-        "structural": STRUCTURAL,
-        "flexion": FLEXION,
-        "density": DENSITY,
-        "drag": DRAG,
-        "repeats": repeats,
-    }
-    parameters |= {"frame": FRAME, "steps": STEPS, "iterations": ITERATIONS, "published": PUBLISHED}
     findings = {"rows": rows, "published": PUBLISHED}
     particles = np.array([row["particles"] for row in rows])
-    return StudyResult("cloth_scaling", findings, {"particles": particles}, run_record(parameters))
+    return result_of("cloth_scaling", findings, {"particles": particles}, repeats=repeats)
 
 
 def cloth(side: int) -> tuple[ms.Shell, Any]:

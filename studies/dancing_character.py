@@ -16,10 +16,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.character import clothes, skeleton
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("figure_8",)
 
@@ -96,8 +95,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     arrays["turns"] = np.array([[pose[name].rotation.as_rotvec() for name in dancer.rest] for pose in poses])
     bends = [[bend(pose, side) for side in ("left", "right")] for pose in poses]
     found = {"joints": list(dancer.rest), "largest_knee_bend_degrees": float(np.max(bends)), "rows": rows}
-    parameters = {"dt": DT, "duration": duration, "garments": {g.name: g._asdict() for g in GARMENTS}}
-    return StudyResult("dancing_character", found, arrays, run_record(parameters))
+    return result_of("dancing_character", found, arrays, duration=duration)
 
 
 def led_by(

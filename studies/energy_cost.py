@@ -18,11 +18,10 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.shell import EXACT
 from studies import mesh_bias
-from studies.pages import markdown, paragraphs
+from studies.pages import markdown, paragraphs, result_of
 from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("energy_cost",)
@@ -39,8 +38,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     cells, sizes = (12, (6, 12)) if quick else (50, (8, 12, 16, 24, 32, 48))
     ratios = rows_of(partial(costs, cells=cells, quick=quick), crossed(mesh=FAMILIES))
     errors = rows_of(plate, crossed(mesh=FAMILIES, cells=sizes), on_step)
-    record = run_record({**SHEET, "cells": cells, "sizes": sizes, "repeats": REPEATS})
-    return StudyResult("energy_cost", {"ratios": ratios, "errors": errors}, {}, record)
+    return result_of("energy_cost", {"ratios": ratios, "errors": errors}, cells=cells, sizes=sizes)
 
 
 def least_seconds(actions: Sequence[Callable[[], object]], repeats: int) -> list[float]:

@@ -29,10 +29,9 @@ from modalshell.compare.engines import ENGINES, Engine, answered
 from modalshell.compare.engines.case import engine_case
 from modalshell.compare.engines.engine import ask
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.identification import swept_mesh
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.plate_frequencies import reference
 from studies.shell_theory import displacements_at
 from studies.v_beam_truth import SHEET, SNAPPING, beam, references
@@ -92,8 +91,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     plates = [our_plate(12 if quick else 32)]
     if not quick:
         plates.append(foreign_plate(ENGINES[0]))
-    parameters = {"strip": STRIP, "plate": PLATE, "cloth": CLOTH, "gamma": [*SOFT, *STIFF]}
-    return StudyResult("engines", {"rows": rows, "plates": plates}, {}, run_record(parameters))
+    return result_of("engines", {"rows": rows, "plates": plates}, quick=quick)
 
 
 def relative(moved: np.ndarray, exact: np.ndarray) -> float:

@@ -18,10 +18,9 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import MODELS as MODEL_SPECS
-from studies.pages import markdown
+from studies.pages import markdown, result_of
 from studies.shell_theory import ENERGIES, Sheet, columns, crossed, displacements_at, flat_shell, rows_of
 
 FIGURES = ("error_budget", "shell_theory_errors", "shell_theory_shapes")
@@ -53,8 +52,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     arrays: dict[str, np.ndarray] = {}
     cases = crossed(case=list(SHAPES)[:4:3] if quick else SHAPES, mesh=FAMILIES)
     rows = rows_of(partial(budget, across=across, arrays=arrays), cases, on_step)
-    parameters = {"length": LENGTH, "loads": LOADS, "modes": MODES, "across": across, "shapes": SHAPES}
-    return StudyResult("error_budget", {"rows": rows}, arrays, run_record(parameters))
+    return result_of("error_budget", {"rows": rows}, arrays, across=across)
 
 
 def shape(kind: str, family: str, across: int) -> ms.TriangleMesh:

@@ -13,41 +13,32 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("figure_4",)
 
 FOLDS = {"flat": 180.0, "v": 120.0}
 FACTORS = (1.0, 10.0, 100.0)
-PARAMETERS: dict[str, Any] = {
-    "length": 1.0,
-    "width": 0.2,
-    "membrane": 60.0,
-    "flexure": 0.01,
-    "density": 0.2,
-    "gravity": 10.0,
-    "modes": 8,
-}
+LENGTH, WIDTH, MEMBRANE, FLEXURE, DENSITY = 1.0, 0.2, 60.0, 0.01, 0.2
+GRAVITY, MODES = 10.0, 8
 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Solve the three pairs; ``quick`` takes a coarser mesh."""
-    p = PARAMETERS
     cells = (20, 4) if quick else (40, 8)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
     cases = [(factor, name) for factor in FACTORS for name in FOLDS]
     for factor, name in counted(cases, on_step):
-        mesh = ms.v_beam(length=p["length"], width=p["width"], fold=FOLDS[name], cells=cells)
-        material = ms.Material(p["membrane"], p["membrane"], p["flexure"] * factor, p["density"])
-        shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * p["length"] / cells[0])
-        basis = ms.solve_modes(shell, p["modes"])
-        gravity = (0.0, 0.0, -p["gravity"])
+        mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=FOLDS[name], cells=cells)
+        material = ms.Material(MEMBRANE, MEMBRANE, FLEXURE * factor, DENSITY)
+        shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
+        basis = ms.solve_modes(shell, MODES)
+        gravity = (0.0, 0.0, -GRAVITY)
         warped = ms.ModalWarping(basis).equilibrium(gravity=gravity)
         truth = ms.DiscreteShell(shell).equilibrium(gravity=gravity, start=warped.positions)
-        tip = int(np.argmin(np.linalg.norm(mesh.vertices - [p["length"], 0.0, 0.0], axis=1)))
+        tip = int(np.argmin(np.linalg.norm(mesh.vertices - [LENGTH, 0.0, 0.0], axis=1)))
         rows.append(
             {
                 "beam": name,
@@ -64,8 +55,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         key = f"{name}_x{factor:g}"
         arrays |= {f"{key}_mwts": warped.positions, f"{key}_ds": truth.positions}
         arrays |= {f"{name}_faces": mesh.faces, f"{name}_rest": mesh.vertices}
-    parameters = {**p, "folds": FOLDS, "flexure_factors": FACTORS, "cells": cells}
-    return StudyResult("flat_vs_v_beam", {"rows": rows}, arrays, run_record(parameters))
+    return result_of("flat_vs_v_beam", {"rows": rows}, arrays, cells=cells)
 
 
 def table(result: StudyResult) -> str:

@@ -10,11 +10,10 @@ import numpy as np
 
 from modalshell.core.typing import Progress
 from modalshell.crowd import LEVELS
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.benchmarks import crowd
 from studies.benchmarks.devices import missing_devices
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("flock_scaling",)
 
@@ -64,7 +63,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         "neighbour_growth": grid[-1]["neighbours"] / thousand["neighbours"],
         "pairs_exponent": _exponent([row for row in rows["flock"] if row["search"] == "all_pairs"]),
     }
-    return StudyResult("flock_scaling", findings, {"boids": np.array(boids)}, run_record({"quick": quick}))
+    return result_of("flock_scaling", findings, {"boids": np.array(boids)}, quick=quick)
 
 
 def _exponent(rows: list[dict[str, Any]]) -> float:

@@ -20,11 +20,10 @@ from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
 from modalshell.compare.runs import Measurement
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("held_out_advice",)
 
@@ -45,11 +44,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     kinds = [random_case] * (1 if quick else SCENES) + [snapping_case] * (1 if quick else SNAPPING)
     for place, kind in counted(list(enumerate(kinds)), on_step):
         rows.append(checked(*kind(np.random.default_rng([SEED, place]), f"scene {place + 1}")))
-    parameters = {"scenes": len(kinds), "frames_per_second": FRAMES_PER_SECOND, "held_out": HELD_OUT}
-    parameters |= {"around_snap": AROUND_SNAP}
-    return StudyResult(
-        "held_out_advice", {"rows": rows}, {"held_out": np.array(HELD_OUT)}, run_record(parameters, SEED)
-    )
+    return result_of("held_out_advice", {"rows": rows}, {"held_out": np.array(HELD_OUT)}, SEED, scenes=len(kinds))
 
 
 def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tuple[float, ...]]:

@@ -19,11 +19,10 @@ import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.snap import v_beam
 
 FIGURES = ("held_out_snaps",)
@@ -91,7 +90,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     arrays |= {
         "errors": np.array([[row["coarse"], row["fine"], row["coarse_to_fine"]] for row in rows if row["drawn"]])
     }
-    return StudyResult("held_out_snaps", found, arrays, run_record({"gravity": GRAVITY, "quick": quick}, SEED))
+    return result_of("held_out_snaps", found, arrays, SEED, quick=quick)
 
 
 def named_loads(shell: ms.Shell) -> dict[str, np.ndarray]:

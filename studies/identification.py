@@ -17,9 +17,8 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("identification",)
 
@@ -51,7 +50,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         "fitted": drops(strip, exact, data),
     }
     findings = {"rows": rows, "noisy": noisy, "true": data["strip"]["young"], "curve": curve}
-    return StudyResult("identification", findings, {}, run_record({"noise": NOISE, "seeds": seeds}))
+    return result_of("identification", findings, seeds=seeds)
 
 
 def sheet(case: dict[str, Any]) -> ms.Isotropic:

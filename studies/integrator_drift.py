@@ -19,14 +19,13 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
 from modalshell.motion import Motion
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("integrator_drift",)
 
@@ -63,10 +62,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         findings[scene]["motion"] = motion_findings(
             basis, np.sum(forces, axis=0), (1, 4) if quick else (1, 2, 4, 8, 16)
         )
-    parameters = {"length": LENGTH, "width": WIDTH, "flexure": FLEXURE, "density": DENSITY, "membrane": MEMBRANE}
-    parameters |= {"modes": MODES, "cells": cells, "loads": LOADS, "finest": finest, "cycles": CYCLES}
-    parameters |= {"motion": {"step": MOTION_STEP, "damping": MOTION_DAMPING, "time": MOTION_TIME}}
-    return StudyResult("integrator_drift", findings, arrays, run_record(parameters))
+    return result_of("integrator_drift", findings, arrays, cells=cells, finest=finest)
 
 
 @final

@@ -21,10 +21,9 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.supports import Support
-from studies.pages import markdown, paragraphs
+from studies.pages import markdown, paragraphs, result_of
 from studies.shell_theory import FAMILIES, crossed, near, quarter_cylinder, rows_of, spread, square
 
 FIGURES = ("large_deflection_benchmarks",)
@@ -203,9 +202,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     cases = crossed(problem=QUICK if quick else PROBLEMS, mesh=FAMILIES[:1] if quick else FAMILIES)
     rows = rows_of(answers, cases, on_step)
     names = {key: problem.name for key, problem in PROBLEMS.items()}
-    cells = {key: problem.cells for key, problem in PROBLEMS.items()}
-    record = run_record({"cells": cells, "steep": STEEP, "grading of 3.6": GRADING})
-    return StudyResult("large_deflection_benchmarks", {"names": names, "rows": rows, "steep": steep}, {}, record)
+    return result_of("large_deflection_benchmarks", {"names": names, "rows": rows, "steep": steep}, quick=quick)
 
 
 def solve(problem: Problem, entries: list[list[float]]) -> list[dict[str, Any]]:

@@ -16,10 +16,10 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import repository_file, run_record
+from modalshell.files.provenance import repository_file
 from modalshell.files.study_result import StudyResult
 from modalshell.modes.modal_rotation import rotation_matrix
-from studies.pages import markdown
+from studies.pages import markdown, result_of
 
 FIGURES = ("figure_3",)
 
@@ -97,8 +97,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         "faces": mesh.faces.astype(np.int32),
         "rest": mesh.vertices,
     }
-    parameters = {"material": MATERIAL, "duration": duration, "dt": FRAME, "damping": DAMPING, "keyframes": KEYFRAMES}
-    return StudyResult("large_mesh", findings, arrays, run_record(parameters))
+    return result_of("large_mesh", findings, arrays, duration=duration)
 
 
 def _shell(mesh: ms.TriangleMesh) -> None:

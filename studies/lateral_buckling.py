@@ -25,9 +25,8 @@ from scipy.optimize import brentq
 import modalshell as ms
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown
+from studies.pages import markdown, result_of
 from studies.shell_theory import ENERGIES, FAMILIES, Sheet, columns, crossed, finite_elements, flat_shell, rows_of
 
 FIGURES = ("lateral_buckling",)
@@ -73,7 +72,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     rows = rows_of(found, cases, on_step)
     for row in rows:
         del row["strip"]
-    return StudyResult("lateral_buckling", {"rows": rows}, {}, run_record({"range": RANGE}))
+    return result_of("lateral_buckling", {"rows": rows}, quick=quick)
 
 
 def narrow(poisson: float) -> float:

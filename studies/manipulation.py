@@ -8,7 +8,6 @@ it can: it moves vertices, so an orientation alone says nothing to it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -16,24 +15,15 @@ from scipy.spatial.transform import Rotation
 import modalshell as ms
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("figure_7",)
 
-PARAMETERS: dict[str, Any] = {
-    "length": 1.0,
-    "width": 0.2,
-    "membrane": 60.0,
-    "flexure": 0.1,
-    "density": 0.2,
-    "modes": 12,
-    "dt": 1.0 / 30.0,
-    "duration": 4.0,
-    "leading": 1.0,
-    "damping": (1.0, 0.01),
-}
+LENGTH, WIDTH, MEMBRANE, FLEXURE, DENSITY = 1.0, 0.2, 60.0, 0.1, 0.2
+MODES, DT, DURATION, DAMPING = 12, 1.0 / 30.0, 4.0, (1.0, 0.01)
+LEADING = 1.0
+"""Time [s] in which the target moves."""
 CASES: dict[str, tuple[tuple[float, float, float] | None, tuple[float, float] | None]] = {
     # position [m]; rotation [degrees] about the beam (x), then upwards (-y)
     "position": ((0.738, 0.0, 0.566), None),
@@ -47,21 +37,20 @@ CASES: dict[str, tuple[tuple[float, float, float] | None, tuple[float, float] | 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Lead the beam to six targets; ``quick`` takes a coarser mesh."""
-    p = PARAMETERS
     cells = (16, 4) if quick else (40, 8)
-    mesh = ms.flat_beam(length=p["length"], width=p["width"], cells=cells)
-    material = ms.Material(p["membrane"], p["membrane"], p["flexure"], p["density"])
-    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * p["length"] / cells[0])
-    basis = ms.solve_modes(shell, p["modes"])
+    mesh = ms.flat_beam(length=LENGTH, width=WIDTH, cells=cells)
+    material = ms.Material(MEMBRANE, MEMBRANE, FLEXURE, DENSITY)
+    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
+    basis = ms.solve_modes(shell, MODES)
     model = ms.ModalWarping(basis)
-    tip = int(np.argmin(np.linalg.norm(mesh.vertices - [p["length"], 0.0, 0.0], axis=1)))
+    tip = int(np.argmin(np.linalg.norm(mesh.vertices - [LENGTH, 0.0, 0.0], axis=1)))
     rows = []
     arrays = {"faces": mesh.faces, "rest": mesh.vertices, "tip": np.array(tip)}
     for number, (name, (position, angles)) in counted(list(enumerate(CASES.items(), start=1)), on_step):
         turn = None if angles is None else upwards(*angles)
         static = model.equilibrium(constraints=constraints(tip, mesh.vertices[tip], position, turn))
-        led = constraints(tip, mesh.vertices[tip], position, turn, leading=p["leading"])
-        run = ms.simulate(model, duration=p["duration"], dt=p["dt"], damping=p["damping"], constraints=led)
+        led = constraints(tip, mesh.vertices[tip], position, turn, leading=LEADING)
+        run = ms.simulate(model, duration=DURATION, dt=DT, damping=DAMPING, constraints=led)
         assert static.coordinates is not None
         row = {
             "case": name,
@@ -73,7 +62,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
             "area_change": ms.measure.area_change(static.positions, mesh),
             "motion_status": run.status,
             "motion_residual": float(run.constraint_residuals.max()),
-            "settled_apart": float(np.abs(run.positions[-1] - static.positions).max()) / p["length"],
+            "settled_apart": float(np.abs(run.positions[-1] - static.positions).max()) / LENGTH,
             "frames_per_second": (len(run.times) - 1) / run.seconds,
         }
         key = f"case_{number}"
@@ -91,7 +80,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
             arrays[f"{key}_ds"] = truth.positions
         rows.append(row)
     findings = {"vertices": len(mesh.vertices), "frequencies_hz": basis.frequencies, "rows": rows}
-    return StudyResult("manipulation", findings, arrays, run_record({**p, "cells": cells, "cases": CASES}))
+    return result_of("manipulation", findings, arrays, cells=cells)
 
 
 def upwards(twist: float, lift: float) -> list[float]:

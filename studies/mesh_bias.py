@@ -22,11 +22,10 @@ from scipy.stats import linregress, t
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle
 from modalshell.supports import Support
-from studies.pages import markdown, paragraphs
+from studies.pages import markdown, paragraphs, result_of
 from studies.shell_theory import ENERGIES, Sheet, crossed, flat_shell, plate, rows_of
 
 FIGURES = ("mesh_bias",)
@@ -62,8 +61,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         name: dict(zip(("order", "interval"), order(sizes, errors), strict=True)) for name, errors in refined.items()
     }
     findings = {"rows": rows, "refined": refined, "orders": orders}
-    parameters = {**SHEET, "sizes": sizes, "meshes": MESHES, "jitter": JITTER, "seeds": SEEDS, "waves": WAVES}
-    return StudyResult("mesh_bias", findings, {}, run_record(parameters))
+    return result_of("mesh_bias", findings, sizes=sizes)
 
 
 def square(name: str, cells: int, seed: int = 0) -> ms.TriangleMesh:

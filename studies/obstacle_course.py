@@ -26,11 +26,10 @@ from scipy.spatial import ConvexHull
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.supports import Support
 from studies.large_deflection_benchmarks import GRADING, Problem, Y, Z, eighth_of_cylinder, hemisphere
-from studies.pages import markdown
+from studies.pages import markdown, result_of
 from studies.shell_theory import FAMILIES, near, plate, quarter_cylinder, rows_of, spread, square
 
 FIGURES = ("obstacle_course",)
@@ -51,7 +50,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         for cells in problem.cells[:sizes]
     ]
     rows = rows_of(answer, cases, on_step)
-    return StudyResult("obstacle_course", {"rows": rows}, {}, run_record({"families": families}))
+    return result_of("obstacle_course", {"rows": rows}, families=families)
 
 
 def linear(shell: ms.Shell, load: np.ndarray) -> np.ndarray:

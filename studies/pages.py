@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from string import Formatter
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import checked_record
+from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 
 Case = TypeVar("Case")
@@ -23,6 +26,28 @@ def counted(cases: Sequence[Case], on_step: Progress | None) -> Iterator[Case]:
         yield case
         if on_step is not None:
             on_step(done, len(cases))
+
+
+def result_of(
+    study: str,
+    findings: dict[str, Any],
+    arrays: dict[str, NDArray[Any]] | None = None,
+    seed: int = 0,
+    **chosen: Any,
+) -> StudyResult:
+    """A study's result; its record has the constants of its module, in lower case, and what the run has ``chosen``."""
+    constants = vars(sys.modules[f"studies.{study}"]).items()
+    parameters = {name.lower(): value for name, value in constants if name.isupper() and _is_data(value)}
+    return StudyResult(study, findings, arrays or {}, run_record(parameters | chosen, seed))
+
+
+def _is_data(value: Any) -> bool:
+    """Whether a value is made of numbers, words and arrays alone."""
+    if isinstance(value, dict):
+        return all(isinstance(key, str | float) for key in value) and all(map(_is_data, value.values()))
+    if isinstance(value, tuple | list):
+        return all(map(_is_data, value))
+    return isinstance(value, int | float | str | np.ndarray)
 
 
 def committed(name: str) -> StudyResult:

@@ -21,9 +21,8 @@ from scipy.optimize import linear_sum_assignment
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown, paragraphs
+from studies.pages import markdown, paragraphs, result_of
 from studies.shell_theory import (
     ENERGIES,
     FAMILIES,
@@ -75,8 +74,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     rows = rows_of(of_plate, crossed(supports=SUPPORTS, energy=ENERGIES, mesh=FAMILIES, cells=resolutions), on_step)
     rows += rows_of(of_shell, crossed(supports=SHELLS, energy=ENERGIES, mesh=FAMILIES))
     arrays = {name: numbers for name, (numbers, _) in references.items()}
-    parameters = {**SHEET, "resolutions": resolutions, "modes": MODES, "candidates": CANDIDATES, "terms": TERMS}
-    return StudyResult("plate_frequencies", {"reference": exact, "rows": rows}, arrays, run_record(parameters))
+    return result_of("plate_frequencies", {"reference": exact, "rows": rows}, arrays, resolutions=resolutions)
 
 
 def shell_frequencies(

@@ -22,12 +22,11 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.base.full import FullModel
 from modalshell.models.registry import TRUTH
 from modalshell.springs import shell_springs
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("sheet_vs_shell",)
 
@@ -61,8 +60,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
             start = truth if row["ds"]["converged"] else None
         findings[name] = rows
         arrays[f"{name}_faces"], arrays[f"{name}_last"] = np.asarray(shell.mesh.faces), truth
-    parameters = {"gravity": GRAVITY, "membrane": MEMBRANE, "density": DENSITY, "soft": SOFT, "folds": folds}
-    return StudyResult("sheet_vs_shell", {"sheets": findings, "folds": folds}, arrays, run_record(parameters))
+    return result_of("sheet_vs_shell", {"sheets": findings, "folds": folds}, arrays, quick=quick)
 
 
 def mesh_of(name: str, quick: bool) -> ms.TriangleMesh:

@@ -21,10 +21,9 @@ import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from studies.elastica_frame import LOADED_AT, frame_path, limit_loads
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.tape_spring import moments, plateau_start, tape_spring
 
 FIGURES = ("snap",)
@@ -99,7 +98,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
                 arrays[f"{told['case']}_positions"] = path.positions[chosen]
                 arrays[f"{told['case']}_faces"] = np.asarray(path.mesh.faces)
         found["checks"] += checks
-    return StudyResult("snap", found, arrays, run_record({"roof": ROOF, "plateau": PLATEAU, "quick": quick}))
+    return result_of("snap", found, arrays, quick=quick)
 
 
 def numbers_of(path: ms.EquilibriumPath) -> dict[str, Any]:

@@ -19,7 +19,6 @@ import numba
 import numpy as np
 
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.kernels.device import devices
 from modalshell.springs import GridVerlet, SheetGrid
@@ -27,7 +26,7 @@ from modalshell.springs.device import DeviceVerlet
 from studies.benchmarks.devices import missing_devices
 from studies.benchmarks.numpy_verlet import NumpyVerlet
 from studies.benchmarks.timing import interleaved
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("spring_sheet_speed",)
 
@@ -63,8 +62,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     }
     findings["load"] = load
     findings["streaming_bound"] = {kind: bandwidth / bytes_of_a_mass(kind) for kind in PRECISIONS}
-    record = run_record({"sizes": sizes, "checked_steps": CHECKED_STEPS})
-    return StudyResult("spring_sheet_speed", findings, {"sizes": np.array(sizes)}, record)
+    return result_of("spring_sheet_speed", findings, {"sizes": np.array(sizes)})
 
 
 def bytes_of_a_mass(precision: str) -> int:

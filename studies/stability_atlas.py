@@ -32,7 +32,6 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
 from modalshell.models.base.modal import as_modal
@@ -40,7 +39,7 @@ from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder
 from studies import stability_limits as limits
 from studies import stability_models as models
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.stability_models import BASE, ROWS, IntegratedModel, StripScene
 
 FIGURES = ("stability_atlas",)
@@ -267,10 +266,8 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     for key in slices:
         classes = [done[name]["maps"][key]["classes"] for name in ROWS]
         arrays[key] = np.array([[[OUTCOMES.index(c) for c in line] for line in lines] for lines in classes])
-    parameters = {name.lower(): getattr(models, name) for name in ("CELLS", "FLEXURE", "DENSITY", "MODES")}
-    parameters |= {"base": asdict(BASE)}
-    parameters |= {"tolerance": TOLERANCE, "steps": (FEWEST, MOST), "patience": PATIENCE, "left": LEFT}
-    return StudyResult("stability_atlas", findings, arrays, run_record(parameters))
+    strip = {name.lower(): getattr(models, name) for name in ("CELLS", "FLEXURE", "DENSITY", "MODES")}
+    return result_of("stability_atlas", findings, arrays, base=asdict(BASE), **strip)
 
 
 def table(result: StudyResult) -> str:

@@ -23,10 +23,9 @@ import modalshell as ms
 from modalshell.commands.choices import LARGE, UNSEEN
 from modalshell.core.checks import shortened
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.mesh.files import read_polygons, repair_mesh
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.strangers import Stranger, generated, installed_files
 
 FIGURES = ("strangers_meshes",)
@@ -60,8 +59,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
                 else:
                     arrays |= {f"{key}_{len(rows)}": value for key, value in shown.items()}
                     rows.append(row)
-    parameters = {"files": FILES, "shapes": SHAPES, "limit": LIMIT, "quick": quick}
-    return StudyResult("strangers_meshes", {"rows": rows, "unread": unread}, arrays, run_record(parameters))
+    return result_of("strangers_meshes", {"rows": rows, "unread": unread}, arrays, quick=quick)
 
 
 def tried(stranger: Stranger, folder: Path, options: list[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

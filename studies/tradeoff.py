@@ -20,12 +20,12 @@ from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import repository_file, run_record
+from modalshell.files.provenance import repository_file
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import MODELS, TRUTH
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("tradeoff",)
 
@@ -63,7 +63,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         arrays |= {f"{name}_faces": np.asarray(case.shell.mesh.faces), f"{name}_rest": case.shell.rest_positions}
         if name == "v_beam_stiff":
             findings["snap"] = through_snap(case)
-    return StudyResult("tradeoff", findings, arrays, run_record({"scenes": names, "after_snap": AFTER_SNAP}))
+    return result_of("tradeoff", findings, arrays, names=names)
 
 
 def scene(name: str, cells: tuple[int, int] | None) -> Case:

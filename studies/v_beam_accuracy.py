@@ -19,11 +19,10 @@ import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import TRUTH
 from modalshell.modes import lowest_tangent_eigenvalue
-from studies.pages import counted, markdown, paragraphs
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("figure_5", "figure_6a", "figure_6b")
 
@@ -85,9 +84,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
             last = exact
         findings[name] = {"rows": rows, "snap": snap, "gamma_per_gravity": gamma, "frequencies_hz": basis.frequencies}
         arrays |= {f"{name}_faces": mesh.faces, f"{name}_rest": mesh.vertices}
-    parameters = {**SHAPE, "flexure": FLEXURE, "density": DENSITY, "regimes": REGIMES, "modes": MODES}
-    parameters |= {"cells": cells, "family": "alternating"}
-    return StudyResult("v_beam_accuracy", findings, arrays, run_record(parameters))
+    return result_of("v_beam_accuracy", findings, arrays, cells=cells)
 
 
 def snap_of(marks: Marks, gamma: float) -> dict[str, float | None] | None:

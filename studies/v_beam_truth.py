@@ -18,9 +18,8 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
-from studies.pages import markdown, paragraphs
+from studies.pages import markdown, paragraphs, result_of
 from studies.shell_theory import (
     ENERGIES,
     FAMILIES,
@@ -77,10 +76,8 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     families = [before_snap(case, family, flange_cells, stride) for case in cases.values() for family in FAMILIES]
     arrays = {f"{name} faces": mesh.faces for name, mesh in meshes.items()}
     arrays |= {f"{name} rest": mesh.vertices for name, mesh in meshes.items()}
-    parameters = {**SHEET, "length": LENGTH, "modes": MODES, "flange_cells": flange_cells, "family": "equilateral"}
-    return StudyResult(
-        "v_beam_truth", {"rows": rows, "snaps": snaps, "families": families}, arrays, run_record(parameters)
-    )
+    findings = {"rows": rows, "snaps": snaps, "families": families}
+    return result_of("v_beam_truth", findings, arrays, flange_cells=flange_cells)
 
 
 def beam(case: dict[str, Any], flange_cells: int, family: str = "equilateral") -> ms.TriangleMesh:

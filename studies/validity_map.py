@@ -20,14 +20,13 @@ import numpy as np
 import modalshell as ms
 from modalshell.compare.path import Marks
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.scene.models import model_tables
-from studies.pages import counted, markdown
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("validity_map",)
 
@@ -63,14 +62,6 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     for axis, value, fold, membrane in counted(cases, on_step):
         found[axis]["values"].append(value)
         found[axis]["rows"].append(row(cells, fold, membrane, gammas))
-    parameters: dict[str, Any] = {
-        "length": LENGTH,
-        "width": WIDTH,
-        "flexure": FLEXURE,
-        "density": DENSITY,
-        "modes": MODES,
-    }
-    parameters |= {"cells": cells, "family": "alternating", "fixed": FIXED}
     for one in found.values():
         one["cheapest"] = [[cheapest(case, tolerance) for case in one["rows"]] for tolerance in TOLERANCES]
     findings = {"maps": found, "gammas": gammas, "tolerances": TOLERANCES, "ladder": LADDER}
@@ -78,7 +69,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         f"{axis}_errors": np.array([[case["errors"][rung] for rung in LADDER] for case in found[axis]["rows"]], float)
         for axis in found
     }
-    return StudyResult("validity_map", findings, arrays, run_record(parameters))
+    return result_of("validity_map", findings, arrays, cells=cells)
 
 
 def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray) -> dict[str, Any]:
