@@ -46,7 +46,7 @@ def rows_of(
     rows = []
     for case in counted(cases, on_step):
         found = answer(**case)
-        rows += [case | row for row in ([found] if isinstance(found, Mapping) else found)]
+        rows += [{**case, **row} for row in ([found] if isinstance(found, Mapping) else found)]
     return rows
 
 

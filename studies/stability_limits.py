@@ -193,7 +193,7 @@ def modal_limits(row: IntegratedModel, model: ModalModel, quick: bool) -> Iterat
     """Longest steps and largest loads of modes under a force that turns with them."""
     unit = BASE.gravity  # Gamma = 1
 
-    def pair(low: float, high: float, damping: ms.Damping, count: int, at: Callable[[float], Any]) -> Any:
+    def pair(low: float, high: float, damping: ms.Damping, count: int, at: Callable[[float], tuple[Any, float]]) -> Any:
         """Where motion stops to settle, by theory and measured; ``at`` gives the gravity and the step."""
         theory = bisect(lambda value: not grows(model, *at(value), damping), low, high)
         return theory, bisect(lambda value: settles(model, *at(value), damping, count), low, high)
@@ -258,8 +258,8 @@ def full_limits(row: IntegratedModel, model: FullModel, quick: bool) -> Iterator
 
             return step
 
-        pair = explicit_pair(model.stable_step(damping), mover, start, quick)
-        yield f"longest step at rest ({words})", "s", *pair
+        longest = explicit_pair(model.stable_step(damping), mover, start, quick)
+        yield f"longest step at rest ({words})", "s", *longest
 
 
 def noise(shape: tuple[int, ...], held: np.ndarray) -> np.ndarray:
@@ -293,7 +293,7 @@ def grid_limits(quick: bool) -> list[dict[str, Any]]:
     pinned[0, [0, -1]] = True
     found = []
     for name, (shear, flexion) in {"alike": (1.0, 1.0), "soft": (0.3, 0.1)}.items():
-        stiffness = {"structural": 50.0, "shear": 50.0 * shear, "flexion": 50.0 * flexion}
+        stiffness: dict[str, Any] = {"structural": 50.0, "shear": 50.0 * shear, "flexion": 50.0 * flexion}
         plain = SheetGrid(shape=pinned.shape, spacing=0.04, particle_mass=1e-3, pinned=pinned, **stiffness)
         for ratio in (0.0, 0.5):
             grid = replace(plain, drag=ratio * 2.0 / plain.stable_step())

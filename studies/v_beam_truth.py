@@ -74,7 +74,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
 
     rows = rows_of(errors, crossed(beam=cases, energy=ENERGIES, model=RUNGS[1::3] if quick else RUNGS), on_step)
     families = [before_snap(case, family, flange_cells, stride) for case in cases.values() for family in FAMILIES]
-    arrays = {f"{name} faces": mesh.faces for name, mesh in meshes.items()}
+    arrays: dict[str, np.ndarray] = {f"{name} faces": mesh.faces for name, mesh in meshes.items()}
     arrays |= {f"{name} rest": mesh.vertices for name, mesh in meshes.items()}
     findings = {"rows": rows, "snaps": snaps, "families": families}
     return result_of("v_beam_truth", findings, arrays, flange_cells=flange_cells)
