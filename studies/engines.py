@@ -34,7 +34,7 @@ from studies.identification import swept_mesh
 from studies.pages import counted, markdown, paragraphs, result_of
 from studies.plate_frequencies import reference
 from studies.shell_theory import displacements_at
-from studies.v_beam_truth import SHEET, SNAPPING, beam, references
+from studies.v_beam_truth import RUNGS, SHEET, SNAPPING, beam, references
 
 FIGURES = ("engines",)
 
@@ -46,9 +46,6 @@ ELASTICA = {1.0: (0.9912463953, 0.123471402), 3.0: (0.9315112071, 0.3396483923),
 SOFT, STIFF = (1.0, 4.0), (2.0, 2.5)
 """Loads Gamma of the V-beams; the stiff one snaps between 2.2 and 2.3."""
 MODES = 6
-RUNGS = tuple(
-    key for key, spec in ms.models().items() if spec.pictured and spec.bends and spec.needs in ("basis", "shell")
-)
 _RUNG_MODES, _FRAMES = 8, 12
 
 

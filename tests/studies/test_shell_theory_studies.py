@@ -36,6 +36,15 @@ def test_cases_are_counted_once_they_are_done():
     assert list(counted("ab", None)) == ["a", "b"]
 
 
+def test_rows_are_what_a_case_is_and_what_is_found_of_it():
+    cases = shell_theory.crossed(mesh="ab", cells=(1, 2))
+    rows = shell_theory.rows_of(lambda mesh, cells: {"found": f"{mesh}{cells}"}, cases)
+    assert [row["found"] for row in rows] == ["a1", "a2", "b1", "b2"]
+    assert rows[1] == {"mesh": "a", "cells": 2, "found": "a2"}
+    rows = shell_theory.rows_of(lambda mesh, cells: [{"k": f"{mesh}{k}"} for k in range(cells)], cases)
+    assert [row["k"] for row in rows] == ["a0", "a0", "a1", "b0", "b0", "b1"]
+
+
 @pytest.mark.parametrize("row", ELASTICA, ids=[row["Gamma"] for row in ELASTICA])
 def test_shooting_gives_the_tabulated_elastica(row):
     drop, reach = cantilever_master_curve.elastica(float(row["Gamma"]))
