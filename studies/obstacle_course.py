@@ -170,7 +170,7 @@ def twisted(family: str, cells: tuple[int, int], direction: np.ndarray) -> Probl
 
 
 def loaded_plate(family: str, cells: tuple[int, int], support: type[Support], density: float = 1.0) -> Problem:
-    """A unit square about the origin, its rim clamped or pinned, under a load of 1 on each unit of area."""
+    """A unit square about the origin, held at its rim, under a load of 1 on each unit of area."""
     plain = plate(family, cells[0])
     mesh = ms.TriangleMesh(plain.vertices - (0.5, 0.0, 0.0), plain.faces)
     held: Any = support

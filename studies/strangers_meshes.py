@@ -54,7 +54,7 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             answers = pool.map(lambda pair: tried(pair[1], folder / f"tried_{pair[0]}", options), enumerate(strangers))
             for _, (row, shown) in zip(counted(strangers, on_step), answers, strict=False):
-                if "told" in row:
+                if "message" in row:
                     unread.append(row)
                 else:
                     arrays |= {f"{key}_{len(rows)}": value for key, value in shown.items()}
@@ -68,7 +68,7 @@ def tried(stranger: Stranger, folder: Path, options: list[str]) -> tuple[dict[st
     try:
         triangles = read_polygons(stranger.path).triangles()
     except ms.MeshError as error:
-        return row | {"told": _plain(str(error), stranger)}, {}
+        return row | {"message": _plain(str(error), stranger)}, {}
     try:
         mesh, report = repair_mesh(stranger.path, split=True)
         row |= {"triangles": len(mesh.faces), "parts": report.parts, "repair": report.messages}
@@ -92,13 +92,13 @@ def one_command(stranger: Stranger, folder: Path, options: list[str]) -> tuple[d
         text = errors.read()
     answer: dict[str, Any] = {"film": False, "moved": None, "traceback": "Traceback" in text, "seconds": seconds}
     if seconds > LIMIT or status is None:
-        return answer | {"told": f"took longer than {LIMIT:.0f} s"}, {}
+        return answer | {"message": f"took longer than {LIMIT:.0f} s"}, {}
     lines = [line.removeprefix("modalshell: ") for line in text.splitlines() if line.startswith("modalshell: ")]
     refusals = [line for line in lines if not line.startswith("warning: ")]
     stem = folder / f"{stranger.path.stem}_mwts"
     if status not in (0, 1) or not stem.with_suffix(".npz").is_file():
         told = refusals[-1] if refusals else f"ended with status {status} and no message"
-        return answer | {"told": "refused: " + _plain(told, stranger)}, {}
+        return answer | {"message": "refused: " + _plain(told, stranger)}, {}
     run = ms.load_trajectory(stem.with_suffix(".npz"))
     far = np.linalg.norm(run.positions - run.rest_positions, axis=2)
     size = float(np.ptp(run.rest_positions, axis=0).max())
@@ -107,7 +107,7 @@ def one_command(stranger: Stranger, folder: Path, options: list[str]) -> tuple[d
     picture = any(stem.with_suffix(suffix).is_file() for suffix in (".mp4", ".png"))
     answer["film"] = run.outcome.succeeded and picture and not loose and UNSEEN <= answer["moved"] <= LARGE
     faults = [f"{loose} loose parts"] if loose else []
-    answer["told"] = "film" if answer["film"] else "; ".join([run.outcome.with_message(run.message), *faults])
+    answer["message"] = "film" if answer["film"] else "; ".join([run.outcome.with_message(run.message), *faults])
     farthest = run.positions[int(far.max(axis=1).argmax())].astype(np.float32)
     return answer, {"positions": farthest, "faces": run.faces.astype(np.int32)} if answer["film"] else {}
 
@@ -146,17 +146,17 @@ def table(result: StudyResult) -> str:
         moved = (mended if mended["film"] else plain)["moved"]
         repair = ["nothing", "the same", "-"]
         if row["repair"]:
-            repair = ["; ".join(row["repair"]), mended["told"], f"{mended['seconds']:.0f}"]
+            repair = ["; ".join(row["repair"]), mended["message"], f"{mended['seconds']:.0f}"]
         rows.append({**row, "after": repair, "moved": moved})
     return paragraphs(
         markdown(
             "mesh | triangles | parts | without `--repair` | CPU [s] | what `--repair` does | with it | CPU [s] "
             "| moves [%]",
-            "{name} | {triangles:,} | {parts} | {plain[told]} | {plain[seconds]:.0f} | {after} | {moved:100*.2g}",
+            "{name} | {triangles:,} | {parts} | {plain[message]} | {plain[seconds]:.0f} | {after} | {moved:100*.2g}",
             rows,
         ),
         "Files of packages that are no meshes, whatever their suffix says:",
-        markdown("file | message", "{name} | {told}", result.findings["unread"]),
+        markdown("file | message", "{name} | {message}", result.findings["unread"]),
     )
 
 

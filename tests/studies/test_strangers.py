@@ -77,7 +77,7 @@ def test_a_missing_package_is_skipped(tmp_path, monkeypatch):
 
 
 def entry(told, seconds=3.0, moved=None):
-    return {"film": told == "film", "told": told, "seconds": seconds, "moved": moved, "traceback": False}
+    return {"film": told == "film", "message": told, "seconds": seconds, "moved": moved, "traceback": False}
 
 
 def test_the_table_and_the_finding_tell_films_repairs_and_refusals():
@@ -115,4 +115,4 @@ def test_the_quick_study_gives_pictures_and_no_traceback(quick_study):
         assert not row["plain"]["traceback"]
         assert row["plain"]["film"] != (row["name"] == "trimesh: soup")
     (soup,) = (row for row in rows if row["name"] == "trimesh: soup")
-    assert "30 single triangles" in soup["plain"]["told"]
+    assert "30 single triangles" in soup["plain"]["message"]
