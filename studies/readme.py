@@ -19,9 +19,10 @@ modalshell reproduce --only flat_vs_v_beam
 ```
 
 writes `results/flat_vs_v_beam.json`, `.npz` and `.md`, and the picture into `results/figures`; `--quick` takes coarser
-meshes, `--all` runs every study. The page committed here as `studies/NAME.md` is of a full run; its times hold for the
-machine that ran it. [.github/CONTRIBUTING.md](../.github/CONTRIBUTING.md) explains how to add a study.
-`python -m studies.readme` writes this page.
+meshes, `--all` runs every study. The page and the findings that are committed here as `studies/NAME.md` and
+`studies/NAME.json` are of a full run; its times hold for the machine that ran it. Findings whose record names a page
+were read from that page, to its precision. [.github/CONTRIBUTING.md](../.github/CONTRIBUTING.md) explains how to add a
+study. `python -m studies.readme` writes this page.
 
 ## The paper's figures
 
