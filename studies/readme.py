@@ -1,9 +1,14 @@
 """Write ``studies/README.md``: a picture and the finding of each study, from its module and its committed page.
 
-Run ``python -m studies.readme`` in a checkout, after a study's page or picture has changed.
+Run ``python -m studies.readme`` in a checkout, after a study's page or picture has changed; with a folder of results
+and names of studies, ``python -m studies.readme results snap``, it takes over their pages and findings first.
 """
 
 from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
 
 from modalshell.files.atomic_io import write_text
 from studies.pages import FOLDER, committed
@@ -95,6 +100,13 @@ its levels of detail in pixels.
 """
 
 
+def take(results: Path, name: str) -> None:
+    """Make the page and the findings of a run those that are committed."""
+    findings = json.loads((results / f"{name}.json").read_text(encoding="utf-8"))
+    write_text(FOLDER / f"{name}.json", json.dumps(findings, separators=(",", ":")) + "\n")
+    write_text(FOLDER / f"{name}.md", (results / f"{name}.md").read_text(encoding="utf-8"))
+
+
 def paper_figure(number: str, caption: str) -> str:
     """The line of one figure of the paper."""
     film = f"../paper_figures/figure_{number}.mp4"
@@ -140,4 +152,6 @@ def page() -> str:
 
 
 if __name__ == "__main__":
+    for study in sys.argv[2:]:
+        take(Path(sys.argv[1]), study)
     print(write_text(FOLDER / "README.md", page()))
