@@ -1,6 +1,8 @@
+import numpy as np
 import pytest
 
-from studies import readme
+from modalshell.files.study_result import StudyResult
+from studies import pages, readme
 from studies.pages import committed, markdown
 from studies.reproduce import studies
 
@@ -35,6 +37,18 @@ def test_a_page_is_that_of_the_committed_findings(name):
     page = (readme.FOLDER / f"{name}.md").read_text(encoding="utf-8")
     if result.record != {"from": f"studies/{name}.md, to the precision of that page"}:
         assert page.endswith(f"\n\n{studies()[name].table(result)}\n")
+
+
+def test_a_run_is_taken_over_with_its_page(tmp_path, monkeypatch):
+    for module in (readme, pages):
+        monkeypatch.setattr(module, "FOLDER", tmp_path / "studies")
+    (tmp_path / "studies").mkdir()
+    run = StudyResult("x", {"rows": [{"a": 1.5}]}, {"p": np.eye(2)}, {"seed": 1})
+    run.save(tmp_path)
+    (tmp_path / "x.md").write_text("# x\n")
+    readme.take(tmp_path, "x")
+    assert (tmp_path / "studies" / "x.md").read_text() == "# x\n"
+    assert (committed("x").findings, committed("x").record) == (run.findings, run.record)
 
 
 def test_a_finding_follows_the_committed_findings():
