@@ -235,20 +235,18 @@ def plate_row(words: str, frequencies: np.ndarray) -> dict[str, Any]:
 
 def table(result: StudyResult) -> str:
     """Errors and cost by scene and engine, and the plate's frequencies, as Markdown tables."""
-    rows = result.findings["rows"]
-    modes = " | ".join(f"mode {mode} [%]" for mode in range(1, MODES + 1))
-    nothing = dict.fromkeys(("frame_ms", "step", "seconds"))
-    told = {
-        "outcome": lambda row: f"{row['outcome']}: {row['note']}" if row.get("note") else row["outcome"],
-        "errors": lambda row: ", ".join("-" if e is None else f"{100.0 * e:.2f}" for e in row.get("errors", ())),
-    }
+    modes, rows = " | ".join(f"mode {mode} [%]" for mode in range(1, MODES + 1)), []
+    for row in result.findings["rows"]:
+        outcome = f"{row['outcome']}: {row['note']}" if row.get("note") else row["outcome"]
+        errors = ", ".join("-" if one is None else f"{100.0 * one:.2f}" for one in row.get("errors", ()))
+        rows.append({"frame_ms": None, "step": None, "seconds": None, **row, "outcome": outcome, "errors": errors})
     truths = dict.fromkeys((row["scene"], row["truth"]) for row in rows)
     versions = dict.fromkeys(row["version"] for row in rows if row.get("version"))
     return paragraphs(
         markdown(
             "scene | engine | outcome | errors [%] | ms a step | stable step [s] | time to answer [s]",
             "{scene} | {engine} | {outcome} | {errors} | {frame_ms:.2g|} | {step:.2g|} | {seconds:.2g|}",
-            [nothing | row | {key: words(row) for key, words in told.items()} for row in rows],
+            rows,
         ),
         "Frequencies of the square plate, deviations from Ritz's method:",
         markdown(
