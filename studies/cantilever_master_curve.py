@@ -6,8 +6,6 @@ get Young's modulus, thickness and density as they are; the hinges are calibrate
 :meth:`modalshell.Material.from_physical`. Each load starts from the answer to the one before.
 
 This is the cantilever test of Romero et al. (2021, ``romero2021``); no number is theirs.
-
-Run it alone with ``modalshell reproduce --only cantilever_master_curve``.
 """
 
 from __future__ import annotations
@@ -20,11 +18,9 @@ from scipy.optimize import brentq
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
-from studies.pages import numbers
-from studies.progress import counted
+from modalshell.files.study_result import StudyResult
+from studies.pages import markdown, paragraphs, result_of
+from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("cantilever_master_curve",)
 
@@ -40,30 +36,26 @@ def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     count, cells = (5, (16, 3)) if quick else (50, (48, 8))
     loads = np.geomspace(*GAMMAS, count)
     exact = np.array([elastica(load) for load in loads])
-    cases = [(energy, family) for energy in ENERGIES for family in FAMILIES]
-    rows: list[dict[str, Any]] = []
-    for energy, family in counted(cases, on_step):
-        tips, states = tip_path(energy, family, cells, loads)
-        errors = np.linalg.norm(tips - exact, axis=1)
-        worst = int(np.argmax(errors))
-        rows.append(
-            {
-                "energy": energy,
-                "mesh": family,
-                "drop": tips[:, 0],
-                "reach": tips[:, 1],
-                "error": errors,
-                "largest_error": errors[worst],
-                "largest_drop_error": np.abs(tips[:, 0] - exact[:, 0]).max(),
-                "largest_reach_error": np.abs(tips[:, 1] - exact[:, 1]).max(),
-                "worst_gamma": loads[worst],
-                "smallest_load_drop_ratio": tips[0, 0] / exact[0, 0],
-                "stable_minima": sum(state.converged and state.stable for state in states),
-            }
-        )
+
+    def tips(energy: str, mesh: str) -> dict[str, Any]:
+        found, states = tip_path(energy, mesh, cells, loads)
+        errors = np.linalg.norm(found - exact, axis=1)
+        drop, reach = np.abs(found - exact).max(axis=0)
+        return {
+            "drop": found[:, 0],
+            "reach": found[:, 1],
+            "error": errors,
+            "largest_error": errors.max(),
+            "largest_drop_error": drop,
+            "largest_reach_error": reach,
+            "worst_gamma": loads[np.argmax(errors)],
+            "smallest_load_drop_ratio": found[0, 0] / exact[0, 0],
+            "stable_minima": sum(state.converged and state.stable for state in states),
+        }
+
+    rows = rows_of(tips, crossed(energy=ENERGIES, mesh=FAMILIES), on_step)
     findings = {"gamma": loads, "drop": exact[:, 0], "reach": exact[:, 1], "rows": rows}
-    parameters = {**SHEET, "length": LENGTH, "width": WIDTH, "cells": cells, "gammas": GAMMAS, "loads": count}
-    return StudyResult("cantilever_master_curve", findings, {"exact": exact}, run_record(parameters))
+    return result_of("cantilever_master_curve", findings, {"exact": exact}, cells=cells, loads=count)
 
 
 def elastica(gamma: float) -> tuple[float, float]:
@@ -109,39 +101,36 @@ def tip_path(
 def table(result: StudyResult) -> str:
     """The largest errors of each energy and mesh, then the curve itself at some loads, as Markdown tables."""
     found = result.findings
-    lines = [
-        "The cantilever test of Romero et al. (2021). The elastica's values are integrated here; none is of the paper."
-    ]
-    lines += ["", "| energy | mesh | largest error of the tip [% of L] | at Γ | of the drop | of the reach "]
-    lines[-1] += "| drop over the elastica's at the smallest load | stable minima |"
-    lines.append("|---|---|---|---|---|---|---|---|")
-    for row in found["rows"]:
-        lines.append(
-            f"| {row['energy']} | {row['mesh']} | {100 * row['largest_error']:.3f} | {row['worst_gamma']:.3g} "
-            f"| {100 * row['largest_drop_error']:.3f} | {100 * row['largest_reach_error']:.3f} "
-            f"| {row['smallest_load_drop_ratio']:.4f} | {row['stable_minima']} of {len(found['gamma'])} |"
-        )
-    lines += ["", "The tip of the heavy elastica, and the error of each shell's tip [% of L], at every fifth load:", ""]
-    lines.append("| Γ | drop [L] | reach [L] | " + " | ".join(f"{r['energy']}, {r['mesh']}" for r in found["rows"]))
-    lines[-1] += " |"
-    lines.append("|---" * (3 + len(found["rows"])) + "|")
-    chosen = range(0, len(found["gamma"]), 5 if len(found["gamma"]) > 10 else 1)
-    for place in sorted({*chosen, len(found["gamma"]) - 1}):
-        errors = " | ".join(f"{100 * row['error'][place]:.3f}" for row in found["rows"])
-        lines.append(
-            f"| {found['gamma'][place]:.3g} | {found['drop'][place]:.5f} | {found['reach'][place]:.5f} | {errors} |"
-        )
-    return "\n".join(lines)
+    loads, rows = found["gamma"], found["rows"]
+    largest = markdown(
+        "energy | mesh | largest error of the tip [% of L] | at Γ | of the drop | of the reach "
+        "| drop over the elastica's at the smallest load | stable minima",
+        "{energy} | {mesh} | {largest_error:100*.3f} | {worst_gamma:.3g} | {largest_drop_error:100*.3f} "
+        f"| {{largest_reach_error:100*.3f}} | {{smallest_load_drop_ratio:.4f}} | {{stable_minima}} of {len(loads)}",
+        rows,
+    )
+    chosen = sorted({*range(0, len(loads), 5 if len(loads) > 10 else 1), len(loads) - 1})
+    curve = markdown(
+        "Γ | drop [L] | reach [L] | " + " | ".join(f"{row['energy']}, {row['mesh']}" for row in rows),
+        "{gamma:.3g} | {drop:.5f} | {reach:.5f} | {errors:100*.3f}",
+        [
+            {name: found[name][k] for name in ("gamma", "drop", "reach")}
+            | {"errors": [row["error"][k] for row in rows]}
+            for k in chosen
+        ],
+    )
+    words = "The tip of the heavy elastica, and the error of each shell's tip [% of L], at every fifth load:"
+    return paragraphs(ORIGIN, largest, words, curve)
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The largest error of each energy, over the meshes."""
-    largest = {
-        energy: max(numbers([row for row in tables[0] if row["energy"] == energy], "largest error of the tip [% of L]"))
+    split, hinges = (
+        100 * max(row["largest_error"] for row in result.findings["rows"] if row["energy"] == energy)
         for energy in ENERGIES
-    }
+    )
     return (
         f"A strip without Poisson effect bends one way, and both energies follow the heavy elastica over four decades "
-        f"of load: the tip of Isotropic shells is off by {largest['Isotropic']:.2g} % of the length at most, without "
-        f"any calibration, that of calibrated hinges by {largest['hinges']:.2g} %."
+        f"of load: the tip of Isotropic shells is off by {split:.2g} % of the length at most, without any calibration, "
+        f"that of calibrated hinges by {hinges:.2g} %."
     )

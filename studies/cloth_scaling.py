@@ -11,24 +11,21 @@ step, and how many iterations (and seconds) a residual of 1e-3 takes. The more p
 is, and the further ten iterations fall short. A Cholesky factorisation solves the same equations to rounding, on large
 sheets in less time than the iterations to 1e-3. An explicit step of the same springs is timed too, times the steps that
 its stability asks for in a frame.
-
-Run it alone with ``modalshell reproduce --only cloth_scaling``; times hold for the machine that it runs on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.integrators.state import MotionState
 from modalshell.springs import TASKS, ImplicitSprings, mesh_springs
-from studies.pages import number
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("cloth_scaling",)
 
@@ -44,25 +41,13 @@ _FALL = 3
 """Frames before the clock starts: the first compile, and the sheet leaves its plane."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All sizes, threads side by side; ``quick`` takes the two smallest and fewer frames."""
     sides, repeats = (SIDES[:2], 3) if quick else (SIDES, 7)
-    rows = []
-    for done, side in enumerate(sides):
-        rows.append(measured(side, repeats))
-        if on_step is not None:
-            on_step(done + 1, len(sides))
-    parameters: dict[str, Any] = {
-        "structural": STRUCTURAL,
-        "flexion": FLEXION,
-        "density": DENSITY,
-        "drag": DRAG,
-        "repeats": repeats,
-    }
-    parameters |= {"frame": FRAME, "steps": STEPS, "iterations": ITERATIONS, "published": PUBLISHED}
+    rows = [measured(side, repeats) for side in counted(sides, on_step)]
     findings = {"rows": rows, "published": PUBLISHED}
     particles = np.array([row["particles"] for row in rows])
-    return StudyResult("cloth_scaling", findings, {"particles": particles}, run_record(parameters))
+    return result_of("cloth_scaling", findings, {"particles": particles}, repeats=repeats)
 
 
 def cloth(side: int) -> tuple[ms.Shell, Any]:
@@ -152,56 +137,58 @@ def explicit(shell: ms.Shell, springs: Any) -> dict[str, float]:
     return {"stable_step": dt, "step": spent, "steps": count, "frame": count * spent}
 
 
+def factored_wins(row: dict[str, Any]) -> bool:
+    """Whether a factorisation solves a step in no more time than the iterations."""
+    return bool(row["factored"]["iterations"] >= row["factored"]["seconds"])
+
+
 def table(result: StudyResult) -> str:
     """Tables in Markdown: seconds a frame, then the share of each task."""
-    rows = result.findings["rows"]
     published = result.findings["published"]
-    iterations, steps = result.record["parameters"]["iterations"], result.record["parameters"]["steps"]
-    lines = [f"Seconds a frame ({steps} steps, {iterations} iterations each), the fastest of several:", ""]
-    lines.append("| particles | springs | one thread [s] | threads at most | [s] | explicit: steps a frame | [s] |")
-    lines.append("|---|---|---|---|---|---|---|")
-    for row in rows:
-        lines.append(
-            f"| {row['particles']:,} | {row['springs']:,} | {row['one']['frame']:.4f} | {row['threads']} "
-            f"| {row['free']['frame']:.4f} | {row['explicit']['steps']} | {row['explicit']['frame']:.3f} |"
-        )
-    lines.append(f"| {published['particles']:,}, published | | | {published['threads']} | {published['frame']:g} | | |")
-    lines += ["", "Share of the tasks [%], and what the linear equations ask for:", ""]
-    words = " | ".join(TASKS)
-    lines.append(f"| particles | {words} | residual left | iterations to {SOLVED:g} | seconds of that step |")
-    lines.append("|---" * (len(TASKS) + 4) + "|")
-    for row in rows:
-        whole = row["free"]["frame"]
-        shares = " | ".join(f"{100.0 * row['free']['tasks'][task] / whole:.1f}" for task in TASKS)
-        last = row["solved"]
-        count = f"{last['iterations']}" if last["converged"] else f"more than {last['iterations']}"
-        lines.append(f"| {row['particles']:,} | {shares} | {row['residual']:.2g} | {count} | {last['seconds']:.2f} |")
-    share = 100.0 * published["matrix_share"]
-    lines.append(f"| {published['particles']:,}, published | | up to {share:g} | | | | | | |")
-    lines += ["", f"CPU seconds of one solved step on one thread, iterations to {SOLVED:g} or a factorisation:", ""]
-    lines.append("| particles | iterations [s] | factorisation [s] | its analysis, once [s] | to take |")
-    lines.append("|---|---|---|---|---|")
-    for row in rows:
-        factor = row["factored"]
-        choice = "cg" if factor["iterations"] < factor["seconds"] else "factor"
-        lines.append(
-            f"| {row['particles']:,} | {factor['iterations']:.3f} | {factor['seconds']:.3f} "
-            f'| {max(factor["analysis"], 0.0):.2f} | solver="{choice}" |'
-        )
-    return "\n".join(lines)
+    mark, rows = f"| {published['particles']:,}, published | ", []
+    for row in result.findings["rows"]:
+        seconds, solved, factored = row["free"], row["solved"], row["factored"]
+        shares = [seconds["tasks"][task] / seconds["frame"] for task in TASKS]
+        count = f"{'' if solved['converged'] else 'more than '}{solved['iterations']}"
+        choice = "factor" if factored_wins(row) else "cg"
+        rows.append({**row, "shares": shares, "count": count, "choice": choice, "once": max(factored["analysis"], 0.0)})
+    frames = markdown(
+        "particles | springs | one thread [s] | threads at most | [s] | explicit: steps a frame | [s]",
+        "{particles:,} | {springs:,} | {one[frame]:.4f} | {threads} | {free[frame]:.4f} | {explicit[steps]} "
+        "| {explicit[frame]:.3f}",
+        rows,
+    )
+    tasks = markdown(
+        f"particles | {' | '.join(TASKS)} | residual left | iterations to {SOLVED:g} | seconds of that step",
+        "{particles:,} | {shares:100*.1f} | {residual:.2g} | {count} | {solved[seconds]:.2f}",
+        rows,
+    )
+    solved = markdown(
+        "particles | iterations [s] | factorisation [s] | its analysis, once [s] | to take",
+        '{particles:,} | {factored[iterations]:.3f} | {factored[seconds]:.3f} | {once:.2f} | solver="{choice}"',
+        rows,
+    )
+    return paragraphs(
+        f"Seconds a frame ({STEPS} steps, {ITERATIONS} iterations each), the fastest of several:",
+        f"{frames}\n{mark}| | {published['threads']} | {published['frame']:g} | | |",
+        "Share of the tasks [%], and what the linear equations ask for:",
+        f"{tasks}\n{mark}| up to {100.0 * published['matrix_share']:g} | | | | | | |",
+        f"CPU seconds of one solved step on one thread, iterations to {SOLVED:g} or a factorisation:",
+        solved,
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Times of the largest sheet, and what ten iterations leave of its equations."""
-    (*_, times, published), (*_, tasks, _), solved = tables
-    by_factor = [row["particles"] for row in solved if "factor" in row["to take"]]
-    choice = f"the factorisation from {by_factor[0]} particles on" if by_factor else "the iterations at every size"
-    *_, last = solved
+    rows, published = result.findings["rows"], result.findings["published"]
+    by_factor = [row["particles"] for row in rows if factored_wins(row)]
+    choice = f"the factorisation from {by_factor[0]:,} particles on" if by_factor else "the iterations at every size"
+    last = rows[-1]
     return (
-        f"A frame of {times['particles']} particles takes {number(times['one thread [s]']):.2g} s on one thread and "
-        f"{number(times['[s]']):.2g} s on {times['threads at most']}; a published program took {published['[s]']} s on "
-        f"{published['threads at most']}. Its ten iterations do not solve so large a sheet: they leave a residual of "
-        f"{number(tasks['residual left']):.0f} times the load, and a residual of 0.001 takes "
-        f"{tasks['iterations to 0.001']} iterations and {number(last['iterations [s]']):.2g} s a step. A factorisation "
-        f"takes {number(last['factorisation [s]']):.2g} s to rounding. Who wants solved steps takes {choice}."
+        f"A frame of {last['particles']:,} particles takes {last['one']['frame']:.2g} s on one thread and "
+        f"{last['free']['frame']:.2g} s on {last['threads']}; a published program took {published['frame']:g} s on "
+        f"{published['threads']}. Its ten iterations do not solve so large a sheet: they leave a residual of "
+        f"{last['residual']:.0f} times the load, and a residual of {SOLVED:g} takes {last['solved']['iterations']} "
+        f"iterations and {last['factored']['iterations']:.2g} s a step. A factorisation takes "
+        f"{last['factored']['seconds']:.2g} s to rounding. Who wants solved steps takes {choice}."
     )

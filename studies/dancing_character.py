@@ -3,24 +3,22 @@
 Each shell is clamped where it is worn and lives in the moving frame of that joint, so it feels the dance as inertial
 loads; position and orientation constraints on rings lead it to the joints further down. MWTS answers every frame.
 The skeleton and its dance are in ``studies/character``.
-
-Run it alone with ``modalshell reproduce --only dancing_character``.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from studies.character import clothes, skeleton
-from studies.pages import numbers
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("figure_8",)
 
@@ -67,13 +65,13 @@ GARMENTS = (
 )  # fmt: skip
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Dance; ``quick`` takes coarser shells and the first moments."""
     dancer = skeleton.Skeleton()
     duration = QUICK_DURATION if quick else dancer.duration
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
-    for done, garment in enumerate(GARMENTS, start=1):
+    for garment in counted(GARMENTS, on_step):
         begin = time.perf_counter()
         tube = clothes.Tube(garment.profile, QUICK_SPACING if quick else SPACING, garment.shift)
         height = tube.mesh.vertices[:, 2]
@@ -90,8 +88,6 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         rows.append(findings(garment, basis, run, path, prepared))
         arrays[f"{garment.name}_positions"] = run.positions.astype(np.float32)
         arrays[f"{garment.name}_faces"] = tube.mesh.faces.astype(np.int32)
-        if on_step is not None:
-            on_step(done, len(GARMENTS))
     poses = [dancer.pose(float(t)) for t in run.times]
     arrays["times"] = run.times
     arrays["rest_joints"] = np.array(list(dancer.rest.values()))
@@ -99,8 +95,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     arrays["turns"] = np.array([[pose[name].rotation.as_rotvec() for name in dancer.rest] for pose in poses])
     bends = [[bend(pose, side) for side in ("left", "right")] for pose in poses]
     found = {"joints": list(dancer.rest), "largest_knee_bend_degrees": float(np.max(bends)), "rows": rows}
-    parameters = {"dt": DT, "duration": duration, "garments": {g.name: g._asdict() for g in GARMENTS}}
-    return StudyResult("dancing_character", found, arrays, run_record(parameters))
+    return result_of("dancing_character", found, arrays, duration=duration)
 
 
 def led_by(
@@ -166,46 +161,44 @@ def bend(pose: dict[str, Any], side: str) -> float:
     return float(np.degrees(turn.magnitude()))
 
 
+def whole_rate(rows: list[dict[str, Any]]) -> float:
+    """Frames a second of all shells together."""
+    return float(1.0 / sum(1.0 / row["frames_per_second"] for row in rows))
+
+
 def table(result: StudyResult) -> str:
     """The findings as a Markdown table."""
-    found = result.findings
-    lines = [
-        "| shell | vertices | modes | constraints | residual, position [m] | orientation [rad] | displacement | area "
-        "| edges | frames/s | status |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    found, rows = result.findings, []
     for row in found["rows"]:
-        short, long = row["shortest_and_longest_edge"]
-        left = [
-            f"{row[kind]:.0e}" if row["constraints"] else "-" for kind in ("position_residual", "orientation_residual")
-        ]
-        lines.append(
-            f"| {row['garment'].replace('_', ' ')} | {row['vertices']} | {row['modes']} | {row['constraints']} "
-            f"| {' | '.join(left)} "
-            f"| {100 * row['largest_displacement']:.0f} % | {100 * row['largest_area_change']:+.1f} % "
-            f"| x{short:.2f} to x{long:.2f} | {row['frames_per_second']:.0f} | {row['status']} |"
-        )
-    whole = 1.0 / sum(1.0 / row["frames_per_second"] for row in found["rows"])
-    bent = found["largest_knee_bend_degrees"]
-    remark = (
-        f"{len(found['joints'])} joints; knees bend by up to {bent:.0f} degrees. All four shells together: {whole:.0f} "
+        residuals = [row[f"{kind}_residual"] if row["constraints"] else None for kind in ("position", "orientation")]
+        edges = "x{:.2f} to x{:.2f}".format(*row["shortest_and_longest_edge"])
+        rows.append({**row, "name": row["garment"].replace("_", " "), "residuals": residuals, "edges": edges})
+    shells = markdown(
+        "shell | vertices | modes | constraints | residual, position [m] | orientation [rad] | displacement | area "
+        "| edges | frames/s | status",
+        "{name} | {vertices} | {modes} | {constraints} | {residuals:.0e} | {largest_displacement:100*.0f} % "
+        "| {largest_area_change:100*+.1f} % | {edges} | {frames_per_second:.0f} | {status}",
+        rows,
+    )
+    return (
+        f"{shells}\n\n{len(found['joints'])} joints; knees bend by up to {found['largest_knee_bend_degrees']:.0f} "
+        f"degrees. All four shells together: {whole_rate(rows):.0f} "
         "frames a second. Displacement: the largest of a vertex in its shell's frame, of the shell's size. Area and "
         "edges: extremes over the dance, against rest. A knee is a smooth bend of few modes: cloth is pressed together "
         "behind it and stretched over it instead of creasing, as the edges say. Shells collide neither with each "
         "other nor with the body (the shirt ends where no raised thigh reaches it), and carry their weight at rest "
         "already."
     )
-    return "\n".join([*lines, "", remark])
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Size, speed and accuracy of the four shells."""
-    (rows,) = tables
-    rate = 1.0 / sum(1.0 / frames for frames in numbers(rows, "frames/s"))
-    area = max(map(abs, numbers(rows, "area")))
-    residual = max(numbers(rows, "residual, position [m]"))
+    rows = result.findings["rows"]
+    vertices = sum(row["vertices"] for row in rows)
+    area = max(abs(row["largest_area_change"]) for row in rows)
+    residual = max(row["position_residual"] for row in rows)
     return (
-        f"{len(rows)} shells of {sum(numbers(rows, 'vertices')):,.0f} vertices follow the joints at {rate:.0f} frames "
-        f"a second and meet their constraints within {residual:.0e} m; no area changes by more than {area:g} %. A few "
-        f"modes bend a knee smoothly: its edges shorten and stretch instead of creasing."
+        f"{len(rows)} shells of {vertices:,} vertices follow the joints at {whole_rate(rows):.0f} frames "
+        f"a second and meet their constraints within {residual:.0e} m; no area changes by more than {100 * area:.1f} %."
+        " A few modes bend a knee smoothly: its edges shorten and stretch instead of creasing."
     )

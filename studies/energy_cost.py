@@ -5,8 +5,6 @@ over edges; calibrated hinges have neither. Both are timed on the same meshes in
 of the processor counts.
 Steps are of implicit Euler from rest under weight, 1/60 s each; statics is the rest under 0.3 of that weight. Second, a
 supported plate (:mod:`studies.mesh_bias`): the error of its deflection over the seconds of the static answer.
-
-Run it alone with ``modalshell reproduce --only energy_cost``.
 """
 
 from __future__ import annotations
@@ -19,12 +17,12 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.shell import EXACT
 from studies import mesh_bias
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
-from studies.pages import number
+from studies.pages import markdown, paragraphs, result_of
+from studies.shell_theory import ENERGIES, FAMILIES, Sheet, crossed, flat_shell, rows_of
 
 FIGURES = ("energy_cost",)
 
@@ -35,22 +33,12 @@ REPEATS = {"gradient": 60, "Hessian": 20, "implicit step": 3, "statics": 2}
 STEPS, STEP = 6, 1.0 / 60.0
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All mesh families and sizes; ``quick`` takes coarse meshes and few repeats."""
     cells, sizes = (12, (6, 12)) if quick else (50, (8, 12, 16, 24, 32, 48))
-    total, done = len(FAMILIES) * (1 + len(sizes)), 0
-    ratios: list[dict[str, Any]] = []
-    errors: list[dict[str, Any]] = []
-    for family in FAMILIES:
-        ratios += costs(family, cells, quick)
-        for size in (None, *sizes):
-            if size is not None:
-                errors += plate(family, size)
-            done += 1
-            if on_step is not None:
-                on_step(done, total)
-    record = run_record({**SHEET, "cells": cells, "sizes": sizes, "repeats": REPEATS})
-    return StudyResult("energy_cost", {"ratios": ratios, "errors": errors}, {}, record)
+    ratios = rows_of(partial(costs, cells=cells, quick=quick), crossed(mesh=FAMILIES))
+    errors = rows_of(plate, crossed(mesh=FAMILIES, cells=sizes), on_step)
+    return result_of("energy_cost", {"ratios": ratios, "errors": errors}, cells=cells, sizes=sizes)
 
 
 def least_seconds(actions: Sequence[Callable[[], object]], repeats: int) -> list[float]:
@@ -64,11 +52,11 @@ def least_seconds(actions: Sequence[Callable[[], object]], repeats: int) -> list
     return least
 
 
-def costs(family: str, cells: int, quick: bool) -> list[dict[str, Any]]:
+def costs(mesh: str, cells: int, quick: bool) -> list[dict[str, Any]]:
     """Seconds of both energies on a square sheet that is clamped at one edge."""
-    mesh = mesh_bias.square(family, cells)
-    held = mesh.vertices[:, 0] < 1e-9
-    shells = [flat_shell(energy, mesh, SHEET, held) for energy in ENERGIES]
+    square = mesh_bias.square(mesh, cells)
+    held = square.vertices[:, 0] < 1e-9
+    shells = [flat_shell(energy, square, SHEET, held) for energy in ENERGIES]
     models = [ms.DiscreteShell(shell) for shell in shells]
     bent = []
     for shell in shells:
@@ -90,63 +78,61 @@ def costs(family: str, cells: int, quick: bool) -> list[dict[str, Any]]:
         if name == "implicit step":
             seconds = [value / STEPS for value in seconds]
         found = dict(zip(ENERGIES, seconds, strict=True))
-        rows.append({"mesh": family, "vertices": len(mesh.vertices), "work": name, "seconds": found, "aim": AIMS[name]})
+        rows.append({"vertices": len(held), "work": name, "seconds": found, "aim": AIMS[name]})
     return rows
 
 
-def plate(family: str, cells: int) -> list[dict[str, Any]]:
+def plate(mesh: str, cells: int) -> list[dict[str, Any]]:
     """Error of a supported plate's deflection and seconds of the answer, one row per energy."""
-    mesh = mesh_bias.square(family, cells)
-    cases = [mesh_bias.loaded(energy, mesh, "supported") for energy in ENERGIES]
-    answers = [ms.DiscreteShell(shell).equilibrium(force=load) for shell, load, _ in cases]
+    cases = [mesh_bias.loaded(energy, mesh_bias.square(mesh, cells), "supported") for energy in ENERGIES]
     actions = [partial(ms.DiscreteShell(shell).equilibrium, force=load) for shell, load, _ in cases]
-    seconds = least_seconds(actions, 3)
-    return [
-        {
-            "mesh": family,
-            "cells": cells,
-            "energy": energy,
-            "error": mesh_bias.difference(shell, answer.positions, exact),
-            "seconds": spent,
-        }
-        for energy, (shell, _, exact), answer, spent in zip(ENERGIES, cases, answers, seconds, strict=True)
+    errors = [
+        mesh_bias.difference(shell, action().positions, exact)
+        for action, (shell, _, exact) in zip(actions, cases, strict=True)
     ]
+    found = zip(ENERGIES, errors, least_seconds(actions, 3), strict=True)
+    return [{"energy": energy, "error": error, "seconds": spent} for energy, error, spent in found]
+
+
+def ratio(row: dict[str, Any]) -> float:
+    """Seconds of Isotropic shells over those of hinges."""
+    return float(row["seconds"]["Isotropic"] / row["seconds"]["hinges"])
 
 
 def table(result: StudyResult) -> str:
     """Seconds and ratios, and errors over seconds, as Markdown tables."""
-    lines = ["| mesh | vertices | work | Isotropic [ms] | hinges [ms] | ratio | aim |", "|---" * 7 + "|"]
-    for row in result.findings["ratios"]:
-        split, hinges = (1e3 * row["seconds"][energy] for energy in ENERGIES)
-        lines.append(
-            f"| {row['mesh']} | {row['vertices']} | {row['work']} | {split:.3g} | {hinges:.3g} | {split / hinges:.2f} "
-            f"| {row['aim']:g} |"
-        )
-    lines += ["", "| mesh | cells | energy | error of the deflection [%] | seconds |", "|---" * 5 + "|"]
-    for row in result.findings["errors"]:
-        where = f"| {row['mesh']} | {row['cells']} | {row['energy']} "
-        lines.append(f"{where}| {100.0 * row['error']:.3g} | {row['seconds']:.3g} |")
-    return "\n".join(lines)
+    ratios = markdown(
+        "mesh | vertices | work | Isotropic [ms] | hinges [ms] | ratio | aim",
+        "{mesh} | {vertices} | {work} | {seconds[Isotropic]:1e3*.3g} | {seconds[hinges]:1e3*.3g} | {ratio:.2f} "
+        "| {aim:g}",
+        [row | {"ratio": ratio(row)} for row in result.findings["ratios"]],
+    )
+    errors = markdown(
+        "mesh | cells | energy | error of the deflection [%] | seconds",
+        "{mesh} | {cells} | {energy} | {error:100*.3g} | {seconds:.3g}",
+        result.findings["errors"],
+    )
+    return paragraphs(ratios, errors)
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The ratios by kind of work, and at how many points of equal cost hinges are the better ones."""
-    ratios, errors = tables
+    ratios, errors = result.findings["ratios"], result.findings["errors"]
     spans = []
     for work in AIMS:
-        own = [number(row["ratio"]) for row in ratios if row["work"] == work]
+        own = [ratio(row) for row in ratios if row["work"] == work]
         spans.append(f"{work} {min(own):.2g} to {max(own):.2g}")
-    over = sum(number(row["ratio"]) > number(row["aim"]) for row in ratios)
+    over = sum(ratio(row) > row["aim"] for row in ratios)
     hinges = [row for row in errors if row["energy"] == "hinges"]
-    beaten = 0
-    for row in hinges:
-        cheaper = [
-            number(other["error of the deflection [%]"])
+    beaten = sum(
+        any(
+            (other["mesh"], other["energy"]) == (row["mesh"], "Isotropic")
+            and other["seconds"] <= row["seconds"]
+            and other["error"] < row["error"]
             for other in errors
-            if (other["mesh"], other["energy"]) == (row["mesh"], "Isotropic")
-            and number(other["seconds"]) <= number(row["seconds"])
-        ]
-        beaten += bool(cheaper) and min(cheaper) < number(row["error of the deflection [%]"])
+        )
+        for row in hinges
+    )
     words = f"{over} of {len(ratios)} ratios are above the aims" if over else "every ratio is within its aim"
     return (
         f"An Isotropic shell takes this many times as long as hinges on the same mesh: {'; '.join(spans)}; {words}. On "

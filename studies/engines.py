@@ -2,15 +2,15 @@
 
 A strip hangs under its weight at three loads (truth: the heavy elastica); V-beams with a flange of 10 mm, and of 15 mm
 before and after their fold flattens, and a swept plate (finite elements of ``finite_elements.json`` and
-``identification.json``); a square cloth hangs from two corners (this package's shell theory on a mesh three times as
-fine); a square plate vibrates (Ritz's method; finite elements alone answer). Every engine gets the same mesh,
+``identification_data.json``); a square cloth hangs from two corners (this package's shell theory on a mesh three times
+as fine); a square plate vibrates (Ritz's method; finite elements alone answer). Every engine gets the same mesh,
 constants, supports and gravity, in a process of its own on one thread, as its adapter in ``modalshell/compare/engines``
 converts them. A row counts once the conversion has held on a strip of the same sheet: the mass that moves within 1 %
 where the engine tells it, and the small drop within 10 %, by the longest of the steps tried. MuJoCo's flex runs a
 second time with its modulus calibrated on that drop, checked then on half the length.
 
 Engines run in the Python that the environment variable ``MODALSHELL_ENGINES`` names, or in this one. What is missing is
-named in the table, with the command that installs it. Run it alone with ``modalshell reproduce --only engines``.
+named in the table, with the command that installs it.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ import modalshell as ms
 from modalshell.compare.engines import ENGINES, Engine, answered
 from modalshell.compare.engines.case import engine_case
 from modalshell.compare.engines.engine import ask
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.both_energies import displacements_at
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from studies.identification import swept_mesh
-from studies.pages import number
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.plate_frequencies import reference
-from studies.v_beam_truth import SHEET, SNAPPING, beam, references
+from studies.shell_theory import displacements_at
+from studies.v_beam_truth import RUNGS, SHEET, SNAPPING, beam, references
 
 FIGURES = ("engines",)
 
@@ -46,9 +46,6 @@ ELASTICA = {1.0: (0.9912463953, 0.123471402), 3.0: (0.9315112071, 0.3396483923),
 SOFT, STIFF = (1.0, 4.0), (2.0, 2.5)
 """Loads Gamma of the V-beams; the stiff one snaps between 2.2 and 2.3."""
 MODES = 6
-RUNGS = tuple(
-    key for key, spec in ms.models().items() if spec.pictured and spec.bends and spec.needs in ("basis", "shell")
-)
 _RUNG_MODES, _FRAMES = 8, 12
 
 
@@ -76,11 +73,11 @@ class Scene:
     error: Callable[[np.ndarray, int], float]
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All scenes; ``quick`` takes coarser meshes and leaves the others' processes out, and says so in their rows."""
     makers = (strip, lambda coarse: v_beam(0, SOFT, coarse), lambda coarse: v_beam(-1, STIFF, coarse), swept, cloth)
     rows: list[dict[str, Any]] = []
-    for done, make in enumerate(makers, start=1):
+    for make in counted(makers, on_step):
         scene = make(quick)
         for key in RUNGS:
             ours(scene, key)  # compiles
@@ -88,13 +85,10 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         for engine in ENGINES:
             found = {"engine": engine.name, "outcome": "left out of a quick run"} if quick else foreign(scene, engine)
             rows.append({"scene": scene.name, "truth": scene.truth, **found})
-        if on_step is not None:
-            on_step(done, len(makers))
     plates = [our_plate(12 if quick else 32)]
     if not quick:
         plates.append(foreign_plate(ENGINES[0]))
-    parameters = {"strip": STRIP, "plate": PLATE, "cloth": CLOTH, "gamma": [*SOFT, *STIFF]}
-    return StudyResult("engines", {"rows": rows, "plates": plates}, {}, run_record(parameters))
+    return result_of("engines", {"rows": rows, "plates": plates}, quick=quick)
 
 
 def relative(moved: np.ndarray, exact: np.ndarray) -> float:
@@ -143,7 +137,7 @@ def v_beam(index: int, gammas: Sequence[float], coarse: bool) -> Scene:
 
 def swept(coarse: bool) -> Scene:
     """A swept plate, clamped at its root; the corners of its tip are compared."""
-    case = json.loads(Path(__file__).with_name("identification.json").read_text(encoding="utf-8"))["swept"]
+    case = json.loads(Path(__file__).with_name("identification_data.json").read_text(encoding="utf-8"))["swept"]
     mesh, corners = swept_mesh(case, 9 if coarse else 36)
 
     def error(positions: np.ndarray, load: int) -> float:
@@ -241,43 +235,42 @@ def plate_row(words: str, frequencies: np.ndarray) -> dict[str, Any]:
 
 def table(result: StudyResult) -> str:
     """Errors and cost by scene and engine, and the plate's frequencies, as Markdown tables."""
-    heads = ["scene", "engine", "outcome", "errors [%]", "ms a step", "stable step [s]", "time to answer [s]"]
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+    modes, rows = " | ".join(f"mode {mode} [%]" for mode in range(1, MODES + 1)), []
     for row in result.findings["rows"]:
-        shown = ("-" if one is None else f"{100.0 * one:.2f}" for one in row.get("errors", ()))
-        times = (f"{row[key]:.2g}" if row.get(key) is not None else "" for key in ("frame_ms", "step", "seconds"))
         outcome = f"{row['outcome']}: {row['note']}" if row.get("note") else row["outcome"]
-        lines.append(f"| {row['scene']} | {row['engine']} | {outcome} | {', '.join(shown)} | {' | '.join(times)} |")
-    lines += ["", "Frequencies of the square plate, deviations from Ritz's method:", ""]
-    heads = ["engine", "outcome", *(f"mode {mode} [%]" for mode in range(1, MODES + 1))]
-    lines += ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for row in result.findings["plates"]:
-        cells = [f"{100.0 * one:+.2f}" for one in row["deviations"]] if "deviations" in row else [""] * MODES
-        lines.append(f"| {row['engine']} | {row['outcome']} | {' | '.join(cells)} |")
-    truths = dict.fromkeys((row["scene"], row["truth"]) for row in result.findings["rows"])
-    versions = dict.fromkeys(row["version"] for row in result.findings["rows"] if row.get("version"))
-    lines += ["", "Truth: " + "; ".join(f"{scene}: {truth}" for scene, truth in truths) + "."]
-    lines += ["", f"Times are those of one thread on a processor. Versions: {', '.join(versions)}."]
-    return "\n".join(lines)
+        errors = ", ".join("-" if one is None else f"{100.0 * one:.2f}" for one in row.get("errors", ()))
+        rows.append({"frame_ms": None, "step": None, "seconds": None, **row, "outcome": outcome, "errors": errors})
+    truths = dict.fromkeys((row["scene"], row["truth"]) for row in rows)
+    versions = dict.fromkeys(row["version"] for row in rows if row.get("version"))
+    return paragraphs(
+        markdown(
+            "scene | engine | outcome | errors [%] | ms a step | stable step [s] | time to answer [s]",
+            "{scene} | {engine} | {outcome} | {errors} | {frame_ms:.2g|} | {step:.2g|} | {seconds:.2g|}",
+            rows,
+        ),
+        "Frequencies of the square plate, deviations from Ritz's method:",
+        markdown(
+            f"engine | outcome | {modes}",
+            "{engine} | {outcome} | {deviations:100*+.2f|}",
+            [{"deviations": [None] * MODES} | row for row in result.findings["plates"]],
+        ),
+        "Truth: " + "; ".join(f"{scene}: {truth}" for scene, truth in truths) + ".",
+        f"Times are those of one thread on a processor. Versions: {', '.join(versions)}.",
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The largest errors of each engine that counts, and what did not count."""
-    scenes, plates = tables
+    rows = result.findings["rows"]
     worst: dict[str, float] = {}
-    for row in scenes:
-        errors = [number(one) for one in row["errors [%]"].split(", ") if one not in ("", "-")]
+    for row in rows:
+        errors = [error for error in row.get("errors", ()) if error is not None]
         if errors:
             worst[row["engine"]] = max(worst.get(row["engine"], 0.0), *errors)
-    told = ", ".join(f"{engine} {error:.2g} %" for engine, error in worst.items())
-    left = dict.fromkeys(row["engine"] for row in scenes if row["engine"] not in worst)
-    off = max(
-        abs(number(row[f"mode {mode} [%]"]))
-        for row in plates
-        if row["outcome"] == "counts"
-        for mode in range(1, MODES + 1)
-    )
+    told = ", ".join(f"{engine} {100 * error:.2g} %" for engine, error in worst.items())
+    left = dict.fromkeys(row["engine"] for row in rows if row["engine"] not in worst)
+    off = max(abs(one) for row in result.findings["plates"] for one in row.get("deviations", ()))
     return (
-        f"Largest errors over five scenes under their weight: {told}. Plate frequencies are within {off:.2g} % of "
-        "Ritz's method. " + (f"Not counted: {', '.join(left)}." if left else "Every engine's conversion held.")
+        f"Largest errors over five scenes under their weight: {told}. Plate frequencies are within {100 * off:.2g} % "
+        "of Ritz's method. " + (f"Not counted: {', '.join(left)}." if left else "Every engine's conversion held.")
     )

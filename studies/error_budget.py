@@ -7,28 +7,27 @@ modes is off the discrete shells. Next to them stand the same models on modes of
 hinges, and what the mesh leaves of shell theory's answer (against cells of half the size). All are displacements in the
 mass norm, relative to those of the truth, at 0.2, 0.5 and all of a load under which the tip would move by half a length
 in linear theory: a quarter for the V-beam and a fortieth for the panel, which snap.
-
-Run it alone with ``modalshell reproduce --only error_budget``.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import MODELS as MODEL_SPECS
-from studies.both_energies import Sheet, displacements_at, flat_shell
-from studies.pages import number
-from studies.progress import counted
+from studies.pages import markdown, result_of
+from studies.shell_theory import ENERGIES, Sheet, columns, crossed, displacements_at, flat_shell, rows_of
 
 FIGURES = ("error_budget", "shell_theory_errors", "shell_theory_shapes")
 
 LENGTH = 0.3
+PARTS = ("on hinges", "modes and warp", "on shell theory")
+"""Errors of a model on modes."""
 LOADS = (0.2, 0.5, 1.0)
 """Shares of the largest load."""
 MODES = 16
@@ -50,21 +49,16 @@ SHAPES: dict[str, tuple[str, float, str, float]] = {
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All shapes on both mesh families; ``quick`` takes coarser meshes and two shapes."""
     across = 4 if quick else 8
-    names = list(SHAPES)[:4:3] if quick else list(SHAPES)
-    rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
-    cases = [(name, family) for name in names for family in FAMILIES]
-    for name, family in counted(cases, on_step):
-        rows += budget(name, family, across, arrays)
-    parameters = {"length": LENGTH, "loads": LOADS, "modes": MODES, "across": across, "shapes": SHAPES}
-    return StudyResult("error_budget", {"rows": rows}, arrays, run_record(parameters))
+    cases = crossed(case=list(SHAPES)[:4:3] if quick else SHAPES, mesh=FAMILIES)
+    rows = rows_of(partial(budget, across=across, arrays=arrays), cases, on_step)
+    return result_of("error_budget", {"rows": rows}, arrays, across=across)
 
 
 def shape(kind: str, family: str, across: int) -> ms.TriangleMesh:
     """A mesh of ``across`` cells across, clamped at x = 0; cells near equilateral or square."""
-    stretch = 2.0 / np.sqrt(3.0) if family == "equilateral" else 1.0
     width = {"flat": 0.06, "wide": 0.2, "swept": 0.1, "panel": 0.15, "v": 0.04}[kind]
-    cells = (round(LENGTH / width * across / stretch), across)
+    cells = (columns(family, LENGTH / width * across), across)
     if kind == "panel":
         return ms.cylinder_panel(length=LENGTH, radius=LENGTH, angle=np.degrees(0.5), cells=cells, family=family)
     if kind == "v":
@@ -97,16 +91,15 @@ def load_of(shell: ms.Shell, how: str) -> np.ndarray:
     return weight
 
 
-def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+def budget(case: str, mesh: str, across: int, arrays: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     """Errors of one shape on one mesh family, one row per load."""
-    kind, poisson, how, most = SHAPES[name]
-    mesh = shape(kind, family, across)
+    kind, poisson, how, most = SHAPES[case]
+    coarse_mesh, fine_mesh = (shape(kind, mesh, factor * across) for factor in (1, 2))
     stuff = sheet(kind, poisson)
-    held = mesh.vertices[:, 0] < 1e-9
+    held = coarse_mesh.vertices[:, 0] < 1e-9
     slope = SWEEP if kind == "swept" else 0.0
     along = (float(np.cos(slope)), -float(np.sin(slope)), 0.0)
-    theory, hinges = (flat_shell(energy, mesh, stuff, held, direction=along) for energy in ("Isotropic", "hinges"))
-    fine_mesh = shape(kind, family, 2 * across)
+    theory, hinges = (flat_shell(energy, coarse_mesh, stuff, held, direction=along) for energy in ENERGIES)
     fine = flat_shell("Isotropic", fine_mesh, stuff, fine_mesh.vertices[:, 0] < 1e-9)
     whole = {key: ms.DiscreteShell(shell) for key, shell in (("theory", theory), ("hinges", hinges), ("fine", fine))}
     bases = {"theory": ms.solve_modes(theory, MODES), "hinges": ms.solve_modes(hinges, MODES)}
@@ -131,8 +124,6 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
 
         rows.append(
             {
-                "case": name,
-                "mesh": family,
                 "load": share,
                 "moved": float(np.linalg.norm(truth[tip]) / LENGTH),
                 "hinges": size(moved["whole hinges"] - truth) / size(truth),
@@ -149,42 +140,44 @@ def budget(name: str, family: str, across: int, arrays: dict[str, np.ndarray]) -
             }
         )
         for key, field in moved.items():
-            arrays[f"{name}, {family}, {share:g}, {key}"] = rest + field
-    arrays[f"{name}, {family}, faces"] = mesh.faces
+            arrays[f"{case}, {mesh}, {share:g}, {key}"] = rest + field
+    arrays[f"{case}, {mesh}, faces"] = coarse_mesh.faces
     return rows
 
 
 def table(result: StudyResult) -> str:
     """One row per shape, mesh and load, as a Markdown table."""
-    heads = ("on hinges", "modes and warp", "on shell theory")
-    names = {model: ms.models()[model].name for model in MODELS}
-    columns = [f"{name} {head}" for name in names.values() for head in heads]
-    lines = ["Errors of displacement against shell theory [%]; parts add up as vectors:", ""]
-    lines += ["| case | mesh | load | tip [L] | hinges | " + " | ".join(columns) + " | the mesh |"]
-    lines += ["|---" * (6 + len(columns)) + "|"]
+    parts = [(model, head) for model in MODELS for head in PARTS]
+    headings = " | ".join(f"{ms.models()[model].name} {head}" for model, head in parts)
+    rows = []
     for row in result.findings["rows"]:
-        errors = [row["hinges"], *(row["models"][model][head] for model in names for head in heads), row["of the mesh"]]
-        cells = " | ".join(f"{100 * error:.2f}" for error in errors)
-        mark = "" if row["converged"] else ", not converged"
-        lines.append(f"| {row['case']}{mark} | {row['mesh']} | {row['load']:g} | {row['moved']:.3f} | {cells} |")
-    return "\n".join(lines)
+        errors = [row["models"][model][head] for model, head in parts]
+        rows.append({**row, "errors": errors, "mark": "" if row["converged"] else ", not converged"})
+    return "Errors of displacement against shell theory [%]; parts add up as vectors:\n\n" + markdown(
+        f"case | mesh | load | tip [L] | hinges | {headings} | the mesh",
+        "{case}{mark} | {mesh} | {load:g} | {moved:.3f} | {hinges:100*.2f} | {errors:100*.2f} | {of the mesh:100*.2f}",
+        rows,
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """At which shapes and loads the hinges make the larger part of the error."""
-    (rows,) = tables
-    two_way = [row for row in rows if row["case"] != "strip, one way"]
+    rows = result.findings["rows"]
 
-    def span(head: str, share: float) -> str:
-        values = [number(row[head]) for row in two_way if float(row["load"]) == share]
-        return f"{min(values):.2g} to {max(values):.2g} %"
+    def spans(load: float) -> str:
+        words = []
+        for model in MODELS:
+            chosen = [row["models"][model] for row in rows if row["case"] != "strip, one way" and row["load"] == load]
+            hinges, theory = ([100 * found[head] for found in chosen] for head in ("on hinges", "on shell theory"))
+            words.append(
+                f"{ms.models()[model].name} {min(hinges):.2g} to {max(hinges):.2g} %, "
+                f"{min(theory):.2g} to {max(theory):.2g} %"
+            )
+        return "; ".join(words)
 
-    names = [ms.models()[model].name for model in MODELS]
-    small = "; ".join(f"{n} {span(f'{n} on hinges', 0.2)}, {span(f'{n} on shell theory', 0.2)}" for n in names)
-    large = "; ".join(f"{n} {span(f'{n} on hinges', 1.0)}, {span(f'{n} on shell theory', 1.0)}" for n in names)
-    larger = sum(number(row["hinges"]) > number(row["MWTS modes and warp"]) for row in rows)
+    larger = sum(row["hinges"] > row["models"]["mwts"]["modes and warp"] for row in rows)
     return (
         "Errors against shell theory where a sheet bends two ways or twists, on modes of hinges and of shell theory: "
-        f"small loads {small}; large loads {large}. In {larger} of {len(rows)} cases the hinges are off by more than "
-        "modes and warp of MWTS."
+        f"small loads {spans(0.2)}; large loads {spans(1.0)}. In {larger} of {len(rows)} cases the hinges are off by "
+        "more than modes and warp of MWTS."
     )

@@ -2,53 +2,43 @@
 
 A fold carries bending by its membrane, a flat beam by its flexure alone: the flat beam's drop falls with the flexural
 stiffness, the V-beam's hardly, until flexure is as stiff as the fold. Every MWTS shape is compared with DS.
-
-Run it alone with ``modalshell reproduce --only flat_vs_v_beam``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.pages import numbers
+from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("figure_4",)
 
 FOLDS = {"flat": 180.0, "v": 120.0}
 FACTORS = (1.0, 10.0, 100.0)
-PARAMETERS: dict[str, Any] = {
-    "length": 1.0,
-    "width": 0.2,
-    "membrane": 60.0,
-    "flexure": 0.01,
-    "density": 0.2,
-    "gravity": 10.0,
-    "modes": 8,
-}
+LENGTH, WIDTH, MEMBRANE, FLEXURE, DENSITY = 1.0, 0.2, 60.0, 0.01, 0.2
+GRAVITY, MODES = 10.0, 8
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Solve the three pairs; ``quick`` takes a coarser mesh."""
-    p = PARAMETERS
     cells = (20, 4) if quick else (40, 8)
     rows: list[dict[str, Any]] = []
     arrays: dict[str, np.ndarray] = {}
     cases = [(factor, name) for factor in FACTORS for name in FOLDS]
-    for done, (factor, name) in enumerate(cases, start=1):
-        mesh = ms.v_beam(length=p["length"], width=p["width"], fold=FOLDS[name], cells=cells)
-        material = ms.Material(p["membrane"], p["membrane"], p["flexure"] * factor, p["density"])
-        shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * p["length"] / cells[0])
-        basis = ms.solve_modes(shell, p["modes"])
-        gravity = (0.0, 0.0, -p["gravity"])
+    for factor, name in counted(cases, on_step):
+        mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=FOLDS[name], cells=cells)
+        material = ms.Material(MEMBRANE, MEMBRANE, FLEXURE * factor, DENSITY)
+        shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
+        basis = ms.solve_modes(shell, MODES)
+        gravity = (0.0, 0.0, -GRAVITY)
         warped = ms.ModalWarping(basis).equilibrium(gravity=gravity)
         truth = ms.DiscreteShell(shell).equilibrium(gravity=gravity, start=warped.positions)
-        tip = int(np.argmin(np.linalg.norm(mesh.vertices - [p["length"], 0.0, 0.0], axis=1)))
+        tip = int(np.argmin(np.linalg.norm(mesh.vertices - [LENGTH, 0.0, 0.0], axis=1)))
         rows.append(
             {
                 "beam": name,
@@ -65,30 +55,27 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         key = f"{name}_x{factor:g}"
         arrays |= {f"{key}_mwts": warped.positions, f"{key}_ds": truth.positions}
         arrays |= {f"{name}_faces": mesh.faces, f"{name}_rest": mesh.vertices}
-        if on_step is not None:
-            on_step(done, len(cases))
-    parameters = {**p, "folds": FOLDS, "flexure_factors": FACTORS, "cells": cells}
-    return StudyResult("flat_vs_v_beam", {"rows": rows}, arrays, run_record(parameters))
+    return result_of("flat_vs_v_beam", {"rows": rows}, arrays, cells=cells)
 
 
 def table(result: StudyResult) -> str:
     """The findings as a Markdown table."""
-    lines = ["| beam | flexure | first frequency [Hz] | tip drop, MWTS [L] | tip drop, DS [L] | MWTS error |"]
-    lines.append("|---|---|---|---|---|---|")
-    for row in result.findings["rows"]:
-        lines.append(
-            f"| {row['beam']} ({row['fold_degrees']:g}°) | x{row['flexure_factor']:g} | {row['frequencies_hz'][0]:.3f} "
-            f"| {row['mwts_tip_drop']:.3f} | {row['ds_tip_drop']:.3f} | {100 * row['mwts_error']:.1f} % |"
-        )
-    return "\n".join(lines)
+    return markdown(
+        "beam | flexure | first frequency [Hz] | tip drop, MWTS [L] | tip drop, DS [L] | MWTS error",
+        "{beam} ({fold_degrees:g}°) | x{flexure_factor:g} | {frequencies_hz[0]:.3f} | {mwts_tip_drop:.3f} "
+        "| {ds_tip_drop:.3f} | {mwts_error:100*.1f} %",
+        result.findings["rows"],
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """What the fold gains at the least and at the largest flexure."""
-    (rows,) = tables
-    drops, errors = numbers(rows, "tip drop, DS [L]"), numbers(rows, "MWTS error")
+    rows = result.findings["rows"]
+    drops, errors = ([row[key] for row in rows] for key in ("ds_tip_drop", "mwts_error"))
+    least, most = rows[0]["flexure_factor"], rows[-1]["flexure_factor"]
     return (
-        f"With flexure {rows[0]['flexure']} the flat beam drops {drops[0] / drops[1]:.1f} times as far as the V-beam, "
-        f"with {rows[-2]['flexure']} {drops[-2] / drops[-1]:.1f} times: the fold carries bending by its membrane until "
-        f"flexure is as stiff. MWTS is {max(errors):g} % off DS at the largest drop, {min(errors):g} % at the smallest."
+        f"With flexure x{least:g} the flat beam drops {drops[0] / drops[1]:.1f} times as far as "
+        f"the V-beam, with x{most:g} {drops[-2] / drops[-1]:.1f} times: the fold carries bending by "
+        f"its membrane until flexure is as stiff. MWTS is {percent(max(errors), '.1f')} off DS at the largest drop, "
+        f"{percent(min(errors), '.1f')} at the smallest."
     )

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from modalshell.core.typing import Progress
 from modalshell.crowd import LEVELS
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from studies.benchmarks import crowd
 from studies.benchmarks.devices import missing_devices
-from studies.pages import number
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("flock_scaling",)
 
@@ -29,7 +29,7 @@ DEVICE_BOIDS, DEVICE_INSTANCES = (300, 10000, 100000), (8, 512, 4096)
 """Flocks and crowds on devices, timed side by side."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Measure; ``quick`` takes the small sizes alone."""
     boids, pairs = (BOIDS[:3], PAIRS[:3]) if quick else (BOIDS, PAIRS)
     batches, cells = (INSTANCES[:3], CELLS[:2]) if quick else (INSTANCES, CELLS)
@@ -52,10 +52,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             for near, placed in zip(*sizes, strict=True)
         ]
     rows: dict[str, list[dict[str, Any]]] = {"flock": [], "instances": [], "vertices": [], "devices": []}
-    for done, (name, job) in enumerate(jobs, start=1):
+    for name, job in counted(jobs, on_step):
         rows[name] += job()
-        if on_step is not None:
-            on_step(done, len(jobs))
     grid = [row for row in rows["flock"] if row["search"] == "grid"]
     thousand = next(row for row in grid if row["boids"] == 1000)
     findings = {
@@ -65,7 +63,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         "neighbour_growth": grid[-1]["neighbours"] / thousand["neighbours"],
         "pairs_exponent": _exponent([row for row in rows["flock"] if row["search"] == "all_pairs"]),
     }
-    return StudyResult("flock_scaling", findings, {"boids": np.array(boids)}, run_record({"quick": quick}))
+    return result_of("flock_scaling", findings, {"boids": np.array(boids)}, quick=quick)
 
 
 def _exponent(rows: list[dict[str, Any]]) -> float:
@@ -75,66 +73,63 @@ def _exponent(rows: list[dict[str, Any]]) -> float:
     return float(-np.diff(seconds)[0] / np.diff(counts)[0])
 
 
+def grid_and_pairs(rows: list[dict[str, Any]]) -> list[tuple[dict[str, Any], float | None]]:
+    """Each flock by a grid of cells, and the steps a second of the same by all pairs, None where they are not tried."""
+    pairs = {row["boids"]: row["steps_per_second"] for row in rows if row["search"] == "all_pairs"}
+    return [(row, pairs.get(row["boids"])) for row in rows if row["search"] == "grid"]
+
+
 def table(result: StudyResult) -> str:
     """The findings as Markdown tables."""
     found = result.findings
-    by = {(row["boids"], row["search"]): row for row in found["flock"]}
-    lines = ["Steps of a flock a second of the processor, 20 boids in a cube of the neighbour distance:", ""]
-    lines += ["| boids | neighbours of each | grid of cells | all pairs | times faster |", "|---|---|---|---|---|"]
-    for row in (row for row in found["flock"] if row["search"] == "grid"):
-        pairs = by.get((row["boids"], "all_pairs"))
-        rest = "| |"
-        if pairs:
-            ratio = row["steps_per_second"] / pairs["steps_per_second"]
-            rest = f"{pairs['steps_per_second']:,.3g} | {ratio:.1f} |"
-        lines.append(f"| {row['boids']:,} | {row['neighbours']:.1f} | {row['steps_per_second']:,.3g} | {rest}")
-    lines += [
-        "",
-        f"A boid costs {found['boid_growth']:.2f} times as much in the largest flock as among 1,000, where more fly at "
-        f"the edge and each has {found['neighbour_growth']:.2f} times fewer neighbours. Trying all pairs "
-        f"grows with N to the power {found['pairs_exponent']:.2f} at the end.",
-        "",
-        "Thousands of instances of the paper bird a second, eight modes. The bounds: the products Phi q and Psi q over "
-        "the whole batch by BLAS, and writing the positions alone. Placed instances have a rotation and translation "
-        "each; the last column is MWTS over the products.",
-        "",
-        "| instances | vertices | precision | rigid | LMA | MWTS | MWTS placed | steps | products | writing | ratio |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
     names = (*(name.lower() for name in LEVELS), "placed", "step", "products", "writing")
-    for row in [*found["instances"], *found["vertices"]]:
-        rates = " | ".join(f"{row[f'per_second_{name}'] / 1e3:,.3g}" for name in names)
-        lines.append(
-            f"| {row['instances']:,} | {row['vertices']:,} | {row['dtype']} | {rates} | {row['ratio_products']:.2f} |"
-        )
-    lines += [
-        "",
-        "By Warp, over one thread of the kernels above (sums: the kernels' in float64): the sums over the neighbours, "
-        "placed MWTS, the same left on the device, and steps. Its cpu device takes one core.",
-        "",
-        "| device | precision | boids | million boids a second | sums, times faster | instances "
-        "| thousands a second, left there | placed, times faster | left there, times faster | steps, times faster |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+    flocks = [
+        row | {"pairs": pairs, "times": None if pairs is None else row["steps_per_second"] / pairs}
+        for row, pairs in grid_and_pairs(found["flock"])
     ]
-    lines += [
-        f"| Warp, {row['device']} | {row['dtype']} | {row['boids']:,} | {row['boids_per_second'] / 1e6:.3g} "
-        f"| {row['ratio_sums']:.2f} | {row['instances']:,} | {row['instances_per_second'] / 1e3:,.3g} "
-        f"| {row['ratio_placed']:.2f} | {row['ratio_left']:.2f} | {row['ratio_step']:.2f} |"
-        for row in found["devices"]
-    ]
-    lines += [f"| {name} | {reason} | | | | | | | | |" for name, reason in found["missing"].items()]
-    return "\n".join(lines)
+    missing = [f"| {name} | {reason} | | | | | | | | |" for name, reason in found["missing"].items()]
+    devices = markdown(
+        "device | precision | boids | million boids a second | sums, times faster | instances "
+        "| thousands a second, left there | placed, times faster | left there, times faster | steps, times faster",
+        "Warp, {device} | {dtype} | {boids:,} | {boids_per_second:1e-6*.3g} | {ratio_sums:.2f} | {instances:,} "
+        "| {instances_per_second:1e-3*,.3g} | {ratio_placed:.2f} | {ratio_left:.2f} | {ratio_step:.2f}",
+        found["devices"],
+    )
+    return paragraphs(
+        "Steps of a flock a second of the processor, 20 boids in a cube of the neighbour distance:",
+        markdown(
+            "boids | neighbours of each | grid of cells | all pairs | times faster",
+            "{boids:,} | {neighbours:.1f} | {steps_per_second:,.3g} | {pairs:,.3g|} | {times:.1f|}",
+            flocks,
+        ),
+        f"A boid costs {found['boid_growth']:.2f} times as much in the largest flock as among 1,000, where more "
+        f"fly at the edge and each has {found['neighbour_growth']:.2f} times fewer neighbours. Trying all pairs "
+        f"grows with N to the power {found['pairs_exponent']:.2f} at the end.",
+        "Thousands of instances of the paper bird a second, eight modes. The bounds: the products Phi q and Psi q "
+        "over the whole batch by BLAS, and writing the positions alone. Placed instances have a rotation and "
+        "translation each; the last column is MWTS over the products.",
+        markdown(
+            "instances | vertices | precision | rigid | LMA | MWTS | MWTS placed | steps | products | writing | ratio",
+            "{instances:,} | {vertices:,} | {dtype} | {rates:1e-3*,.3g} | {ratio_products:.2f}",
+            [
+                row | {"rates": [row[f"per_second_{name}"] for name in names]}
+                for row in [*found["instances"], *found["vertices"]]
+            ],
+        ),
+        "By Warp, over one thread of the kernels above (sums: the kernels' in float64): the sums over the "
+        "neighbours, placed MWTS, the same left on the device, and steps. Its cpu device takes one core.",
+        "\n".join([devices, *missing]),
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """What the grid of cells gains, and how fast a crowd is."""
-    flock, instances, *_ = tables
-    faster = next(row for row in reversed(flock) if row["times faster"])
-    double = [row for row in instances if row["precision"] == "float64"]
-    large = max(double, key=lambda row: number(row["instances"]) * (number(row["vertices"]) == 493))
+    found = result.findings
+    grid, pairs = [pair for pair in grid_and_pairs(found["flock"]) if pair[1] is not None][-1]
+    large = max((row for row in found["instances"] if row["dtype"] == "float64"), key=lambda row: row["instances"])
     return (
-        f"Among {faster['boids']} boids a grid of cells finds neighbours {faster['times faster']} times as fast as "
-        f"trying all pairs. Of {large['instances']} birds of {large['vertices']} vertices one thread computes "
-        f"{number(large['MWTS']):.0f} thousand MWTS shapes a second in float64, {large['ratio']} times as many as the "
-        f"two matrix products alone allow."
+        f"Among {grid['boids']:,} boids a grid of cells finds neighbours {grid['steps_per_second'] / pairs:.1f} times "
+        f"as fast as trying all pairs. Of {large['instances']:,} birds of {large['vertices']:,} vertices one thread "
+        f"computes {large['per_second_mwts'] / 1e3:.0f} thousand MWTS shapes a second in float64, "
+        f"{large['ratio_products']:.2f} times as many as the two matrix products alone allow."
     )

@@ -4,13 +4,10 @@ Shapes, materials, loads, and the error asked for are drawn from a seed; ten mor
 panels, are loaded beyond the load at which they snap. For each scene ``advise`` names a rung; it is right if at loads
 between its own, some of them 1 and 5 % away from a snap, the rung meets the asked error against DS solved again from
 rest, and no rung with a cheaper frame (by more than a near tie) does. Where it names none, none must meet both demands.
-
-Run it alone with ``modalshell reproduce --only held_out_advice``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,12 +17,13 @@ from modalshell.compare.advice_text import NEAR_TIE, RATE_MARGIN
 from modalshell.compare.candidates import case_factory
 from modalshell.compare.case import Case
 from modalshell.compare.path import Marks
+from modalshell.compare.report import percent
 from modalshell.compare.runs import Measurement
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
-from studies.pages import number
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("held_out_advice",)
 
@@ -40,19 +38,13 @@ AROUND_SNAP = (0.95, 0.99, 1.01, 1.05)
 """Further ones, over the load of the snap."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Check the advice on all scenes; ``quick`` takes one."""
     rows = []
     kinds = [random_case] * (1 if quick else SCENES) + [snapping_case] * (1 if quick else SNAPPING)
-    for place, kind in enumerate(kinds):
+    for place, kind in counted(list(enumerate(kinds)), on_step):
         rows.append(checked(*kind(np.random.default_rng([SEED, place]), f"scene {place + 1}")))
-        if on_step is not None:
-            on_step(place + 1, len(kinds))
-    parameters = {"scenes": len(kinds), "frames_per_second": FRAMES_PER_SECOND, "held_out": HELD_OUT}
-    parameters |= {"around_snap": AROUND_SNAP}
-    return StudyResult(
-        "held_out_advice", {"rows": rows}, {"held_out": np.array(HELD_OUT)}, run_record(parameters, SEED)
-    )
+    return result_of("held_out_advice", {"rows": rows}, {"held_out": np.array(HELD_OUT)}, SEED, scenes=len(kinds))
 
 
 def random_case(rng: np.random.Generator, name: str) -> tuple[Case, float, tuple[float, ...]]:
@@ -167,31 +159,26 @@ def checked(case: Case, error: float, shares: tuple[float, ...]) -> dict[str, An
 
 def table(result: StudyResult) -> str:
     """One row per scene, and the count."""
-    lines = ["| scene | asked | advice | measured | held-out loads | snaps | cheaper rungs that meet it |"]
-    lines.append("|---|---|---|---|---|---|---|")
-    rows = result.findings["rows"]
-    for row in rows:
-        errors = " | ".join(
-            "-" if row[key] is None else f"{100 * row[key]:.3g} %" for key in ("measured_error", "held_out_error")
-        )
-        lines.append(
-            f"| {row['scene']} | {100 * row['error']:g} % | {row['chosen'] or 'none'} | {errors} "
-            f"| {'yes' if row['snap'] else 'no'} | {', '.join(row['cheaper_that_meet']) or 'none'} |"
-        )
+    rows = []
+    for row in result.findings["rows"]:
+        errors = [percent(row[key]) for key in ("measured_error", "held_out_error")]
+        cheaper = ", ".join(row["cheaper_that_meet"]) or None
+        rows.append({**row, "errors": errors, "snaps": "yes" if row["snap"] else "no", "cheaper": cheaper})
+    scenes = markdown(
+        "scene | asked | advice | measured | held-out loads | snaps | cheaper rungs that meet it",
+        "{scene} | {error:100*g} % | {chosen:|none} | {errors} | {snaps} | {cheaper:|none}",
+        rows,
+    )
     met, right = sum(row["meets"] for row in rows), sum(row["right"] for row in rows)
-    lines += [
-        "",
-        f"The rung meets the asked error on {met} of {len(rows)} scenes; on {right} of these no cheaper one does.",
-    ]
-    return "\n".join(lines)
+    words = f"The rung meets the asked error on {met} of {len(rows)} scenes; on {right} of these no cheaper one does."
+    return paragraphs(scenes, words)
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """How often the advice is right."""
-    (rows,) = tables
-    met = [row for row in rows if row["held-out loads"] == "-" or number(row["held-out loads"]) <= number(row["asked"])]
-    cheapest = sum(row["cheaper rungs that meet it"] == "none" for row in met)
+    rows = result.findings["rows"]
+    met, right = sum(row["meets"] for row in rows), sum(row["right"] for row in rows)
     return (
-        f"At loads that were not measured for it, the advised model meets the asked error on {len(met)} of {len(rows)} "
-        f"random scenes; on {cheapest} of these no cheaper model does."
+        f"At loads that were not measured for it, the advised model meets the asked error on {met} of {len(rows)} "
+        f"random scenes; on {right} of these no cheaper model does."
     )

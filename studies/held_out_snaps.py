@@ -6,25 +6,23 @@ gravity, half in any direction, 0.5 to 1.2 of its size, a third with a point for
 and is released for half a second. Errors of the hybrid are measured against the coarse shell that trained it and, with
 that shell's own, against DS on the fine mesh. So are three named motions with either kind of damping, and statics on
 both sides of the snap; the last table has the gravity at which each model snaps.
-
-Run it alone with ``modalshell reproduce --only held_out_snaps``.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.hybrid.training import DT, LOADED, RELEASED, random_damping, random_load
-from studies.pages import number
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.snap import v_beam
 
 FIGURES = ("held_out_snaps",)
@@ -43,10 +41,15 @@ STATICS = (20.0, 40.0, 55.0, 70.0)
 SNAPPED = 0.3
 """Largest displacement [m] of a motion from which its fold has flattened."""
 
+ERRORS = ("coarse", "fine", "coarse_to_fine")
+"""Errors of the hybrid against the coarse shell and DS, and of the coarse shell against DS."""
+SHARES = {"median": 0.5, "75 %": 0.75, "90 %": 0.9, "largest": 1.0}
+"""Quantiles of the errors."""
+
 Frames = tuple[np.ndarray, float, int]
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Train, and measure all motions; ``quick`` takes coarser meshes and fewer loads."""
     fine, cells, count, motions = ((32, 8), (16, 4), 4, 12) if quick else ((80, 16), (40, 8), LOADS, 40)
     shell = v_beam(150.0, fine)
@@ -66,10 +69,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     }
     tasks = [*named.items(), *((f"load {place + 1}", task) for place, task in enumerate(drawn))]
     rows = []
-    for done, (name, (load, damping)) in enumerate(tasks, start=1):
+    for name, (load, damping) in counted(tasks, on_step):
         rows.append({"motion": name, "drawn": name not in named} | measured(shell, models, load, damping))
-        if on_step is not None:
-            on_step(done, len(tasks))
     found = {
         "rows": rows,
         "equilibria": [statics(shell, models, gravity) for gravity in STATICS],
@@ -89,7 +90,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     arrays |= {
         "errors": np.array([[row["coarse"], row["fine"], row["coarse_to_fine"]] for row in rows if row["drawn"]])
     }
-    return StudyResult("held_out_snaps", found, arrays, run_record({"gravity": GRAVITY, "quick": quick}, SEED))
+    return result_of("held_out_snaps", found, arrays, SEED, quick=quick)
 
 
 def named_loads(shell: ms.Shell) -> dict[str, np.ndarray]:
@@ -164,63 +165,50 @@ def snap_loads(models: dict[str, ms.Model], hybrid: ms.HybridStress) -> dict[str
     return found
 
 
+def quantiles(found: dict[str, Any], share: float) -> dict[str, float]:
+    """A quantile of each error over the drawn loads."""
+    return {key: float(np.quantile([row[key] for row in found["rows"] if row["drawn"]], share)) for key in ERRORS}
+
+
 def table(result: StudyResult) -> str:
     """Errors of every motion, their distribution, statics, and the snap loads."""
-    found = result.findings
-    cells = found["cells"]
-    lines = [
-        f"DS has {cells['fine']} cells, the coarse shell {cells['coarse']}; the hybrid was trained in "
-        f"{found['training_seconds']:.3g} s of processor time and states an error of "
-        f"{100 * found['held_out_error']:.2g} %.",
-        "",
-        "| motion | hybrid against coarse DS | hybrid against DS | coarse DS against DS | snaps | coarse frames "
-        "| processor ms a frame: hybrid, coarse DS, DS |",
-        "|" + "---|" * 7,
-    ]
+    found, rows = result.findings, []
     for row in found["rows"]:
-        errors = " | ".join(f"{100 * row[key]:.2f} %" for key in ("coarse", "fine", "coarse_to_fine"))
         snaps = sorted({name for name, snapped in row["snaps"].items() if snapped})
         which = "all" if len(snaps) == len(row["snaps"]) else " and ".join(snaps) or "none"
         times = ", ".join(f"{value:.3g}" for value in reversed(row["ms"].values()))
-        lines.append(f"| {row['motion']} | {errors} | {which} | {row['handed']} | {times} |")
-    lines += [
-        "",
-        "| drawn loads | hybrid against coarse DS | hybrid against DS | coarse DS against DS |",
-        "|---|---|---|---|",
-    ]
-    drawn = np.array(
-        [[row[key] for key in ("coarse", "fine", "coarse_to_fine")] for row in found["rows"] if row["drawn"]]
+        rows.append({**row, "which": which, "times": times})
+    headings = "hybrid against coarse DS | hybrid against DS | coarse DS against DS"
+    errors = "{coarse:100*.2f} % | {fine:100*.2f} % | {coarse_to_fine:100*.2f} %"
+    drawn = [{"which": name, **quantiles(found, share)} for name, share in SHARES.items()]
+    snaps = [{"model": name, "load": load} for name, load in found["snaps"].items()]
+    return paragraphs(
+        f"DS has {found['cells']['fine']} cells, the coarse shell {found['cells']['coarse']}; the hybrid was "
+        f"trained in {found['training_seconds']:.3g} s of processor time and states an error of "
+        f"{100 * found['held_out_error']:.2g} %.",
+        markdown(
+            f"motion | {headings} | snaps | coarse frames | processor ms a frame: hybrid, coarse DS, DS",
+            f"{{motion}} | {errors} | {{which}} | {{handed}} | {{times}}",
+            rows,
+        ),
+        markdown(f"drawn loads | {headings}", f"{{which}} | {errors}", drawn),
+        markdown(f"gravity, m/s² | {headings}", f"{{gravity:g}} | {errors}", found["equilibria"]),
+        markdown("model | snaps at a gravity of", "{model} | {load:.2f|–}", snaps),
+        FILM,
     )
-    for label, share in (("median", 0.5), ("75 %", 0.75), ("90 %", 0.9), ("largest", 1.0)):
-        cells_of = " | ".join(f"{100 * value:.2f} %" for value in np.quantile(drawn, share, axis=0))
-        lines.append(f"| {label} | {cells_of} |")
-    lines += [
-        "",
-        "| gravity, m/s² | hybrid against coarse DS | hybrid against DS | coarse DS against DS |",
-        "|---|---|---|---|",
-    ]
-    for row in found["equilibria"]:
-        errors = " | ".join(f"{100 * row[key]:.2f} %" for key in ("coarse", "fine", "coarse_to_fine"))
-        lines.append(f"| {row['gravity']:g} | {errors} |")
-    lines += ["", "| model | snaps at a gravity of |", "|---|---|"]
-    lines += [f"| {name} | {'–' if load is None else f'{load:.2f}'} |" for name, load in found["snaps"].items()]
-    lines += ["", FILM]
-    return "\n".join(lines)
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The distribution, the named motions, and what a frame costs."""
-    motions, drawn, at_rest, _ = tables
-    half, most = (
-        [f"{number(row[heading]):.2g} %" for heading in ("hybrid against coarse DS", "hybrid against DS")]
-        for row in (drawn[0], drawn[2])
-    )
-    named = [row for row in motions if not row["motion"].startswith("load")]
-    worst = max(number(row["hybrid against DS"]) for row in named)
-    after = max(number(row["hybrid against DS"]) for row in at_rest if number(row["gravity, m/s²"]) > 50.0)
+    found = result.findings
+    named = [row for row in found["rows"] if not row["drawn"]]
+    worst = max(row["fine"] for row in named)
+    after = max(row["fine"] for row in found["equilibria"] if row["gravity"] > 50.0)
+    half, most = (quantiles(found, share) for share in (0.5, 0.9))
     return (
-        f"Through the snap of the stiff V-beam the hybrid is {worst:.2g} % off fine DS at most in {len(named)} named "
-        f"motions with either damping, {after:.2g} % at rest after it. Of {len(motions) - len(named)} loads drawn by a "
-        f"seed half are within {half[0]} of the coarse shell that trained it ({half[1]} of fine DS), 90 % within "
-        f"{most[0]} ({most[1]})."
+        f"Through the snap of the stiff V-beam the hybrid is {percent(worst, '.2g')} off fine DS at most in "
+        f"{len(named)} named motions with either damping, {percent(after, '.2g')} at rest after it. Of "
+        f"{len(found['rows']) - len(named)} loads drawn by a seed half are within {percent(half['coarse'], '.2g')} of "
+        f"the coarse shell that trained it ({percent(half['fine'], '.2g')} of fine DS), 90 % within "
+        f"{percent(most['coarse'], '.2g')} ({percent(most['fine'], '.2g')})."
     )

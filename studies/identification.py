@@ -1,16 +1,13 @@
 """Constants of sheets recovered from measurements: tip curves, corners of a swept plate, natural frequencies.
 
-The measurements are those of finite elements (``studies/identification.json``), so that the constants are known. Each
-fit begins at twice the modulus. Tip curves get errors, too: normal ones of 1 % of the largest drop, from 40 seeds; each
-interval of 95 % either holds the modulus that was put in or does not.
-
-Run it alone with ``modalshell reproduce --only identification``.
+The measurements are those of finite elements (``studies/identification_data.json``), so that the constants are known.
+Each fit begins at twice the modulus. Tip curves get errors, too: normal ones of 1 % of the largest drop, from 40 seeds;
+each interval of 95 % either holds the modulus that was put in or does not.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,55 +15,42 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.pages import number
+from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("identification",)
 
-DATA = Path(__file__).with_name("identification.json")
+DATA = Path(__file__).with_name("identification_data.json")
 NOISE = 0.01
 """Standard deviation of errors, over the largest drop."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All measurements; ``quick`` takes coarser meshes and fewer seeds."""
     data = json.loads(DATA.read_text(encoding="utf-8"))
-    seeds = 6 if quick else 40
-    share = 2 if quick else 1
-    steps = seeds + 4
-
-    def done(count: int) -> None:
-        if on_step is not None:
-            on_step(count, steps)
-
+    seeds, share = (6, 2) if quick else (40, 1)
     strip, seen, options = strip_curve(data["strip"], 60 // share, 4)
-    exact = ms.fit(strip, "young", seen, **options)
-    rows = [row("tip curve of a strip", "6 drops", data["strip"], exact)]
-    done(1)
-    noisy = []
-    drop = float(np.nanmax(np.abs(seen)))
-    for seed in range(seeds):
-        errors = NOISE * drop * np.random.default_rng(seed).standard_normal(seen.shape)
+    exact, noisy = ms.fit(strip, "young", seen, **options), []
+    for seed in counted(range(seeds), on_step):
+        errors = NOISE * float(np.nanmax(np.abs(seen))) * np.random.default_rng(seed).standard_normal(seen.shape)
         found = ms.fit(strip, "young", seen + errors, **options)
         low, high = found.intervals["young"]
         noisy.append({"young": found.values["young"], "low": low, "high": high})
-        done(2 + seed)
-    rows.append(
-        row("corners of a swept plate", "24 coordinates", data["swept"], swept_corners(data["swept"], 30 // share))
-    )
-    done(seeds + 2)
-    for index, plate in enumerate(data["plates"]):
+    corners = swept_corners(data["swept"], 30 // share)
+    rows = [row("tip curve of a strip", "6 drops", data["strip"], exact)]
+    rows.append(row("corners of a swept plate", "24 coordinates", data["swept"], corners))
+    for plate in data["plates"]:
         words = f"frequencies of a {plate['length'] / plate['width']:g} : 1 plate"
         rows.append(row(words, "6 frequencies", plate, plate_constants(plate, 48 // share**2)))
-        done(seeds + 3 + index)
     curve = {
         "gravities": data["strip"]["gravities"],
         "measured": (-seen[:, 2]).tolist(),
         "fitted": drops(strip, exact, data),
     }
     findings = {"rows": rows, "noisy": noisy, "true": data["strip"]["young"], "curve": curve}
-    return StudyResult("identification", findings, {}, run_record({"noise": NOISE, "seeds": seeds}))
+    return result_of("identification", findings, seeds=seeds)
 
 
 def sheet(case: dict[str, Any]) -> ms.Isotropic:
@@ -129,41 +113,41 @@ def row(words: str, measured: str, case: dict[str, Any], found: ms.Fit) -> dict[
     return {"case": words, "measured": measured, "exact": exact, **told, "shells": found.evaluations}
 
 
+def held(found: dict[str, Any]) -> int:
+    """Number of intervals that hold the modulus."""
+    return sum(row["low"] <= found["true"] <= row["high"] for row in found["noisy"])
+
+
 def table(result: StudyResult) -> str:
     """Constants recovered, and how often intervals hold, as Markdown tables."""
-    heads = ("case", "measured", "constant", "true", "found", "interval of 95 %", "deviation [%]", "shells solved")
-    lines = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
-    for found in result.findings["rows"]:
-        for name, value in found["values"].items():
-            low, high = found["intervals"][name]
-            exact = found["exact"][name]
-            cells = [found["case"], found["measured"], name, f"{exact:.6g}", f"{value:.6g}", f"{low:.6g} to {high:.6g}"]
-            lines.append(
-                "| " + " | ".join([*cells, f"{100.0 * (value / exact - 1.0):+.2f}", f"{found['shells']}"]) + " |"
-            )
-    noisy, exact = result.findings["noisy"], result.findings["true"]
-    off = np.array([found["young"] / exact - 1.0 for found in noisy])
-    held = sum(found["low"] <= exact <= found["high"] for found in noisy)
-    width = np.mean([0.5 * (found["high"] - found["low"]) / exact for found in noisy])
-    lines += ["", "Tip curves with errors of 1 % of the largest drop:", ""]
-    lines += ["| curves | mean deviation [%] | largest [%] | mean half width of intervals [%] | intervals that hold |"]
-    lines += ["|---" * 5 + "|"]
-    cells = [
-        f"{len(noisy)}",
-        f"{100 * off.mean():+.2f}",
-        f"{100 * np.abs(off).max():.2f}",
-        f"{100 * width:.2f}",
-        f"{held}",
+    found = result.findings
+    rows = [
+        row | {"name": name, "true": row["exact"][name], "value": value, "interval": row["intervals"][name]}
+        for row in found["rows"]
+        for name, value in row["values"].items()
     ]
-    return "\n".join([*lines, "| " + " | ".join(cells) + " |"])
+    constants = markdown(
+        "case | measured | constant | true | found | interval of 95 % | deviation [%] | shells solved",
+        "{case} | {measured} | {name} | {true:.6g} | {value:.6g} | {interval[0]:.6g} to {interval[1]:.6g} "
+        "| {off:100*+.2f} | {shells}",
+        [row | {"off": row["value"] / row["true"] - 1.0} for row in rows],
+    )
+    off = np.array([row["young"] / found["true"] - 1.0 for row in found["noisy"]])
+    width = np.mean([0.5 * (row["high"] - row["low"]) / found["true"] for row in found["noisy"]])
+    curves = markdown(
+        "curves | mean deviation [%] | largest [%] | mean half width of intervals [%] | intervals that hold",
+        "{curves} | {mean:100*+.2f} | {largest:100*.2f} | {width:100*.2f} | {held}",
+        [{"curves": off.size, "mean": off.mean(), "largest": abs(off).max(), "width": width, "held": held(found)}],
+    )
+    return f"{constants}\n\nTip curves with errors of 1 % of the largest drop:\n\n{curves}"
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Largest deviations, and how many intervals hold."""
-    exact, noisy = tables
-    worst = max(abs(number(found["deviation [%]"])) for found in exact if found["constant"] == "young")
-    held, curves = noisy[0]["intervals that hold"], noisy[0]["curves"]
+    found = result.findings
+    worst = max(abs(row["values"]["young"] / row["exact"]["young"] - 1.0) for row in found["rows"])
     return (
-        f"Young's modulus is recovered within {worst:.2g} % from tip curves, corners and frequencies of finite "
-        f"elements; from tip curves with errors of 1 % {held} of {curves} intervals of 95 % hold it."
+        f"Young's modulus is recovered within {percent(worst, '.2g')} from tip curves, corners and frequencies of "
+        f"finite elements; from tip curves with errors of 1 % {held(found)} of {len(found['noisy'])} intervals of 95 % "
+        "hold it."
     )

@@ -8,8 +8,6 @@ part vanishes with the step at first order. The *path's* part does not: the sum 
 closed form depends on q alone and returns to rest.
 
 The same two loads are also applied and taken away again in damped motion, at a frame's step and finer ones.
-
-Run it alone with ``modalshell reproduce --only integrator_drift``.
 """
 
 from __future__ import annotations
@@ -20,14 +18,14 @@ from typing import Any, NoReturn, final
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.models.base.modal import ModalModel
 from modalshell.motion import Motion
-from studies.pages import number, numbers
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("integrator_drift",)
 
@@ -48,13 +46,12 @@ MOTION_STEP, MOTION_DAMPING, MOTION_TIME = 1.0 / 30.0, (4.0, 0.0), 16.0
 """Step [s], Rayleigh factors, and time [s] under the load and as long again without it."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Both scenes and paths; ``quick`` takes a coarser mesh and larger steps."""
     cells, finest = ((16, 4), FINEST // 4) if quick else ((40, 8), FINEST)
     findings: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
-    done, total = 0, len(LOADS) * (len(PATHS) + 1)
-    for scene, loads in LOADS.items():
+    for scene, loads in counted(list(LOADS.items()), on_step):
         basis = scene_basis(scene, cells)
         forces = [load_of(basis.shell, kind, size) for kind, size in loads.items()]
         findings[scene] = {}
@@ -62,19 +59,10 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             coordinates = equilibrium_path(basis, forces, factors(np.linspace(0.0, 2.0 * np.pi, finest + 1)))
             arrays[f"{scene}_{path}_coordinates"] = coordinates
             findings[scene][path] = drift_findings(basis, coordinates)
-            done += 1
-            if on_step is not None:
-                on_step(done, total)
         findings[scene]["motion"] = motion_findings(
             basis, np.sum(forces, axis=0), (1, 4) if quick else (1, 2, 4, 8, 16)
         )
-        done += 1
-        if on_step is not None:
-            on_step(done, total)
-    parameters = {"length": LENGTH, "width": WIDTH, "flexure": FLEXURE, "density": DENSITY, "membrane": MEMBRANE}
-    parameters |= {"modes": MODES, "cells": cells, "loads": LOADS, "finest": finest, "cycles": CYCLES}
-    parameters |= {"motion": {"step": MOTION_STEP, "damping": MOTION_DAMPING, "time": MOTION_TIME}}
-    return StudyResult("integrator_drift", findings, arrays, run_record(parameters))
+    return result_of("integrator_drift", findings, arrays, cells=cells, finest=finest)
 
 
 @final
@@ -221,36 +209,44 @@ def motion_findings(basis: ms.Basis, force: np.ndarray, refinements: tuple[int, 
     return rows
 
 
+def largest_of_closed_form(found: dict[str, Any]) -> float:
+    """Largest drift [L] of the closed form on a path."""
+    return max(max(found["cycled"][str(count)]["closed_form"]) for count in CYCLED_STEPS)
+
+
 def table(result: StudyResult) -> str:
     """Tables in Markdown: cycles through equilibria, then the same loads in motion."""
-    lines = ["| scene | path | largest displacement [L] | drift of the sum in one cycle [L]: 16 steps | 64 | 256 "]
-    lines[0] += f"| in the limit | order in the step | after {CYCLES} cycles of 64 | closed form, largest |"
-    lines.append("|---|---|---|---|---|---|---|---|---|---|")
+    cycles, motions = [], []
     for scene in LOADS:
         for path in PATHS:
             found = result.findings[scene][path]
-            cycled = [found["cycled"][str(count)] for count in CYCLED_STEPS]
-            one = " | ".join(f"{run['sum'][0]:.2e}" for run in cycled)
-            closed = max(max(run["closed_form"]) for run in cycled)
-            lines.append(
-                f"| {scene} | {path} | {found['largest_displacement']:.3f} | {one} | {found['path_part']:.1e} "
-                f"| {found['order']:.2f} | {cycled[1]['sum'][-1]:.2e} | {closed:.0e} |"
-            )
-    lines += ["", "Both loads put on and taken away at once, in damped motion:", ""]
-    lines += ["| scene | step [s] | drift of the sum [L] | closed form |", "|---|---|---|---|"]
-    for scene in LOADS:
-        for row in result.findings[scene]["motion"]:
-            lines.append(f"| {scene} | 1/{1.0 / row['step']:.0f} | {row['sum']:.2e} | {row['closed_form']:.0e} |")
-    return "\n".join(lines)
+            cycled = [found["cycled"][str(count)]["sum"] for count in CYCLED_STEPS]
+            own = {"scene": scene, "path": path, "one": [run[0] for run in cycled], "many": cycled[1][-1]}
+            cycles.append({**found, **own, "closed": largest_of_closed_form(found)})
+        motions += [{**row, "scene": scene, "rate": 1.0 / row["step"]} for row in result.findings[scene]["motion"]]
+    return paragraphs(
+        markdown(
+            "scene | path | largest displacement [L] | drift of the sum in one cycle [L]: 16 steps | 64 | 256 "
+            f"| in the limit | order in the step | after {CYCLES} cycles of 64 | closed form, largest",
+            "{scene} | {path} | {largest_displacement:.3f} | {one:.2e} | {path_part:.1e} | {order:.2f} "
+            "| {many:.2e} | {closed:.0e}",
+            cycles,
+        ),
+        "Both loads put on and taken away at once, in damped motion:",
+        markdown(
+            "scene | step [s] | drift of the sum [L] | closed form",
+            "{scene} | 1/{rate:.0f} | {sum:.2e} | {closed_form:.0e}",
+            motions,
+        ),
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """What the summed warp leaves at rest after one cycle."""
-    cycles, _ = tables
-    loops = [row for row in cycles if row["path"] == "loop"]
-    limits = [f"{100 * number(row['in the limit']):.2g} % of the length ({row['scene']})" for row in loops]
+    found = result.findings
+    limits = [f"{100 * found[scene]['loop']['path_part']:.2g} % of the length ({scene})" for scene in LOADS]
+    closed = max(largest_of_closed_form(found[scene][path]) for scene in LOADS for path in PATHS)
     return (
         f"After one cycle of two loads out of phase the warp that is summed step by step is off the rest shape by "
-        f"{' and '.join(limits)} however small the step; the closed form returns to it within "
-        f"{max(numbers(cycles, 'closed form, largest')):.0e}."
+        f"{' and '.join(limits)} however small the step; the closed form returns to it within {closed:.0e}."
     )

@@ -7,13 +7,13 @@ surface. An error is the largest difference from the published displacements at 
 these. The published ones are of finite elements, those of 3.2 of the closed form. Where the walls of 3.5 and 3.6
 buckle, loads are compared at the published displacement, too, on the path of equilibria. The wall of 3.6 buckles at
 many loads, each time to one of several states; its meshes are graded towards the force.
-
-Run it alone with ``modalshell reproduce --only large_deflection_benchmarks``.
 """
 
 from __future__ import annotations
 
 import json
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,34 +21,16 @@ import numpy as np
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.both_energies import FAMILIES
-from studies.pages import number
-from studies.progress import counted
-from studies.sze_liu_lo import GRADING, PROBLEMS, Problem
+from modalshell.files.study_result import StudyResult
+from modalshell.supports import Support
+from studies.pages import markdown, paragraphs, result_of
+from studies.shell_theory import FAMILIES, crossed, near, quarter_cylinder, rows_of, spread, square
 
 FIGURES = ("large_deflection_benchmarks",)
 
-NAMES = {
-    "3.1": "cantilever, end shear",
-    "3.2": "cantilever, end moment",
-    "3.3": "slit annulus",
-    "3.4": "hemisphere",
-    "3.5": "open cylinder",
-    "3.6": "pinched cylinder",
-    "3.7": "pinched semi-cylinder",
-}
-CELLS = {
-    "3.1": (40, 4),
-    "3.2": (60, 5),
-    "3.3": (98, 8),
-    "3.4": (28, 24),
-    "3.5": (24, 36),
-    "3.6": (42, 66),
-    "3.7": (48, 48),
-}
-"""Cells along and across."""
+X, Y, Z = np.eye(3)
+GRADING = 1.3
+"""Power that draws the cells of a pinched cylinder together where it is pinched."""
 QUICK = ("3.1", "3.2", "3.3", "3.4", "3.5")
 
 
@@ -63,23 +45,164 @@ class Steep(NamedTuple):
 STEEP = {"3.5": Steep((0.525,), 1, (0.45, 0.57)), "3.6": Steep((0.15, 0.175), 0, (0.12, 0.18))}
 
 
+class Problem(NamedTuple):
+    """A shell, its whole load, forces (n, 3) [N] and others, and the watched vertices, each with a direction."""
+
+    shell: ms.Shell
+    force: np.ndarray
+    watched: list[tuple[int, np.ndarray]]
+    moment: tuple[np.ndarray, float] | None = None
+
+
+def strip(family: str, cells: tuple[int, int], length: float) -> tuple[ms.Shell, np.ndarray, int]:
+    """A cantilever of width 1 and thickness 0.1; which vertices are its end, and the one in their middle."""
+    plain = square(family, cells)
+    mesh = ms.TriangleMesh(plain.vertices * (length, 1.0, 1.0), plain.faces)
+    x = mesh.vertices[:, 0]
+    shell = ms.Shell(mesh, ms.Isotropic(1.2e6, 0.0, 0.1, 1.0), clamped=x < 1e-9)
+    return shell, np.isclose(x, length), near(mesh, (length, 0.5, 0.0))
+
+
+def eighth_of_cylinder(u: np.ndarray, v: np.ndarray, diaphragm: bool) -> list[Support]:
+    """Planes of symmetry of an eighth of a cylinder, and a rigid diaphragm at its end."""
+    planes: list[Support] = [
+        ms.Symmetry(np.isclose(u, 0.0), (0.0, 1.0, 0.0)),
+        ms.Symmetry(np.isclose(v, 0.0), (0.0, 0.0, 1.0)),
+        ms.Symmetry(np.isclose(v, 1.0), (1.0, 0.0, 0.0)),
+    ]
+    return [*planes, ms.Diaphragm(np.isclose(u, 1.0), axis=(0.0, 1.0, 0.0))] if diaphragm else planes
+
+
+def cantilever(family: str, cells: tuple[int, int]) -> Problem:
+    """3.1: length 10, width 1, thickness 0.1; the shear at its end is 4."""
+    shell, end, tip = strip(family, cells, 10.0)
+    return Problem(shell, spread(shell.mesh, end, 4.0 * Z), [(tip, -X), (tip, Z)])
+
+
+def ring(family: str, cells: tuple[int, int]) -> Problem:
+    """3.2: length 12, width 1, thickness 0.1; the moment at its end is 50 pi / 3, which bends it to a full ring."""
+    shell, end, tip = strip(family, cells, 12.0)
+    return Problem(shell, np.zeros_like(shell.rest_positions), [(tip, -X), (tip, Z)], (end, 50.0 * np.pi / 3.0))
+
+
+def annulus(family: str, cells: tuple[int, int]) -> Problem:
+    """3.3: radii 6 and 10, thickness 0.03; one side of the slit is clamped, the other lifted by 0.8 a length."""
+    plain = square(family, cells)
+    u, v, _ = plain.vertices.T
+    radius, angle = 6.0 * (10.0 / 6.0) ** v, 2.0 * np.pi * u
+    points = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), 0.0 * u])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ms.ModalShellWarning)  # the slit is meant
+        mesh = ms.TriangleMesh(points, plain.faces[:, ::-1])
+    shell = ms.Shell(mesh, ms.Isotropic(21e6, 0.0, 0.03, 1.0), clamped=u < 1e-9)
+    end = np.isclose(u, 1.0)
+    inner, outer = (int(np.flatnonzero(end)[pick(radius[end])]) for pick in (np.argmin, np.argmax))
+    return Problem(shell, spread(mesh, end, 3.2 * Z), [(inner, Z), (outer, Z)])
+
+
+def hemisphere(family: str, cells: tuple[int, int]) -> Problem:
+    """3.4: a quarter of radius 10 and thickness 0.04 with a hole of 18 degrees; 400 pulls at A and pushes at B."""
+    plain = square(family, cells)
+    u, v, _ = plain.vertices.T
+    low = np.log(np.tan(np.radians(9.0)))
+    polar, angle = 2.0 * np.arctan(np.exp(low * (1.0 - u))), 0.5 * np.pi * v  # angles are kept
+    points = 10.0 * np.column_stack([np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), np.cos(polar)])
+    mesh = ms.TriangleMesh(points, plain.faces)
+    pulled, pushed = near(mesh, (0.0, 10.0, 0.0)), near(mesh, (10.0, 0.0, 0.0))
+    supports: list[Support] = [
+        ms.Symmetry(np.isclose(v, 1.0), (1.0, 0.0, 0.0)),
+        ms.Symmetry(np.isclose(v, 0.0), (0.0, 1.0, 0.0)),
+        ms.Fix([near(mesh, tuple(points[np.isclose(u, 0.0)][0]))], axes="z"),
+    ]
+    shell = ms.Shell(mesh, ms.Isotropic(6.825e7, 0.3, 0.04, 1.0), supports=supports)
+    force = np.zeros_like(points)
+    force[pulled], force[pushed] = 200.0 * Y, -200.0 * X  # halves: both lie in a plane of symmetry
+    return Problem(shell, force, [(pulled, Y), (pushed, -X)])
+
+
+def cylinder(family: str, cells: tuple[int, int]) -> Problem:
+    """3.5: an eighth of radius 4.953, length 10.35 and thickness 0.094; 40,000 pull at its middle."""
+    mesh, u, v = quarter_cylinder(family, cells, 4.953, 5.175)
+    supports = eighth_of_cylinder(u, v, diaphragm=False)
+    shell = ms.Shell(mesh, ms.Isotropic(10.5e6, 0.3125, 0.094, 1.0), supports=supports)
+    pulled = near(mesh, (0.0, 0.0, 4.953))
+    force = np.zeros_like(mesh.vertices)
+    force[pulled] = 10000.0 * Z
+    beside, end = near(mesh, (4.953, 0.0, 0.0)), near(mesh, (4.953, 5.175, 0.0))
+    return Problem(shell, force, [(pulled, Z), (beside, -X), (end, -X)])
+
+
+def pinched_cylinder(family: str, cells: tuple[int, int]) -> Problem:
+    """3.6: an eighth of radius 100, length 200 and thickness 1 between rigid diaphragms; 12,000 push at its middle.
+
+    Cells are smaller towards the force: equal ones leave its dent twice as far off.
+    """
+    mesh, u, v = quarter_cylinder(family, cells, 100.0, 100.0, GRADING)
+    supports = eighth_of_cylinder(u, v, diaphragm=True)
+    shell = ms.Shell(mesh, ms.Isotropic(30e3, 0.3, 1.0, 1.0), supports=supports)
+    pushed, beside = near(mesh, (0.0, 0.0, 100.0)), near(mesh, (100.0, 0.0, 0.0))
+    force = np.zeros_like(mesh.vertices)
+    force[pushed] = -3000.0 * Z
+    return Problem(shell, force, [(pushed, -Z), (beside, X)])
+
+
+def semi_cylinder(family: str, cells: tuple[int, int]) -> Problem:
+    """3.7: a half of radius 1.016, length 3.048 and thickness 0.03, clamped at one end; 2,000 push at the other.
+
+    Its straight edges keep their height and do not turn: they lie in a plane of symmetry.
+    """
+    mesh, u, v = quarter_cylinder(family, cells, 1.016, 3.048)
+    supports: list[Support] = [
+        ms.Clamp(np.isclose(u, 0.0)),
+        ms.Symmetry(np.isclose(v, 0.0), (0.0, 0.0, 1.0)),
+        ms.Symmetry(np.isclose(v, 1.0), (1.0, 0.0, 0.0)),
+    ]
+    shell = ms.Shell(mesh, ms.Isotropic(20.685e6, 0.3, 0.03, 1.0), supports=supports)
+    pushed = near(mesh, (0.0, 3.048, 1.016))
+    force = np.zeros_like(mesh.vertices)
+    force[pushed] = -1000.0 * Z
+    return Problem(shell, force, [(pushed, -100.0 * Z)])  # the table's unit is a hundredth
+
+
+class Benchmark(NamedTuple):
+    """A problem: how it is built of a mesh family and the cells of a unit square, and how many along and across."""
+
+    name: str
+    build: Callable[[str, tuple[int, int]], Problem]
+    cells: tuple[int, int]
+
+
+PROBLEMS = {
+    "3.1": Benchmark("cantilever, end shear", cantilever, (40, 4)),
+    "3.2": Benchmark("cantilever, end moment", ring, (60, 5)),
+    "3.3": Benchmark("slit annulus", annulus, (98, 8)),
+    "3.4": Benchmark("hemisphere", hemisphere, (28, 24)),
+    "3.5": Benchmark("open cylinder", cylinder, (24, 36)),
+    "3.6": Benchmark("pinched cylinder", pinched_cylinder, (42, 66)),
+    "3.7": Benchmark("pinched semi-cylinder", semi_cylinder, (48, 48)),
+}
+"""The problems by their sections."""
+
+
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All problems, mesh families and tabulated loads; ``quick`` takes one family, coarse meshes and few loads."""
     tables = json.loads(Path(__file__).with_name("sze_liu_lo.json").read_text(encoding="utf-8"))["problems"]
-    families = FAMILIES[:1] if quick else FAMILIES
-    cases = [(name, family) for name in (QUICK if quick else PROBLEMS) for family in families]
-    rows: list[dict[str, Any]] = []
     steep: list[dict[str, Any]] = []
-    for name, family in counted(cases, on_step):
-        case = {"problem": name, "mesh": family}
-        along, across = CELLS[name]
-        problem = PROBLEMS[name](family, (along // 2, across // 2) if quick else (along, across))
-        entries = tables[name]["rows"][4::5] if quick else tables[name]["rows"]
-        rows += [case | row for row in solve(problem, entries)]
-        if name in STEEP and not quick:
-            steep += [case | row for row in at_displacements(problem, entries, STEEP[name])]
-    record = run_record({"cells": CELLS, "steep": STEEP, "grading of 3.6": GRADING})
-    return StudyResult("large_deflection_benchmarks", {"names": NAMES, "rows": rows, "steep": steep}, {}, record)
+
+    def answers(problem: str, mesh: str) -> list[dict[str, Any]]:
+        along, across = PROBLEMS[problem].cells
+        built = PROBLEMS[problem].build(mesh, (along // 2, across // 2) if quick else (along, across))
+        entries = tables[problem]["rows"][4::5] if quick else tables[problem]["rows"]
+        found = solve(built, entries)
+        if problem in STEEP and not quick:
+            at_snap = at_displacements(built, entries, STEEP[problem])
+            steep.extend({"problem": problem, "mesh": mesh, **row} for row in at_snap)
+        return found
+
+    cases = crossed(problem=QUICK if quick else PROBLEMS, mesh=FAMILIES[:1] if quick else FAMILIES)
+    rows = rows_of(answers, cases, on_step)
+    names = {key: problem.name for key, problem in PROBLEMS.items()}
+    return result_of("large_deflection_benchmarks", {"names": names, "rows": rows, "steep": steep}, quick=quick)
 
 
 def solve(problem: Problem, entries: list[list[float]]) -> list[dict[str, Any]]:
@@ -130,46 +253,49 @@ def at_displacements(problem: Problem, entries: list[list[float]], steep: Steep)
     return rows
 
 
-def table(result: StudyResult) -> str:
-    """The largest error of each problem and mesh, and every displacement, as Markdown tables."""
-    rows, names = result.findings["rows"], result.findings["names"]
-    lines = [
-        "| problem | mesh | vertices | largest error [%] | at share of the load | not converged |",
-        "|---" * 6 + "|",
-    ]
-    for problem, family in dict.fromkeys((row["problem"], row["mesh"]) for row in rows):
-        own = [r for r in rows if (r["problem"], r["mesh"]) == (problem, family)]
-        parts = [("", own)]
+def largest_errors(found: dict[str, Any]) -> list[dict[str, Any]]:
+    """The worst row of each problem on each mesh, before and beyond its snap, and those at its snap."""
+    worst = []
+    for problem, family in dict.fromkeys((row["problem"], row["mesh"]) for row in found["rows"]):
+        parts = {"": (-np.inf, np.inf)}
         if problem in STEEP:
             shares = STEEP[problem].shares
-            parts = [
-                (", up to its snap", [r for r in own if r["share"] < shares[0]]),
-                (", beyond", [r for r in own if r["share"] > shares[-1]]),
-            ]
-        for name, chosen in parts:
-            worst = max(chosen, key=lambda row: row["error"])
-            wrong = sum(row["status"] != "converged" for row in chosen)
-            lines.append(
-                f"| {problem} {names[problem]}{name} | {family} | {worst['vertices']} | {100 * worst['error']:.2f} "
-                f"| {worst['share']:g} | {wrong} |"
-            )
-    for row in result.findings["steep"]:
-        error = "-" if row["error"] is None else f"{100 * row['error']:.2f}"
-        name = f"{row['problem']} {names[row['problem']]}, its snap: load at the displacement"
-        lines.append(f"| {name} | {row['mesh']} | - | {error} | {row['share']:g} | 0 |")
-    lines += ["", "| problem | mesh | share | found | published | error [%] |", "|---" * 6 + "|"]
-    for row in rows:
-        found, published = (", ".join(f"{value:.3f}" for value in row[key]) for key in ("found", "published"))
-        where = f"| {row['problem']} | {row['mesh']} | {row['share']:g} "
-        lines.append(f"{where}| {found} | {published} | {100 * row['error']:.2f} |")
-    return "\n".join(lines)
+            parts = {", up to its snap": (-np.inf, shares[0]), ", beyond": (shares[-1], np.inf)}
+        for words, (low, high) in parts.items():
+            own = [row for row in found["rows"] if (row["problem"], row["mesh"]) == (problem, family)]
+            own = [row for row in own if low < row["share"] < high]
+            wrong = sum(row["status"] != "converged" for row in own)
+            named = {"name": f"{problem} {PROBLEMS[problem].name}{words}", "wrong": wrong}
+            worst.append(max(own, key=lambda row: row["error"]) | named)
+    for row in found["steep"]:
+        name = f"{row['problem']} {PROBLEMS[row['problem']].name}, its snap: load at the displacement"
+        worst.append({**row, "name": name, "vertices": None, "wrong": 0})
+    return worst
 
 
-def finding(tables: list[Table]) -> str:
+def table(result: StudyResult) -> str:
+    """The largest error of each problem and mesh, and every displacement, as Markdown tables."""
+    rows = [
+        row | {key: ", ".join(f"{value:.3f}" for value in row[key]) for key in ("found", "published")}
+        for row in result.findings["rows"]
+    ]
+    largest = markdown(
+        "problem | mesh | vertices | largest error [%] | at share of the load | not converged",
+        "{name} | {mesh} | {vertices:} | {error:100*.2f} | {share:g} | {wrong}",
+        largest_errors(result.findings),
+    )
+    every = markdown(
+        "problem | mesh | share | found | published | error [%]",
+        "{problem} | {mesh} | {share:g} | {found} | {published} | {error:100*.2f}",
+        rows,
+    )
+    return paragraphs(largest, every)
+
+
+def finding(result: StudyResult) -> str:
     """The largest error of each problem over all meshes."""
     largest: dict[str, float] = {}
-    for row in tables[0]:
-        name = row["problem"]
-        largest[name] = max(largest.get(name, 0.0), number(row["largest error [%]"]))
-    words = "; ".join(f"{name} {value:.2g} %" for name, value in largest.items())
+    for row in largest_errors(result.findings):
+        largest[row["name"]] = max(largest.get(row["name"], 0.0), row["error"] or 0.0)
+    words = "; ".join(f"{name} {100 * value:.2g} %" for name, value in largest.items())
     return f"Largest errors over all loads and three mesh families against Sze, Liu and Lo: {words}."

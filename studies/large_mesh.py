@@ -3,8 +3,6 @@
 A creature of 13,000 vertices stands on its open feet; the ground under it starts, stops and turns. MWTS with four modes
 (paper: 13,117 vertices, 18 s of preprocessing, 200 frames/s) answers every frame; LMA is measured too. The study
 lists what preprocessing costs, part by part, and the rate of whole frames: load, modal step and positions.
-
-Run it alone with ``modalshell reproduce --only large_mesh``.
 """
 
 from __future__ import annotations
@@ -16,10 +14,12 @@ from typing import Any
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import repository_file, run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import repository_file
+from modalshell.files.study_result import StudyResult
 from modalshell.modes.modal_rotation import rotation_matrix
-from studies.pages import number
+from studies.pages import markdown, result_of
 
 FIGURES = ("figure_3",)
 
@@ -43,7 +43,7 @@ KEYFRAMES = np.array(
 )
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Preprocess, drive and time the creature; ``quick`` simulates a quarter of the time."""
     duration = DURATION / 4 if quick else DURATION
     parts: dict[str, float] = {}
@@ -97,8 +97,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         "faces": mesh.faces.astype(np.int32),
         "rest": mesh.vertices,
     }
-    parameters = {"material": MATERIAL, "duration": duration, "dt": FRAME, "damping": DAMPING, "keyframes": KEYFRAMES}
-    return StudyResult("large_mesh", findings, arrays, run_record(parameters))
+    return result_of("large_mesh", findings, arrays, duration=duration)
 
 
 def _shell(mesh: ms.TriangleMesh) -> None:
@@ -124,29 +123,27 @@ def _relative(run: ms.Trajectory, path: ms.SupportPath) -> np.ndarray:
 def table(result: StudyResult) -> str:
     """The findings as Markdown tables."""
     found = result.findings
-    lines = ["| preprocessing | seconds |", "|---|---|"]
-    lines += [f"| {name} | {seconds:.3f} |" for name, seconds in found["preprocessing_seconds"].items()]
-    lines.append(f"| all | {sum(found['preprocessing_seconds'].values()):.3f} |")
+    parts = found["preprocessing_seconds"] | {"all": sum(found["preprocessing_seconds"].values())}
     facts = {
-        "vertices, triangles, edges": f"{found['vertices']:,}, {found['triangles']:,}, {found['edges']:,}",
+        "vertices, triangles, edges": "{vertices:,}, {triangles:,}, {edges:,}",
         "modes and their frequencies [Hz]": ", ".join(f"{value:.3f}" for value in found["frequencies_hz"]),
-        "factorisation": found["backend"],
-        "whole frames per second (load, step, positions; one thread)": f"{found['frames_per_second']:.0f}",
-        "largest swing, of the creature's length": f"{100 * found['largest_swing']:.0f} %",
-        "largest area change, MWTS and LMA": f"{100 * found['area_change_mwts']:.1f} %, "
-        f"{100 * found['area_change_lma']:.1f} %",
+        "factorisation": "{backend}",
+        "whole frames per second (load, step, positions; one thread)": "{frames_per_second:.0f}",
+        "largest swing, of the creature's length": "{largest_swing:.0%}",
+        "largest area change, MWTS and LMA": "{area_change_mwts:.1%}, {area_change_lma:.1%}",
     }
-    lines += ["", "| | |", "|---|---|", *(f"| {name} | {value} |" for name, value in facts.items())]
-    return "\n".join(lines)
+    lines = [f"| {name} | {value.format(**found).replace('%', ' %')} |" for name, value in facts.items()]
+    seconds = [{"part": name, "seconds": value} for name, value in parts.items()]
+    preprocessing = markdown("preprocessing | seconds", "{part} | {seconds:.3f}", seconds)
+    return "\n".join([preprocessing, "", "| | |", "|---|---|", *lines])
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Size, speed and preprocessing."""
-    (*_, whole), facts = [[list(row.values()) for row in table] for table in tables]
-    told = {name.split(",")[0].split(" (")[0]: value for name, value in facts}
-    warped, linear = told["largest area change"].split(", ")
+    found = result.findings
     return (
-        f"{told['vertices'].split(', ')[0]} vertices run at {told['whole frames per second']} whole frames a second on "
-        f"one thread after {number(whole[1]):.1f} s of preprocessing. Areas change by {warped} at most with MWTS, by "
-        f"{linear} with LMA."
+        f"{found['vertices']:,} vertices run at {found['frames_per_second']:.0f} whole frames a second on one thread "
+        f"after {sum(found['preprocessing_seconds'].values()):.1f} s of preprocessing. Areas change by "
+        f"{percent(found['area_change_mwts'], '.1f')} at most with MWTS, by {percent(found['area_change_lma'], '.1f')} "
+        "with LMA."
     )

@@ -10,14 +10,11 @@ easily than a shell: a rectangle of width w and thickness t has the torsion cons
 w t^3 / 3 (Timoshenko and Goodier), so that its critical load is less by 0.315 t / w. The load is the first bifurcation
 on the path of equilibria. This is the lateral buckling test of Romero et al. (2021, ``romero2021``); no number is
 theirs.
-
-Run it alone with ``modalshell reproduce --only lateral_buckling``.
 """
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any, TypedDict
 
 import numpy as np
@@ -26,12 +23,11 @@ from scipy.linalg import eigvalsh
 from scipy.optimize import brentq
 
 import modalshell as ms
+from modalshell.compare.report import percent
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, flat_shell
-from studies.pages import number
-from studies.progress import counted
+from modalshell.files.study_result import StudyResult
+from studies.pages import markdown, result_of
+from studies.shell_theory import ENERGIES, FAMILIES, Sheet, columns, crossed, finite_elements, flat_shell, rows_of
 
 FIGURES = ("lateral_buckling",)
 
@@ -50,25 +46,33 @@ NARROW = 12.8538
 NARROWER = (0.0125, 0.025)
 """Widths without finite elements, which show the limit."""
 CLAMP, BEAM_END = "clamp", "beam end"
+WORDS = (
+    "The lateral buckling test of Romero et al. (2021). The narrow strip's values are those of a formula with "
+    "Bessel functions, the finite elements' of CalculiX; none is of the paper. Solid strips twist more easily than "
+    "shells, by 0.63 t / w of the torsion constant: the last column is without this. A beam end holds a section's "
+    "position and mean slope and leaves it free to warp, as the formula has it. Critical Γ of strips of length 1:\n\n"
+)
 RANGE = (0.8, 1.8)
 """Share of the reference, or of the narrow strip's load, between which the bifurcation is looked for."""
 
 
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All widths, supports, energies and meshes; ``quick`` takes one mesh and one width of either support."""
-    text = Path(__file__).with_name("finite_elements.json").read_text(encoding="utf-8")
-    solids = json.loads(text)["lateral_buckling"]["cases"]
-    families = FAMILIES[:1] if quick else FAMILIES
+    solids, families = finite_elements("lateral_buckling"), FAMILIES[:1] if quick else FAMILIES
     strips = [s for nu in (0.0, 0.3) for s in (*narrower(nu), *solids) if s["poisson"] == nu]
     clamped, ended = (solids[2::4], solids[::4]) if quick else (strips, strips)
-    cases = [(strip, CLAMP, energy, family) for strip in clamped for energy in ENERGIES for family in families]
-    cases += [({**strip, "gamma": None}, BEAM_END, "Isotropic", family) for strip in ended for family in families]
-    rows: list[dict[str, Any]] = []
-    for strip, support, energy, family in counted(cases, on_step):
-        found = critical(strip, energy, family) if support == CLAMP else critical_of_beam_end(strip, family)
-        row = {"narrow": narrow(strip["poisson"]), "support": support, "energy": energy, "mesh": family, "found": found}
-        rows.append({**strip, **row})
-    return StudyResult("lateral_buckling", {"rows": rows}, {}, run_record({"range": RANGE}))
+
+    def found(strip: Strip, support: str, energy: str, mesh: str) -> dict[str, Any]:
+        gamma = critical(strip, energy, mesh) if support == CLAMP else critical_of_beam_end(strip, mesh)
+        return {**strip, "narrow": narrow(strip["poisson"]), "found": gamma}
+
+    cases = crossed(strip=clamped, support=[CLAMP], energy=ENERGIES, mesh=families)
+    free = [{**strip, "gamma": None} for strip in ended]
+    cases += crossed(strip=free, support=[BEAM_END], energy=ENERGIES[:1], mesh=families)
+    rows = rows_of(found, cases, on_step)
+    for row in rows:
+        del row["strip"]
+    return result_of("lateral_buckling", {"rows": rows}, quick=quick)
 
 
 def narrow(poisson: float) -> float:
@@ -123,8 +127,7 @@ def critical_of_beam_end(strip: Strip, family: str) -> float:
 def _problem(strip: Strip, family: str) -> tuple[ms.TriangleMesh, Sheet, float]:
     """Mesh and sheet of a strip, and the gravity [m/s^2] for each unit of Gamma."""
     across = 4 if strip["width"] < 0.15 else 8 if strip["width"] < 0.3 else 16
-    stretch = 2.0 / np.sqrt(3.0) if family == "equilateral" else 1.0
-    cells = (round(across / strip["width"] / stretch), across)
+    cells = (columns(family, across / strip["width"]), across)
     mesh = ms.flat_beam(length=1.0, width=strip["width"], cells=cells, family=family)
     sheet: Sheet = {"young": 1e9, "poisson": strip["poisson"], "thickness": strip["thickness"], "density": 1000.0}
     rigidity = sheet["young"] * sheet["thickness"] ** 3 / (12.0 * (1.0 - sheet["poisson"] ** 2))
@@ -135,51 +138,52 @@ def _first_section(mesh: ms.TriangleMesh) -> NDArray[np.bool_]:
     return mesh.vertices[:, 0] < 1e-9
 
 
+def solid_gamma(row: dict[str, Any]) -> float | None:
+    """Critical Gamma of solid finite elements."""
+    return row["gamma"]
+
+
+def thin(row: dict[str, Any]) -> float | None:
+    """That of finite elements as thin as a shell."""
+    return None if row["gamma"] is None else row["gamma"] * (1.0 + 0.315 * row["thickness"] / row["width"])
+
+
+def off(row: dict[str, Any], reference: float | None) -> float | None:
+    """Error of what was found; None where one of both is missing."""
+    return None if row["found"] is None or reference is None else row["found"] / reference - 1.0
+
+
 def table(result: StudyResult) -> str:
     """One row per strip, energy and mesh, as a Markdown table."""
-    lines = [
-        "The lateral buckling test of Romero et al. (2021). The narrow strip's values are those of a formula with "
-        "Bessel functions, the finite elements' of CalculiX; none is of the paper. Solid strips twist more easily than "
-        "shells, by 0.63 t / w of the torsion constant: the last column is without this. A beam end holds a section's "
-        "position and mean slope and leaves it free to warp, as the formula has it. Critical Γ of strips of length 1:",
-        "",
-    ]
-    names = ["width", "Poisson's ratio", "support", "energy", "mesh", "found", "narrow strip", "over it [%]"]
-    names += ["finite elements", "off [%]", "off if thin [%]"]
-    lines += [f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
+    rows = []
     for row in result.findings["rows"]:
-        found, solid = row["found"], row["gamma"]
-        cells = [f"{row['width']:g}", f"{row['poisson']:g}", row["support"], row["energy"], row["mesh"]]
-        cells += ["none" if found is None else f"{found:.3f}", f"{row['narrow']:.3f}", _percent(found, row["narrow"])]
-        thin = None if solid is None else solid * (1.0 + 0.315 * row["thickness"] / row["width"])
-        cells += ["-" if solid is None else f"{solid:.3f}", _percent(found, solid), _percent(found, thin)]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+        over, solid, thinned = (off(row, reference) for reference in (row["narrow"], row["gamma"], thin(row)))
+        rows.append({**row, "over": over, "solid": solid, "thinned": thinned})
+    return WORDS + markdown(
+        "width | Poisson's ratio | support | energy | mesh | found | narrow strip | over it [%] | finite elements "
+        "| off [%] | off if thin [%]",
+        "{width:g} | {poisson:g} | {support} | {energy} | {mesh} | {found:.3f|none} | {narrow:.3f} | {over:100*+.2f} "
+        "| {gamma:.3f} | {solid:100*+.2f} | {thinned:100*+.2f}",
+        rows,
+    )
 
 
-def _percent(found: float | None, reference: float | None) -> str:
-    return "-" if found is None or reference is None else f"{100.0 * (found / reference - 1.0):+.2f}"
-
-
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Largest difference of both energies from finite elements."""
-    (rows,) = tables
-    largest = {
-        (energy, column): max(
-            abs(number(row[column])) for row in rows if row["energy"] == energy and row[column] != "-"
-        )
-        for energy in ENERGIES
-        for column in ("off [%]", "off if thin [%]")
-    }
-    shells = [row for row in rows if row["energy"] == "Isotropic" and row["width"] == "0.05"]
-    above = {
-        support: max(number(row["over it [%]"]) for row in shells if row["support"] == support)
-        for support in (CLAMP, BEAM_END)
-    }
+    rows = result.findings["rows"]
+    solid, beam = [row for row in rows if row["gamma"] is not None], [row for row in rows if row["width"] == 0.05]
+
+    def largest(energy: str, reference: Callable[[dict[str, Any]], float | None]) -> str:
+        return percent(max(abs(off(row, reference(row)) or 0.0) for row in solid if row["energy"] == energy), ".2g")
+
+    def above(support: str) -> str:
+        own = [off(row, row["narrow"]) for row in beam if (row["energy"], row["support"]) == ("Isotropic", support)]
+        return percent(max((one for one in own if one is not None), default=None), ".2g")
+
     return (
-        f"Clamped strips of width 0.05 to 0.4 buckle sideways within {largest['Isotropic', 'off if thin [%]']:.2g} % "
-        f"of thin finite elements ({largest['Isotropic', 'off [%]']:.2g} % of solid ones) with Isotropic shells on "
-        f"{len(FAMILIES)} mesh families; calibrated hinges are off by up to {largest['hinges', 'off [%]']:.2g} %. At "
-        f"width 0.05 shells that are held as a beam is, free to warp, are at most {above[BEAM_END]:.2g} % above the "
-        f"closed form of narrow strips, clamped ones {above[CLAMP]:.2g} %."
+        f"Clamped strips of width 0.05 to 0.4 buckle sideways within {largest('Isotropic', thin)} of thin finite "
+        f"elements ({largest('Isotropic', solid_gamma)} of solid ones) with Isotropic shells on {len(FAMILIES)} mesh "
+        f"families; calibrated hinges are off by up to {largest('hinges', solid_gamma)}. At width 0.05 shells that are "
+        f"held as a beam is, free to warp, are at most {above(BEAM_END)} above the closed form of narrow strips, "
+        f"clamped ones {above(CLAMP)}."
     )

@@ -3,37 +3,27 @@
 One end is clamped; the target of the tip moves from rest to its place within a second and stays. MWTS follows by the
 least modal forces and is left to settle; its static answer is found for itself. DS answers the same constraints where
 it can: it moves vertices, so an orientation alone says nothing to it.
-
-Run it alone with ``modalshell reproduce --only manipulation``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.pages import numbers
+from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("figure_7",)
 
-PARAMETERS: dict[str, Any] = {
-    "length": 1.0,
-    "width": 0.2,
-    "membrane": 60.0,
-    "flexure": 0.1,
-    "density": 0.2,
-    "modes": 12,
-    "dt": 1.0 / 30.0,
-    "duration": 4.0,
-    "leading": 1.0,
-    "damping": (1.0, 0.01),
-}
+LENGTH, WIDTH, MEMBRANE, FLEXURE, DENSITY = 1.0, 0.2, 60.0, 0.1, 0.2
+MODES, DT, DURATION, DAMPING = 12, 1.0 / 30.0, 4.0, (1.0, 0.01)
+LEADING = 1.0
+"""Time [s] in which the target moves."""
 CASES: dict[str, tuple[tuple[float, float, float] | None, tuple[float, float] | None]] = {
     # position [m]; rotation [degrees] about the beam (x), then upwards (-y)
     "position": ((0.738, 0.0, 0.566), None),
@@ -45,23 +35,22 @@ CASES: dict[str, tuple[tuple[float, float, float] | None, tuple[float, float] | 
 }
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Lead the beam to six targets; ``quick`` takes a coarser mesh."""
-    p = PARAMETERS
     cells = (16, 4) if quick else (40, 8)
-    mesh = ms.flat_beam(length=p["length"], width=p["width"], cells=cells)
-    material = ms.Material(p["membrane"], p["membrane"], p["flexure"], p["density"])
-    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * p["length"] / cells[0])
-    basis = ms.solve_modes(shell, p["modes"])
+    mesh = ms.flat_beam(length=LENGTH, width=WIDTH, cells=cells)
+    material = ms.Material(MEMBRANE, MEMBRANE, FLEXURE, DENSITY)
+    shell = ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
+    basis = ms.solve_modes(shell, MODES)
     model = ms.ModalWarping(basis)
-    tip = int(np.argmin(np.linalg.norm(mesh.vertices - [p["length"], 0.0, 0.0], axis=1)))
+    tip = int(np.argmin(np.linalg.norm(mesh.vertices - [LENGTH, 0.0, 0.0], axis=1)))
     rows = []
     arrays = {"faces": mesh.faces, "rest": mesh.vertices, "tip": np.array(tip)}
-    for done, (name, (position, angles)) in enumerate(CASES.items(), start=1):
+    for number, (name, (position, angles)) in counted(list(enumerate(CASES.items(), start=1)), on_step):
         turn = None if angles is None else upwards(*angles)
         static = model.equilibrium(constraints=constraints(tip, mesh.vertices[tip], position, turn))
-        led = constraints(tip, mesh.vertices[tip], position, turn, leading=p["leading"])
-        run = ms.simulate(model, duration=p["duration"], dt=p["dt"], damping=p["damping"], constraints=led)
+        led = constraints(tip, mesh.vertices[tip], position, turn, leading=LEADING)
+        run = ms.simulate(model, duration=DURATION, dt=DT, damping=DAMPING, constraints=led)
         assert static.coordinates is not None
         row = {
             "case": name,
@@ -73,10 +62,10 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             "area_change": ms.measure.area_change(static.positions, mesh),
             "motion_status": run.status,
             "motion_residual": float(run.constraint_residuals.max()),
-            "settled_apart": float(np.abs(run.positions[-1] - static.positions).max()) / p["length"],
+            "settled_apart": float(np.abs(run.positions[-1] - static.positions).max()) / LENGTH,
             "frames_per_second": (len(run.times) - 1) / run.seconds,
         }
-        key = f"case_{done}"
+        key = f"case_{number}"
         arrays |= {f"{key}_mwts": static.positions, f"{key}_motion": run.positions.astype(np.float32)}
         arrays[f"{key}_turn"] = (basis.rotations @ static.coordinates).reshape(-1, 3)[tip]
         if position is not None:
@@ -90,10 +79,8 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             }
             arrays[f"{key}_ds"] = truth.positions
         rows.append(row)
-        if on_step is not None:
-            on_step(done, len(CASES))
     findings = {"vertices": len(mesh.vertices), "frequencies_hz": basis.frequencies, "rows": rows}
-    return StudyResult("manipulation", findings, arrays, run_record({**p, "cells": cells, "cases": CASES}))
+    return result_of("manipulation", findings, arrays, cells=cells)
 
 
 def upwards(twist: float, lift: float) -> list[float]:
@@ -130,39 +117,32 @@ def constraints(
 
 def table(result: StudyResult) -> str:
     """The findings as a Markdown table."""
-    lines = [
-        "| constraint | static residual | in motion | modal energy [J] | DS energy [J] | MWTS error | area change |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for row in result.findings["rows"]:
-        truth, error = "no counterpart", "-"
-        if "error" in row:
-            truth, error = f"{row['ds_energy']:.3f}", f"{100 * row['error']:.1f} %"
-        lines.append(
-            f"| {row['case']} | {max(row['residuals']):.0e} | {row['motion_residual']:.0e} | {row['modal_energy']:.3f} "
-            f"| {truth} | {error} | {100 * row['area_change']:+.1f} % |"
-        )
-    return "\n".join([*lines, "", *_remarks(result)])
-
-
-def finding(tables: list[Table]) -> str:
-    """How well targets are met, and how far the shapes are from those of DS."""
-    (rows,) = tables
-    errors = numbers(rows, "MWTS error")
-    worst = max(numbers(rows, "in motion"))
-    return (
-        f"All {len(rows)} targets of position and orientation are met in motion within {worst:.0e} (m, rad). Shapes "
-        f"under the same position target are {min(errors):.0f} to {max(errors):.0f} % off DS."
-    )
-
-
-def _remarks(result: StudyResult) -> list[str]:
     rows = result.findings["rows"]
-    slowest = min(row["frames_per_second"] for row in rows)
-    apart = max(row["settled_apart"] for row in rows)
-    return [
+    apart, slowest = max(row["settled_apart"] for row in rows), min(row["frames_per_second"] for row in rows)
+    answers = markdown(
+        "constraint | static residual | in motion | modal energy [J] | DS energy [J] | MWTS error | area change",
+        "{case} | {largest:.0e} | {motion_residual:.0e} | {modal_energy:.3f} | {ds_energy:.3f|no counterpart} "
+        "| {apart} | {area_change:100*+.1f} %",
+        [
+            {"ds_energy": None} | row | {"largest": max(row["residuals"]), "apart": percent(row.get("error"), ".1f")}
+            for row in rows
+        ],
+    )
+    return (
+        f"{answers}\n\n"
         "Residuals in m and rad (the beam is 1 m long). After their targets stand still, motions settle within "
         f"{100 * apart:.2g} % of the length of the static answers; the slowest ran at {slowest:.0f} frames a second. "
         "Modal warping draws a bent beam in where DS keeps its length: a tip held in place and turned is pulled out by "
         "in-plane modes, which is what the modal energy of 'both' pays for."
-    ]
+    )
+
+
+def finding(result: StudyResult) -> str:
+    """How well targets are met, and how far the shapes are from those of DS."""
+    rows = result.findings["rows"]
+    errors = [100 * row["error"] for row in rows if "error" in row]
+    return (
+        f"All {len(rows)} targets of position and orientation are met in motion within "
+        f"{max(row['motion_residual'] for row in rows):.0e} (m, rad). Shapes "
+        f"under the same position target are {min(errors):.0f} to {max(errors):.0f} % off DS."
+    )

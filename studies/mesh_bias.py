@@ -9,12 +9,11 @@ over the exact one; of several loads or meshes the root of their mean square.
 The order of convergence is the slope of the logarithm of the waves' error. Four loads and, on random meshes, several
 seeds are taken together, as one answer alone may cross the exact one as cells get smaller. Sizes are multiples of six,
 by which equilateral cells keep one ratio of their sides.
-
-Run it alone with ``modalshell reproduce --only mesh_bias``.
 """
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,13 +22,11 @@ from scipy.stats import linregress, t
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 from modalshell.mesh.lloyd import delaunay_faces, relax_in_rectangle
 from modalshell.supports import Support
-from studies.both_energies import ENERGIES, Sheet, flat_shell
-from studies.pages import number
-from studies.progress import counted
+from studies.pages import markdown, paragraphs, result_of
+from studies.shell_theory import ENERGIES, Sheet, crossed, flat_shell, plate, rows_of
 
 FIGURES = ("mesh_bias",)
 
@@ -51,30 +48,26 @@ SMALL = 1e-5
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All meshes, sizes, energies and problems; ``quick`` leaves out the finest meshes."""
     sizes = (6, 12) if quick else (12, 18, 24, 30, 36)
-    rows: list[dict[str, Any]] = []
     refined: dict[str, list[float]] = {name: [] for name in MESHES}
-    cases = [(name, cells) for name in MESHES for cells in sizes]
-    for name, cells in counted(cases, on_step):
-        mesh = square(name, cells)
-        for energy in ENERGIES:
-            for problem in PROBLEMS:
-                error = deviation(energy, mesh, problem)
-                found = {"mesh": name, "cells": cells, "vertices": len(mesh.vertices), "energy": energy}
-                rows.append({**found, "problem": problem, "error": error})
-        refined[name].append(refinement(name, cells, 1 if quick else SEEDS.get(name, 1)))
+
+    def errors(mesh: str, cells: int) -> list[dict[str, Any]]:
+        made = square(mesh, cells)
+        refined[mesh].append(refinement(mesh, cells, 1 if quick else SEEDS.get(mesh, 1)))
+        rows = rows_of(lambda **of: {"error": deviation(mesh=made, **of)}, crossed(energy=ENERGIES, problem=PROBLEMS))
+        return [{"vertices": len(made.vertices), **row} for row in rows]
+
+    rows = rows_of(errors, crossed(mesh=MESHES, cells=sizes), on_step)
     orders = {
         name: dict(zip(("order", "interval"), order(sizes, errors), strict=True)) for name, errors in refined.items()
     }
-    findings = {"rows": rows, "refined": {name: np.array(errors) for name, errors in refined.items()}, "orders": orders}
-    parameters = {**SHEET, "sizes": sizes, "meshes": MESHES, "jitter": JITTER, "seeds": SEEDS, "waves": WAVES}
-    return StudyResult("mesh_bias", findings, {}, run_record(parameters))
+    findings = {"rows": rows, "refined": refined, "orders": orders}
+    return result_of("mesh_bias", findings, sizes=sizes)
 
 
 def square(name: str, cells: int, seed: int = 0) -> ms.TriangleMesh:
     """A unit square of about ``cells`` cells a side."""
     if name in FAMILIES and not seed:
-        columns = round(cells * 2.0 / np.sqrt(3.0)) if name == "equilateral" else cells
-        return ms.sheet(length=1.0, width=1.0, cells=(columns, cells), family=name)
+        return plate(name, cells)
     random = np.random.default_rng(cells + 1000 * seed)
     regular = ms.sheet(length=1.0, width=1.0, cells=(cells, cells))
     vertices = np.array(regular.vertices)
@@ -168,42 +161,48 @@ def navier(x: np.ndarray, y: np.ndarray, terms: int = 61) -> np.ndarray:
 
 def table(result: StudyResult) -> str:
     """Errors by mesh, size, problem and energy, and orders, as Markdown tables."""
-    heads = [f"{problem}, {energy}" for problem in PROBLEMS for energy in ENERGIES]
-    lines = ["Errors of the deflection [%]:", ""]
-    lines += ["| mesh | cells | vertices | " + " | ".join(heads) + " |", "|---" * (3 + len(heads)) + "|"]
-    rows = result.findings["rows"]
-    for name, cells in dict.fromkeys((row["mesh"], row["cells"]) for row in rows):
-        own = {(r["problem"], r["energy"]): r for r in rows if (r["mesh"], r["cells"]) == (name, cells)}
-        errors = " | ".join(f"{100.0 * own[p, e]['error']:.3g}" for p in PROBLEMS for e in ENERGIES)
-        lines.append(f"| {name} | {cells} | {own[PROBLEMS[0], ENERGIES[0]]['vertices']} | {errors} |")
-    sizes = dict.fromkeys(row["cells"] for row in rows)
-    lines += ["", "The waves with Isotropic shells over all seeds, errors [%], and the order of convergence with its"]
-    lines += ["interval of 95 %:", ""]
-    lines += ["| mesh | " + " | ".join(f"{cells} cells" for cells in sizes) + " | order | interval |"]
-    lines += ["|---" * (3 + len(sizes)) + "|"]
-    for name, slope in result.findings["orders"].items():
-        interval = "-" if slope["interval"] is None else f"+-{slope['interval']:.2f}"
-        errors = " | ".join(f"{100.0 * error:.3g}" for error in result.findings["refined"][name])
-        lines.append(f"| {name} | {errors} | {slope['order']:.2f} | {interval} |")
-    return "\n".join(lines)
+    found, kinds = result.findings, list(product(PROBLEMS, ENERGIES))
+    meshes: dict[Any, dict[Any, float]] = {}
+    for row in found["rows"]:
+        mesh = meshes.setdefault((row["mesh"], str(row["cells"]), str(row["vertices"])), {})
+        mesh[row["problem"], row["energy"]] = row["error"]
+    sizes = " | ".join(f"{cells} cells" for cells in dict.fromkeys(row["cells"] for row in found["rows"]))
+    return paragraphs(
+        "Errors of the deflection [%]:",
+        markdown(
+            "mesh | cells | vertices | " + " | ".join(f"{problem}, {energy}" for problem, energy in kinds),
+            "{mesh} | {errors:100*.3g}",
+            [{"mesh": " | ".join(mesh), "errors": [own[kind] for kind in kinds]} for mesh, own in meshes.items()],
+        ),
+        "The waves with Isotropic shells over all seeds, errors [%], and the order of convergence with its\n"
+        "interval of 95 %:",
+        markdown(
+            f"mesh | {sizes} | order | interval",
+            "{mesh} | {errors:100*.3g} | {order:.2f} | {sign}{interval:.2f}",
+            [
+                {"mesh": name, "errors": found["refined"][name], "sign": "+-" if one["interval"] else "", **one}
+                for name, one in found["orders"].items()
+            ],
+        ),
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Largest errors of both energies on the finest meshes, and the orders of convergence."""
-    rows, orders = tables
-    finest = max(number(row["cells"]) for row in rows)
-    fine = [row for row in rows if number(row["cells"]) == finest]
+    rows = result.findings["rows"]
+    finest = max(row["cells"] for row in rows)
 
-    def largest(head: str) -> float:
-        return max(abs(number(row[head])) for row in fine)
+    def largest(problem: str, energy: str) -> float:
+        chosen = [row for row in rows if (row["cells"], row["problem"], row["energy"]) == (finest, problem, energy)]
+        return 100 * max(row["error"] for row in chosen)
 
-    slopes = {row["mesh"]: number(row["order"]) for row in orders}
+    slopes = {name: slope["order"] for name, slope in result.findings["orders"].items()}
     last = slopes.pop("random")
     return (
-        f"With {finest:g} cells a side the deflection of a supported plate is at most "
-        f"{largest('supported, Isotropic'):.2g} % off with Isotropic shells on {len(fine)} kinds of mesh, random ones "
-        f"among them; waves converge with order {min(slopes.values()):.2f} to {max(slopes.values()):.2f}, on random "
-        f"points with {last:.2f}, not yet asymptotic; pure twist is exact to "
-        f"{largest('twisted, Isotropic'):.1g} %. Calibrated hinges are off by up to "
-        f"{largest('supported, hinges'):.2g} and {largest('twisted, hinges'):.2g} %, refined or not."
+        f"With {finest} cells a side the deflection of a supported plate is at most "
+        f"{largest('supported', 'Isotropic'):.2g} % off with Isotropic shells on {len(MESHES)} kinds of mesh, random "
+        f"ones among them; waves converge with order {min(slopes.values()):.2f} to {max(slopes.values()):.2f}, on "
+        f"random points with {last:.2f}, not yet asymptotic; pure twist is exact to "
+        f"{largest('twisted', 'Isotropic'):.1g} %. Calibrated hinges are off by up to "
+        f"{largest('supported', 'hinges'):.2g} and {largest('twisted', 'hinges'):.2g} %, refined or not."
     )

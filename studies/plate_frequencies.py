@@ -6,16 +6,12 @@ each way change them by 0.002 % at most. Modes are matched to the reference's by
 with the masses as weights, a double frequency's shapes taken together), since an energy that is wrong may put them in
 another order. The panel, clamped at a curved edge, and the V-beam are compared with solid finite elements
 (``studies/finite_elements.json``), the likeness of shapes taken at points.
-
-Run it alone with ``modalshell reproduce --only plate_frequencies``.
 """
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,11 +21,20 @@ from scipy.optimize import linear_sum_assignment
 
 import modalshell as ms
 from modalshell.core.typing import Progress
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, displacements_at, flat_shell
-from studies.pages import numbers
-from studies.progress import counted
+from modalshell.files.study_result import StudyResult
+from studies.pages import markdown, paragraphs, result_of
+from studies.shell_theory import (
+    ENERGIES,
+    FAMILIES,
+    Sheet,
+    columns,
+    crossed,
+    displacements_at,
+    finite_elements,
+    flat_shell,
+    plate,
+    rows_of,
+)
 
 FIGURES = ("plate_frequencies",)
 
@@ -50,56 +55,33 @@ Shapes = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All supports, energies and meshes at two resolutions; ``quick`` takes coarser ones."""
     resolutions = (8, 16) if quick else (22, 44)
-    cases = [(s, e, f, cells) for s in SUPPORTS for e in ENERGIES for f in FAMILIES for cells in resolutions]
-    references = {supports: reference(supports) for supports in SUPPORTS}
-    rows: list[dict[str, Any]] = []
-    for supports, energy, family, cells in counted(cases, on_step):
-        exact, shapes = references[supports]
-        found, likeness = matched_frequencies(supports, energy, family, cells, exact, shapes)
-        rows.append(found_row(supports, energy, family, cells, found, exact[:MODES], likeness))
-    elements = finite_elements()
-    for name, energy, family in [(n, e, f) for n in SHELLS for e in ENERGIES for f in FAMILIES]:
-        exact = np.array(elements[name]["frequencies"])[:MODES]
-        both = (24, 8 if name == "panel" else 4) if quick else SHELLS[name]
-        found, likeness = shell_frequencies(name, energy, family, both, elements[name])
-        rows.append(found_row(name, energy, family, both[1], found, exact, likeness))
-    numbers_of = {name: exact[:MODES] for name, (exact, _) in references.items()}
-    numbers_of |= {name: np.array(elements[name]["frequencies"])[:MODES] for name in SHELLS}
-    findings = {"reference": numbers_of, "rows": rows}
-    arrays = {name: exact for name, (exact, _) in references.items()}
-    parameters = {**SHEET, "resolutions": resolutions, "modes": MODES, "candidates": CANDIDATES, "terms": TERMS}
-    return StudyResult("plate_frequencies", findings, arrays, run_record(parameters))
+    references, elements = {supports: reference(supports) for supports in SUPPORTS}, finite_elements("frequencies")
+    exact = {name: numbers[:MODES] for name, (numbers, _) in references.items()}
+    exact |= {name: np.array(elements[name]["frequencies"])[:MODES] for name in SHELLS}
 
+    def row(name: str, found: np.ndarray, likeness: np.ndarray) -> dict[str, Any]:
+        swapped = bool((np.diff(found) < -1e-9 * found[:-1]).any())
+        return {"frequencies": found, "errors": found / exact[name] - 1.0, "likeness": likeness, "swapped": swapped}
 
-def found_row(
-    name: str, energy: str, family: str, cells: int, found: np.ndarray, exact: np.ndarray, likeness: np.ndarray
-) -> dict[str, Any]:
-    """What was found on one mesh."""
-    return {
-        "supports": name,
-        "energy": energy,
-        "mesh": family,
-        "cells": cells,
-        "frequencies": found,
-        "errors": found / exact - 1.0,
-        "likeness": likeness,
-        "swapped": bool((np.diff(found) < -1e-9 * found[:-1]).any()),
-    }
+    def of_plate(supports: str, energy: str, mesh: str, cells: int) -> dict[str, Any]:
+        return row(supports, *matched_frequencies(supports, energy, mesh, cells, *references[supports]))
 
+    def of_shell(supports: str, energy: str, mesh: str) -> dict[str, Any]:
+        cells = (24, 8 if supports == "panel" else 4) if quick else SHELLS[supports]
+        found = shell_frequencies(supports, energy, mesh, cells, elements[supports])
+        return {"cells": cells[1], **row(supports, *found)}
 
-def finite_elements() -> dict[str, Any]:
-    """Points, frequencies [Hz] and shapes of the finite elements' shells."""
-    text = Path(__file__).with_name("finite_elements.json").read_text(encoding="utf-8")
-    cases: dict[str, Any] = json.loads(text)["frequencies"]["cases"]
-    return cases
+    rows = rows_of(of_plate, crossed(supports=SUPPORTS, energy=ENERGIES, mesh=FAMILIES, cells=resolutions), on_step)
+    rows += rows_of(of_shell, crossed(supports=SHELLS, energy=ENERGIES, mesh=FAMILIES))
+    arrays = {name: numbers for name, (numbers, _) in references.items()}
+    return result_of("plate_frequencies", {"reference": exact, "rows": rows}, arrays, resolutions=resolutions)
 
 
 def shell_frequencies(
     name: str, energy: str, family: str, cells: tuple[int, int], elements: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies [Hz] of the modes that are most like each mode of the finite elements, and how alike."""
-    if family == "equilateral":
-        cells = (round(cells[0] * np.sqrt(3.0) / 2.0), cells[1])
+    cells = (columns(family, cells[0]), cells[1])
     if name == "panel":
         mesh = ms.cylinder_panel(length=0.3, radius=0.6, angle=np.degrees(0.5), cells=cells, family=family)
     else:
@@ -110,8 +92,8 @@ def shell_frequencies(
     shapes = [displacements_at(basis.shell, rest + mode.reshape(-1, 3), points).ravel() for mode in basis.modes.T]
     ones = np.ones(points.size)
     likeness = assurance(wanted.reshape(len(wanted), -1).T, np.column_stack(shapes), ones)
-    rows, columns = linear_sum_assignment(likeness, maximize=True)
-    return basis.frequencies[columns][:MODES], likeness[rows, columns][:MODES]
+    wanted_modes, chosen = linear_sum_assignment(likeness, maximize=True)
+    return basis.frequencies[chosen][:MODES], likeness[wanted_modes, chosen][:MODES]
 
 
 def reference(supports: str) -> tuple[np.ndarray, Shapes]:
@@ -168,8 +150,7 @@ def matched_frequencies(
     supports: str, energy: str, family: str, cells: int, exact: np.ndarray, shapes: Shapes
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frequency number of the shell's mode that is most like each mode of the reference (7,), and how alike (7,)."""
-    columns = round(cells * 2.0 / np.sqrt(3.0)) if family == "equilateral" else cells
-    mesh = ms.sheet(length=1.0, width=1.0, cells=(columns, cells), family=family)
+    mesh = plate(family, cells)
     clamp = mesh.vertices[:, 0] < 1e-9 if supports == "CFFF" else None
     pins = [ms.Pin(mesh.boundary_vertices)] if supports == "SSSS" else []
     shell = flat_shell(energy, mesh, SHEET, clamp, pins)
@@ -202,44 +183,37 @@ def assurance(reference_shapes: np.ndarray, found: np.ndarray, masses: np.ndarra
 
 def table(result: StudyResult) -> str:
     """The reference, and the error of each mode by supports, energy, mesh and resolution, as Markdown tables."""
-    modes = range(1, MODES + 1)
-    lines = ["Frequency numbers ω a² √(ρ h / D) of the Kirchhoff plate, and frequencies [Hz] of finite elements:", ""]
-    lines += ["| supports | " + " | ".join(f"mode {mode}" for mode in modes) + " |", "|---" * (MODES + 1) + "|"]
-    for name, exact in result.findings["reference"].items():
-        lines.append(f"| {name} | " + " | ".join(f"{value:.4f}" for value in exact) + " |")
-    lines += ["", "Errors [%], C clamped, F free, S simply supported; cells are counted across:", ""]
-    lines.append("| supports | energy | mesh | cells | " + " | ".join(f"mode {mode}" for mode in modes))
-    lines[-1] += " | largest | order of modes | least likeness of shapes |"
-    lines.append("|---" * (MODES + 7) + "|")
+    modes, rows = " | ".join(f"mode {mode}" for mode in range(1, MODES + 1)), []
     for row in result.findings["rows"]:
-        errors = 100.0 * np.asarray(row["errors"])
-        lines.append(
-            f"| {row['supports']} | {row['energy']} | {row['mesh']} | {row['cells']} | "
-            + " | ".join(f"{error:+.2f}" for error in errors)
-            + f" | {np.abs(errors).max():.2f} | {'changed' if row['swapped'] else 'kept'} "
-            f"| {min(row['likeness']):.3f} |"
-        )
-    return "\n".join(lines)
+        largest, order = np.abs(row["errors"]).max(), "changed" if row["swapped"] else "kept"
+        rows.append({**row, "largest": largest, "order": order, "least": min(row["likeness"])})
+    exact = [{"supports": name, "numbers": values} for name, values in result.findings["reference"].items()]
+    return paragraphs(
+        "Frequency numbers ω a² √(ρ h / D) of the Kirchhoff plate, and frequencies [Hz] of finite elements:",
+        markdown(f"supports | {modes}", "{supports} | {numbers:.4f}", exact),
+        "Errors [%], C clamped, F free, S simply supported; cells are counted across:",
+        markdown(
+            f"supports | energy | mesh | cells | {modes} | largest | order of modes | least likeness of shapes",
+            "{supports} | {energy} | {mesh} | {cells} | {errors:100*+.2f} | {largest:100*.2f} | {order} | {least:.3f}",
+            rows,
+        ),
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The largest error of each energy on the finer meshes, over all modes and supports."""
-    _, rows = tables
-    finest = {
-        name: max(numbers([row for row in rows if row["supports"] == name], "cells")) for name in (*SUPPORTS, *SHELLS)
-    }
+    rows = result.findings["rows"]
 
-    def largest(energy: str, name: str) -> float:
+    def largest(energy: str, name: str) -> str:
         own = [row for row in rows if (row["energy"], row["supports"]) == (energy, name)]
-        return max(
-            numbers([row for row in own if float(row["cells"]) == finest.get(name, float(row["cells"]))], "largest")
-        )
+        finest = max(row["cells"] for row in own)
+        return f"{100 * max(np.abs(row['errors']).max() for row in own if row['cells'] == finest):.2g}"
 
-    split, hinges = (", ".join(f"{largest(energy, name):.2g}" for name in SUPPORTS) for energy in ENERGIES)
-    panel, beam = ([largest(energy, name) for energy in ENERGIES] for name in SHELLS)
+    split, hinges = (", ".join(largest(energy, name) for name in SUPPORTS) for energy in ENERGIES)
+    panel, beam = (" and ".join(largest(energy, name) for energy in ENERGIES) for name in SHELLS)
+    cells = max(row["cells"] for row in rows if row["supports"] == "SSSS")
     return (
-        f"With {finest['SSSS']:g} cells a side the first {MODES} frequencies of a square plate ({', '.join(SUPPORTS)}) "
+        f"With {cells} cells a side the first {MODES} frequencies of a square plate ({', '.join(SUPPORTS)}) "
         f"are off by {split} % at most with Isotropic shells on all {len(FAMILIES)} mesh families, by {hinges} % with "
-        f"calibrated hinges; those of a curved panel by {panel[0]:.2g} and {panel[1]:.2g} %, of a V-beam by "
-        f"{beam[0]:.2g} and {beam[1]:.2g} %."
+        f"calibrated hinges; those of a curved panel by {panel} %, of a V-beam by {beam} %."
     )

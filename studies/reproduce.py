@@ -12,7 +12,7 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Progress
 from modalshell.files.atomic_io import write_text
 from modalshell.files.provenance import repository_module
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.files.study_result import StudyResult
 
 
 class Study(Protocol):
@@ -32,8 +32,8 @@ class Study(Protocol):
     def table(self, result: StudyResult) -> str:
         """The result in Markdown."""
 
-    def finding(self, tables: list[Table]) -> str:
-        """What the tables of its page say, in one or two sentences."""
+    def finding(self, result: StudyResult) -> str:
+        """What it found, in one or two sentences."""
 
 
 @cache

@@ -9,25 +9,24 @@ order only, so no stiffness fits more than one curvature; a hinge folded at rest
 The load is given as ``Gamma = 8 x (linear drop of the free end) / (free length)``; see ``v_beam_accuracy``. Timings are
 those of a static answer, and of a step of 1/30 s: implicit Euler of the shell, and one linearised step of the springs,
 both by factorisation.
-
-Run it alone with ``modalshell reproduce --only sheet_vs_shell``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.models.base.full import FullModel
 from modalshell.models.registry import TRUTH
 from modalshell.springs import shell_springs
-from studies.pages import number
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("sheet_vs_shell",)
 
@@ -41,30 +40,27 @@ GAMMAS = {
     "v_beam": tuple(4.0 ** np.arange(-3, 3)),
     "panel": tuple(4.0 ** np.arange(-3, 3)),
 }
+LARGE = 256.0
+"""Gamma of the load at which springs serve."""
 DT, STEPS = 1.0 / 30.0, 5
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All sheets, loads and reference folds; ``quick`` takes two loads, one fold and coarser meshes."""
     folds = FOLDS[1:2] if quick else FOLDS
     gammas = {name: found[1::4][:2] if quick else found for name, found in GAMMAS.items()}
     findings: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
-    done, total = 0, sum(map(len, gammas.values()))
-    for name, asked in gammas.items():
+    for name, asked in counted(list(gammas.items()), on_step):
         rows = []
         start: np.ndarray | None = None
         for shell, gravity, gamma in cases(name, asked, quick):
             row, truth = compared(shell, gravity, folds, start)
             rows.append({"gamma": gamma} | row)
             start = truth if row["ds"]["converged"] else None
-            done += 1
-            if on_step is not None:
-                on_step(done, total)
         findings[name] = rows
         arrays[f"{name}_faces"], arrays[f"{name}_last"] = np.asarray(shell.mesh.faces), truth
-    parameters = {"gravity": GRAVITY, "membrane": MEMBRANE, "density": DENSITY, "soft": SOFT, "folds": folds}
-    return StudyResult("sheet_vs_shell", {"sheets": findings, "folds": folds}, arrays, run_record(parameters))
+    return result_of("sheet_vs_shell", {"sheets": findings, "folds": folds}, arrays, quick=quick)
 
 
 def mesh_of(name: str, quick: bool) -> ms.TriangleMesh:
@@ -139,33 +135,27 @@ def step_seconds(model: FullModel, answer: Any, gravity: float) -> float:
 
 def table(result: StudyResult) -> str:
     """Table in Markdown: errors of each reference fold, and times, one row per load."""
-    folds = result.findings["folds"]
-    heads = " | ".join(f"error, fold {fold:g}" for fold in folds)
-    lines = [f"| sheet | Γ | {heads} | static [s]: DS | springs | step [ms]: DS | springs |"]
-    lines.append("|---" * (len(folds) + 6) + "|")
+    heads, lines = " | ".join(f"error, fold {fold:g}" for fold in result.findings["folds"]), []
     for name, rows in result.findings["sheets"].items():
         for row in rows:
-            errors = " | ".join(
-                "no answer" if own["error"] is None else f"{100.0 * own['error']:.1f} %" for own in row["springs"]
-            )
-            static = np.median([own["seconds"] for own in row["springs"]])
-            step = np.median([own["step"] for own in row["springs"]])
-            ds = row["ds"]
-            lines.append(
-                f"| {name} | {row['gamma']:.3g} | {errors} | {ds['seconds']:.2f} | {static:.2f} "
-                f"| {1e3 * ds['step']:.1f} | {1e3 * step:.1f} |"
-            )
-    return "\n".join(lines)
-
-
-def finding(tables: list[Table]) -> str:
-    """Errors of a strip at the least and at a large load."""
-    strip = {number(row["Γ"]): row for row in tables[0] if row["sheet"] == "strip"}
-    folds = [heading for heading in tables[0][0] if heading.startswith("error")]
-    least, large = (
-        [number(strip[gamma][fold]) for fold in folds if "%" in strip[gamma][fold]] for gamma in (0.25, 256.0)
+            errors = ["no answer" if own["error"] is None else percent(own["error"], ".1f") for own in row["springs"]]
+            median = {f"median_{key}": np.median([own[key] for own in row["springs"]]) for key in ("seconds", "step")}
+            lines.append({**row, **median, "sheet": name, "errors": errors})
+    return markdown(
+        f"sheet | Γ | {heads} | static [s]: DS | springs | step [ms]: DS | springs",
+        "{sheet} | {gamma:.3g} | {errors} | {ds[seconds]:.2f} | {median_seconds:.2f} | {ds[step]:1e3*.1f} "
+        "| {median_step:1e3*.1f}",
+        lines,
     )
+
+
+def finding(result: StudyResult) -> str:
+    """Errors of a strip at the least and at a large load."""
+    strip = {row["gamma"]: [own["error"] for own in row["springs"]] for row in result.findings["sheets"]["strip"]}
+    first, last = min(strip), max(gamma for gamma in strip if gamma <= LARGE)
+    least, large = ([error for error in strip[gamma] if error is not None] for gamma in (first, last))
     return (
-        f"A strip of springs is off discrete shells by {max(least) / 100:.0f} times their displacement at Γ = 0.25, by "
-        f"{min(large):g} to {max(large):g} % at Γ = 256, whatever its springs across hinges: springs serve as cloth."
+        f"A strip of springs is off discrete shells by {max(least):.0f} times their displacement at Γ = {first:g}, by "
+        f"{100 * min(large):.2g} to {100 * max(large):.2g} % at Γ = {last:g}, whatever its springs across hinges: "
+        "springs serve as cloth."
     )

@@ -9,23 +9,21 @@ are compared with known results:
 * A tape spring, half of its length and width. Bent, it folds, and the fold keeps its radius while it grows: the moment
   stays at ``(1 + nu) D alpha`` where the section opens outwards, ``(1 - nu) D alpha`` where inwards, D the bending
   stiffness and alpha the angle of the section [seffen1999]. Thick end blocks carry a couple of forces along its axis.
-
-Run it alone with ``modalshell reproduce --only snap``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from studies.elastica_frame import LOADED_AT, frame_path, limit_loads
-from studies.pages import number
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.tape_spring import moments, plateau_start, tape_spring
 
 FIGURES = ("snap",)
@@ -79,7 +77,7 @@ def lee_frame(cells: tuple[int, int]) -> tuple[ms.Shell, np.ndarray, float]:
     return shell, np.abs(s - 1.0 - LOADED_AT) < 1e-9, young * thickness**3 / 12.0
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Follow every path; ``quick`` takes coarser meshes."""
     found: dict[str, Any] = {"curves": [], "checks": []}
     arrays: dict[str, np.ndarray] = {}
@@ -91,7 +89,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         lambda: taped((24, 4) if quick else (48, 8)),
         *(lambda sense=sense: folded_tape(sense, (40, 10) if quick else (64, 12)) for sense in (1.0, -1.0)),
     ]
-    for done, task in enumerate(tasks, start=1):
+    for task in counted(tasks, on_step):
         curves, checks = task()
         for path, told in curves:
             found["curves"].append(told | numbers_of(path))
@@ -100,9 +98,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
                 arrays[f"{told['case']}_positions"] = path.positions[chosen]
                 arrays[f"{told['case']}_faces"] = np.asarray(path.mesh.faces)
         found["checks"] += checks
-        if on_step is not None:
-            on_step(done, len(tasks))
-    return StudyResult("snap", found, arrays, run_record({"roof": ROOF, "plateau": PLATEAU, "quick": quick}))
+    return result_of("snap", found, arrays, quick=quick)
 
 
 def numbers_of(path: ms.EquilibriumPath) -> dict[str, Any]:
@@ -218,42 +214,38 @@ def check(case: str, what: str, value: float, exact: float) -> dict[str, Any]:
 
 def table(result: StudyResult) -> str:
     """The marks of every path, and the checks, as Markdown tables."""
-    found = result.findings
-    lines = ["| case | model | bifurcation | snap | stable again | limit points | bifurcations | points |"]
-    lines.append("|" + "---|" * 8)
-    for one in found["curves"]:
-        marks = [one[key] for key in ("bifurcation", "snap", "stable_again")]
-        places = " | ".join("–" if mark is None else f"{mark:.4g}" for mark in marks)
+    paths = []
+    for one in result.findings["curves"]:
         kinds = [event[0] for event in one["events"]]
-        lines.append(
-            f"| {one['case']} | {one['model']} | {places} | {kinds.count('limit')} | {kinds.count('bifurcation')} "
-            f"| {one['points']} |"
-        )
-    lines.append("")
-    lines.append(
-        "Loads are gravity [m/s²] of the V-beams and the panel, N of the roof, EI/L² of the frame, and the couple of "
-        "the tape spring at rest over D alpha."
+        paths.append({**one, "counts": [kinds.count(kind) for kind in ("limit", "bifurcation")]})
+    return paragraphs(
+        markdown(
+            "case | model | bifurcation | snap | stable again | limit points | bifurcations | points",
+            "{case} | {model} | {bifurcation:.4g|–} | {snap:.4g|–} | {stable_again:.4g|–} | {counts} | {points}",
+            paths,
+        ),
+        "Loads are gravity [m/s²] of the V-beams and the panel, N of the roof, EI/L² of the frame, and the couple "
+        "of the tape spring at rest over D alpha.",
+        markdown(
+            "case | quantity | here | reference | off",
+            "{case} | {what} | {value:.5g} | {reference:.5g} | {off:100*.2f} %",
+            result.findings["checks"],
+        ),
     )
-    lines += ["", "| case | quantity | here | reference | off |", "|---|---|---|---|---|"]
-    for one in found["checks"]:
-        values = f"{one['value']:.5g} | {one['reference']:.5g} | {100 * one['off']:.2f} %"
-        lines.append(f"| {one['case']} | {one['what']} | {values} |")
-    return "\n".join(lines)
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """What holds of the references, and what the rungs on rest modes see of the snap."""
-    paths, checks = tables
+    found = result.findings
 
-    def worst(name: str) -> float:
-        return max(number(row["off"]) for row in checks if row["case"].startswith(name))
+    def worst(name: str) -> str:
+        return percent(max(one["off"] for one in found["checks"] if one["case"].startswith(name)), ".2g")
 
-    strip = [row for row in paths if row["case"] == "V 150°"]
-    exact = next(row for row in strip if row["model"] == "DS")
-    blind = [row["model"].split()[0] for row in strip if "twisted" not in row["model"] and row["snap"] == "–"]
+    strip = {one["model"]: one for one in found["curves"] if one["case"] == "V 150°"}
+    blind = [name.split()[0] for name, one in strip.items() if "twisted" not in name and one["snap"] is None]
     return (
-        f"Limit loads of Lee's frame are within {worst('Lee'):.2g} % of the elastica's, those of the hinged roof "
-        f"change by {worst('roof'):.2g} % between the two finest meshes, and the tape spring's moment is within "
-        f"{worst('tape'):.2g} % of its plateau's. The stiff V snaps at a gravity of {exact['snap']} and is stable "
-        f"again, flattened, from {exact['stable again']} on; on rest modes, {' and '.join(blind)} shows neither."
+        f"Limit loads of Lee's frame are within {worst('Lee')} of the elastica's, those of the hinged roof change by "
+        f"{worst('roof')} between the two finest meshes, and the tape spring's moment is within {worst('tape')} of its "
+        f"plateau's. The stiff V snaps at a gravity of {strip['DS']['snap']:.4g} and is stable again, flattened, from "
+        f"{strip['DS']['stable_again']:.4g} on; on rest modes, {' and '.join(blind)} shows neither."
     )

@@ -5,8 +5,6 @@ far each ends from NumPy's float64, over the largest displacement, is reported. 
 timed under the same conditions.
 The streaming bound is what the machine would do if springs cost nothing: two states read and one written a step, at the
 speed at which one core copies a large array. Small sheets stay in the caches and may pass it.
-
-Run it alone with ``modalshell reproduce --only spring_sheet_speed``.
 """
 
 from __future__ import annotations
@@ -20,20 +18,21 @@ from typing import Any
 import numba
 import numpy as np
 
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.kernels.device import devices
 from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.device import DeviceVerlet
 from studies.benchmarks.devices import missing_devices
 from studies.benchmarks.numpy_verlet import NumpyVerlet
 from studies.benchmarks.timing import interleaved
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("spring_sheet_speed",)
 
 SIZES = (64, 128, 256, 512, 1024)
 PRECISIONS = ("float64", "float32")
-BASE = "numba, one thread"
+BASE, FREE = "numba, one thread", "numba, free threads"
 ONE_CORE = ("NumPy", BASE, "Warp, one core")
 """Timed by the processor's clock, which stands still while others run; the other ways by the wall's."""
 PUBLISHED = {"OpenMP": (2.24, 3.40), "GPU": (4.20, 35.25)}
@@ -43,19 +42,17 @@ COPIED = 2**26
 """Bytes of the array that is copied for the bandwidth of memory."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Every way at every size; ``quick`` stops at 128^2."""
     sizes = SIZES[:2] if quick else SIZES
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
     bandwidth = copy_bandwidth()
     rows: list[dict[str, Any]] = []
     sheets: list[dict[str, Any]] = []
-    for done, size in enumerate(sizes, start=1):
+    for size in counted(sizes, on_step):
         sheet, timed = timings(size, 3 if quick else 5)
         sheets.append(sheet)
         rows += timed
-        if on_step is not None:
-            on_step(done, len(sizes))
     findings = {
         "rows": rows,
         "sheets": sheets,
@@ -65,8 +62,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     }
     findings["load"] = load
     findings["streaming_bound"] = {kind: bandwidth / bytes_of_a_mass(kind) for kind in PRECISIONS}
-    record = run_record({"sizes": sizes, "checked_steps": CHECKED_STEPS})
-    return StudyResult("spring_sheet_speed", findings, {"sizes": np.array(sizes)}, record)
+    return result_of("spring_sheet_speed", findings, {"sizes": np.array(sizes)})
 
 
 def bytes_of_a_mass(precision: str) -> int:
@@ -107,7 +103,7 @@ def steppers(grid: SheetGrid, start: np.ndarray) -> dict[tuple[str, str], Any]:
         found[BASE, precision] = GridVerlet(grid, precision, start, threads=1)
         several = GridVerlet(grid, precision, start) if most > 1 else None
         if several is not None and several.threads.most > 1:
-            found["numba, free threads", precision] = several
+            found[FREE, precision] = several
         if "Warp" not in missing_devices():
             for device in devices():
                 name = "Warp, one core" if device == "cpu" else f"Warp, {device}"
@@ -153,37 +149,39 @@ def timings(size: int, repeats: int) -> tuple[dict[str, Any], list[dict[str, Any
 
 def table(result: StudyResult) -> str:
     """Table in Markdown: every way at every size, then the bounds, what is missing, and the published speed-ups."""
-    found = result.findings
-    lines = ["| masses | way | precision | million masses a second | over NumPy, float64 | over NumPy, same precision "]
-    lines[0] += "| over numba's one core | share of the streaming bound | distance from NumPy, float64 |"
-    lines.append("|---|---|---|---|---|---|---|---|---|")
-    for row in found["rows"]:
-        share = row["masses_per_second"] / found["streaming_bound"][row["precision"]]
-        lines.append(
-            f"| {row['size']}^2 | {row['way']} | {row['precision']} | {row['masses_per_second'] / 1e6:.1f} "
-            f"| {row['over_numpy_float64']:.1f} | {row['over_numpy']:.1f} | {row['over_one_core']:.2f} "
-            f"| {100.0 * share:.0f} % | {row['distance_from_numpy']:.0e} |"
-        )
-    for name, reason in found["missing"].items():
-        lines.append(f"| all | {name} | {reason} | | | | | | |")
-    bounds = ", ".join(f"{bound / 1e6:.0f} in {kind}" for kind, bound in found["streaming_bound"].items())
-    published = "; ".join(f"{name} {low:.2f} to {high:.2f}" for name, (low, high) in PUBLISHED.items())
-    machine = result.record["machine"]
+    found, machine, bound = result.findings, result.record["machine"], result.findings["streaming_bound"]
+    ways = markdown(
+        "masses | way | precision | million masses a second | over NumPy, float64 | over NumPy, same precision "
+        "| over numba's one core | share of the streaming bound | distance from NumPy, float64",
+        "{size}^2 | {way} | {precision} | {masses_per_second:1e-6*.1f} | {over_numpy_float64:.1f} | {over_numpy:.1f} "
+        "| {over_one_core:.2f} | {share:100*.0f} % | {distance_from_numpy:.0e}",
+        [row | {"share": row["masses_per_second"] / bound[row["precision"]]} for row in found["rows"]],
+    )
+    missing = [f"| all | {name} | {reason} | | | | | | |" for name, reason in found["missing"].items()]
     words = f"Machine: {machine['processor']}, {machine['cores']} cores, shared with other work"
     if found["load"] is not None:
         words += f" ({found['load']:.1f} processes wanted to run when this began). Ways of one core are timed by the "
         words += "processor's clock; two threads and GPUs by the wall's, which on a busy machine says little"
-    copied = f"One core copies {found['bandwidth'] / 1e9:.1f} GB/s, read and written, which bounds a step's million "
-    lines += ["", f"{words}.", "", f"{copied}masses a second: {bounds}."]
-    return "\n".join([*lines, "", f"Published speed-ups over one core of a CPU, 64^2 to 1024^2: {published}."])
+    bounds = ", ".join(f"{most / 1e6:.0f} in {kind}" for kind, most in bound.items())
+    published = "; ".join(f"{name} {low:.2f} to {high:.2f}" for name, (low, high) in found["published"].items())
+    return paragraphs(
+        "\n".join([ways, *missing]),
+        f"{words}.",
+        f"One core copies {found['bandwidth'] / 1e9:.1f} GB/s, read and written, which bounds a step's million "
+        f"masses a second: {bounds}.",
+        f"Published speed-ups over one core of a CPU, 64^2 to 1024^2: {published}.",
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Speed-ups of the largest sheet over NumPy."""
-    size = next(row["masses"] for row in reversed(tables[0]) if row["masses"] != "all")
-    over = {(row["way"], row["precision"]): row["over NumPy, float64"] for row in tables[0] if row["masses"] == size}
-    one, free = "numba, one thread", "numba, free threads"
+    rows = result.findings["rows"]
+    size = max(row["size"] for row in rows)
+    over = {(row["way"], row["precision"]): row["over_numpy_float64"] for row in rows if row["size"] == size}
+    one, free = (
+        [f"{over[way, kind]:.1f}" if (way, kind) in over else "no" for kind in PRECISIONS] for way in (BASE, FREE)
+    )
     return (
-        f"Compiled kernels step {size} masses {over[one, 'float64']} times as fast as NumPy on one thread and "
-        f"{over[free, 'float64']} times on two; in float32 {over[one, 'float32']} and {over[free, 'float32']} times."
+        f"Compiled kernels step {size}^2 masses {one[0]} times as fast as NumPy on one thread and {free[0]} times on "
+        f"two; in float32 {one[1]} and {free[1]} times."
     )

@@ -16,35 +16,31 @@ leaves 1/200 of a motion. Shorter runs, undamped ones, loads at which DS statics
 compared with the same model at half the step, twice as many of them: that says nothing of the model, only of the step.
 
 Limits that have a theory are measured by bisection, see ``stability_limits``.
-
-Run it alone with ``modalshell reproduce --only stability_atlas``.
 """
 
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from functools import cache
+from itertools import repeat
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
-from modalshell.models.base.full import FullModel
-from modalshell.models.base.modal import ModalModel, as_modal
-from modalshell.modes import largest_eigenvalue
+from modalshell.models.base.modal import as_modal
 from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder
-from studies import modal_steps
 from studies import stability_limits as limits
 from studies import stability_models as models
-from studies.pages import numbers
-from studies.stability_page import page
+from studies.pages import counted, markdown, paragraphs, result_of
+from studies.stability_models import BASE, ROWS, IntegratedModel, StripScene
 
 FIGURES = ("stability_atlas",)
 
@@ -54,18 +50,12 @@ FEWEST, MOST = 40, 80
 PATIENCE = 6
 """Steps without convergence after which a run is aborted."""
 LEFT = 1.0 / 200.0
-AGREES = "agrees with half the step"
-OUTCOMES = (
-    ms.Outcome.CONVERGED.value,
-    AGREES,
-    ms.Outcome.INACCURATE.value,
-    ms.Outcome.CYCLING.value,
-    ms.Outcome.WOUND_UP.value,
-    ms.Outcome.STEPS_NOT_CONVERGED.value,
-    ms.Outcome.DIVERGED.value,
-    ms.Outcome.REFUSED.value,
-)
-ADDED_DAMPING, FREQUENCY_SHIFT = 0.05, 0.05
+CONVERGED, AGREES = ms.Outcome.CONVERGED.value, "agrees with half the step"
+INACCURATE, STEPS_NOT_CONVERGED = ms.Outcome.INACCURATE.value, ms.Outcome.STEPS_NOT_CONVERGED.value
+DIVERGED, REFUSED = ms.Outcome.DIVERGED.value, ms.Outcome.REFUSED.value
+CYCLING, WOUND_UP = ms.Outcome.CYCLING.value, ms.Outcome.WOUND_UP.value
+OUTCOMES = (CONVERGED, AGREES, INACCURATE, CYCLING, WOUND_UP, STEPS_NOT_CONVERGED, DIVERGED, REFUSED)
+COLOURED = 0.05
 """Numerical damping ratio, and relative shift of frequency, of the first mode from which motion is coloured by it."""
 
 
@@ -91,49 +81,72 @@ SLICES = {
     "needles": Slice("aspect", (1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6), "ratio", RATIOS),
     "fold": Slice("fold", FOLDS, "gamma", GAMMAS),
 }  # fmt: skip
+AXES = {
+    "step [s]": ("ratio", "step", {}),
+    "stiffness ratio": ("ratio", "ratio", {}),
+    "Γ": ("damping", "gamma", {"damping": 1.0}),
+    "damping ratio": ("damping", "damping", {}),
+    "needles, aspect": ("needles", "aspect", {}),
+    "fold [°]": ("fold", "fold", {}),
+}
+"""Lines through the base point, by heading: their map, what runs along them, and what is not as at the base point."""
+ADVICE = """Before choosing a step:
+
+* Explicit Euler and Verlet: stay below `stable_step(damping)` of `DiscreteShell` or `SpringSheet`{steps}. A stiffer
+  membrane and needles shorten it; so do springs across hinges. It is a limit of small motion about rest: under very
+  large loads even half of it may fail. The classical grid has its own, `SheetGrid.stable_step()`.
+* Implicit Euler is stable at any step as such, but adds less than 5 % of damping to the first mode only below 0.1 / ω₁.
+  The midpoint rule shifts that mode's frequency by less than 5 % up to 0.79 / ω₁, and rings on at long steps.
+* Linearised implicit Euler solves once a step, and gives up less often than the Newton of implicit Euler; but nothing
+  says that one solution was enough: take half the step and compare.
+* MWTS and RSW take their modal force from the step before, or from a predicted middle. Long steps lose the equilibrium
+  by that, the sooner the larger the load: where `studies.stability_limits.step_radius` passes one.
+* MWTS loses its equilibrium under large loads at any step, by flutter; damping puts it off. RSW does not.
+* Needles of an aspect of 1e5 have modes refused and DS not converged, MD-ROM and springs sooner; no step avoids that, a
+  better mesh does.
+* A flat sheet of springs has no bending stiffness at small angles and hangs as cloth does: the maps call that
+  inaccurate whatever the step, and right only where the load outweighs the bending.
+"""
 
 
-def classify(trajectory: ms.Trajectory, truth: np.ndarray | None, static: bool = True) -> str:
+def classify(run: ms.Trajectory, truth: np.ndarray | None, static: bool = True) -> str:
     """Outcome of a motion whose tip ought to have moved by ``truth`` (3,) [m]; without a truth nothing is accurate.
 
     ``static`` says whether the truth is the static answer of DS, not the model's own at half the step.
     """
-    if trajectory.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
-        return str(ms.Outcome.DIVERGED)
-    if trajectory.outcome in (ms.Outcome.WOUND_UP, ms.Outcome.CYCLING):
-        return str(trajectory.outcome)
-    if trajectory.unconverged_steps >= PATIENCE:
-        return str(ms.Outcome.STEPS_NOT_CONVERGED)
-    moved = models.tip_displacement(trajectory.positions[-1], trajectory.rest_positions)
+    if run.outcome in (ms.Outcome.DIVERGED, ms.Outcome.RUNS_AWAY):
+        return DIVERGED
+    if run.outcome in (ms.Outcome.WOUND_UP, ms.Outcome.CYCLING):
+        return str(run.outcome)
+    if run.unconverged_steps >= PATIENCE:
+        return STEPS_NOT_CONVERGED
+    moved = models.tip_displacement(run.positions[-1], run.rest_positions)
     if truth is not None and np.linalg.norm(moved - truth) <= TOLERANCE * np.linalg.norm(truth):
-        return str(ms.Outcome.CONVERGED) if static else AGREES
-    return str(ms.Outcome.STEPS_NOT_CONVERGED if trajectory.unconverged_steps else ms.Outcome.INACCURATE)
+        return CONVERGED if static else AGREES
+    return STEPS_NOT_CONVERGED if run.unconverged_steps else INACCURATE
 
 
-def follow(
-    row: models.IntegratedModel, model: ms.Model, scene: models.StripScene, dt: float, count: int
-) -> ms.Trajectory:
+def follow(row: IntegratedModel, model: ms.Model, scene: StripScene, dt: float, count: int) -> ms.Trajectory:
     """A run of ``count`` steps; aborted once a few steps have not converged. ModalShellError where it is refused."""
-    damping = scene.rayleigh
-    spins = row.kind == "rigid"
-    gravity = None if spins else scene.gravity
-    motion = Motion(model, dt=dt, gravity=gravity, damping=(damping.mass_factor, damping.stiffness_factor))
+    damping, spins = scene.rayleigh, row.kind == "rigid"
+    factors = (damping.mass_factor, damping.stiffness_factor)
+    motion = Motion(model, dt=dt, gravity=None if spins else scene.gravity, damping=factors)
     if spins:
         motion.state.rates[3:] = spin_of(scene)
     recorder = Recorder(motion, count, patience=PATIENCE)
     return recorder.trajectory(np.array([motion.positions() for _ in recorder.frames()]))
 
 
-def spin_of(scene: models.StripScene) -> np.ndarray:
+def spin_of(scene: StripScene) -> np.ndarray:
     """Angular velocity (3,) [rad/s] of the rigid body: ``sqrt(g / L)`` about the axis across the strip."""
     return np.sqrt(scene.gamma * models.RIGIDITY / models.DENSITY) / models.LENGTH**2 * np.array([0.0, 1.0, 0.0])
 
 
-def outcome(row: models.IntegratedModel, scene: models.StripScene) -> str:
+def outcome(row: IntegratedModel, scene: StripScene) -> str:
     """Class of one cell."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
-        return str(ms.Outcome.REFUSED)
+        return REFUSED
     ratio, omega = scene.damping, models.first_frequency(scene.ratio, scene.fold)
     decay = omega * (ratio if ratio <= 1.0 else ratio - float(np.sqrt(ratio**2 - 1.0)))
     settled = -np.log(LEFT) / decay if decay > 0.0 else np.inf
@@ -144,29 +157,22 @@ def outcome(row: models.IntegratedModel, scene: models.StripScene) -> str:
         if count * scene.step >= settled and row.kind != "rigid":
             truth = models.static_tip(scene.ratio, scene.gamma, scene.fold)
         static = truth is not None
-        if not static and classify(run, truth) in (ms.Outcome.INACCURATE, ms.Outcome.STEPS_NOT_CONVERGED):
+        if not static and classify(run, truth) in (INACCURATE, STEPS_NOT_CONVERGED):
             finer = follow(row, model, scene, 0.5 * scene.step, 2 * count)
             if finer.outcome.succeeded or finer.outcome is ms.Outcome.DISTORTED:
                 truth = models.tip_displacement(finer.positions[-1], finer.rest_positions)
     except ms.ModalShellError:
-        return str(ms.Outcome.REFUSED)
+        return REFUSED
     return classify(run, truth, static)
 
 
-def own_base(row: models.IntegratedModel) -> models.StripScene:
-    """The base point, with an explicit row's own step."""
-    if row.theory != "explicit":
-        return models.BASE
-    return replace(models.BASE, step=0.5 * explicit_limit(row, models.BASE))
-
-
-def explicit_limit(row: models.IntegratedModel, scene: models.StripScene) -> float:
+def explicit_limit(row: IntegratedModel, scene: StripScene) -> float:
     """Longest stable step [s] at rest, by theory."""
-    model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
-    return model.stable_step(scene.rayleigh)  # type: ignore[union-attr]
+    model: Any = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
+    return float(model.stable_step(scene.rayleigh))
 
 
-def excess(row: models.IntegratedModel, scene: models.StripScene) -> float | None:
+def excess(row: IntegratedModel, scene: StripScene) -> float | None:
     """Positive where theory calls a scene unstable, negative where stable; None where there is no theory."""
     model = models.model_of(row.name, scene.ratio, scene.aspect, scene.fold)
     if isinstance(model, str):
@@ -178,20 +184,20 @@ def excess(row: models.IntegratedModel, scene: models.StripScene) -> float | Non
         return float(np.log(slowed))
     if row.kind != "modal" or (modal := as_modal(model)) is None:
         return None
-    slope = _equilibrium(row.coordinates or row.name, scene.ratio, scene.gamma, scene.aspect, scene.fold)
-    if slope is None:
+    q = _equilibrium(row.coordinates or row.name, scene.ratio, scene.gamma, scene.aspect, scene.fold)
+    if q is None:
         return 1.0
     load = modal.shell.gravity_force(scene.gravity)  # 1e-3: undamped motion neither grows nor falls, but for rounding
-    return float(np.log(modal_steps.step_radius(modal, slope, load, scene.step, scene.rayleigh)) / scene.step - 1e-3)
+    return float(np.log(limits.step_radius(modal, q, load, scene.step, scene.rayleigh)) / scene.step - 1e-3)
 
 
 @cache
 def _equilibrium(row: str, ratio: float, gamma: float, aspect: float, fold: float) -> np.ndarray | None:
     model: Any = models.model_of(row, ratio, aspect, fold)
-    return limits.at_rest(model, replace(models.BASE, gamma=gamma).gravity)
+    return limits.at_rest(model, replace(BASE, gamma=gamma).gravity)
 
 
-def crossings(row: models.IntegratedModel, plane: Slice, base: models.StripScene, y: float) -> list[float]:
+def crossings(row: IntegratedModel, plane: Slice, base: StripScene, y: float) -> list[float]:
     """Values of x at which theory's limit is crossed in one row of a map; the first x where all of it is unstable."""
     grid = np.geomspace(plane.x_values[0], plane.x_values[-1], 3 * len(plane.x_values))
     at = [excess(row, replace(base, **{plane.y: y, plane.x: float(x)})) for x in grid]
@@ -204,195 +210,167 @@ def crossings(row: models.IntegratedModel, plane: Slice, base: models.StripScene
     return found
 
 
-def coloured_step(row: models.IntegratedModel, scene: models.StripScene) -> float | None:
+def coloured_step(row: IntegratedModel, scene: StripScene) -> float | None:
     """Step from which the integrator colours the first mode: numerical damping, or frequency, off by 5 %."""
     omega = models.first_frequency(scene.ratio, scene.fold)
-    if not row.bends:
+    if not row.bends or row.theory not in ("implicit", "midpoint"):
         return None
-    if row.theory == "implicit":
-        # A damping ratio: about omega h / 2.
-        steps = np.geomspace(1e-3, 1.0, 2000) / omega
-        ratio = -np.log(ImplicitEuler().amplification(omega**2, 0.0, steps)) / (omega * steps)
-        return float(steps[np.searchsorted(ratio, ADDED_DAMPING)])
-    if row.theory == "midpoint":
-        steps = np.geomspace(1e-3, 10.0, 2000) / omega
-        shift = 1.0 - ImplicitMidpoint().frequency(omega**2, 0.0, steps) / omega
-        return float(steps[np.searchsorted(shift, FREQUENCY_SHIFT)])
-    return None
+    steps = np.geomspace(1e-3, 1.0 if row.theory == "implicit" else 10.0, 2000) / omega
+    if row.theory == "implicit":  # a damping ratio: about omega h / 2
+        off = -np.log(ImplicitEuler().amplification(omega**2, 0.0, steps)) / (omega * steps)
+    else:
+        off = 1.0 - ImplicitMidpoint().frequency(omega**2, 0.0, steps) / omega
+    return float(steps[np.searchsorted(off, COLOURED)])
 
 
-def maps_of(name: str, slices: dict[str, Slice]) -> dict[str, Any]:
-    """All maps of one row, with theory's lines over them."""
-    row = next(one for one in models.ROWS if one.name == name)
-    base = own_base(row)
-    found: dict[str, Any] = {}
-    for key, plane in slices.items():
+def work(name: str, quick: bool) -> dict[str, Any]:
+    """Maps of one row with theory's lines over them, its limits, and its own step at the base point."""
+    row, maps = ROWS[name], {}
+    base = BASE if row.theory != "explicit" else replace(BASE, step=0.5 * explicit_limit(row, BASE))
+    for key, plane in chosen_slices(quick).items():
         scenes = [[replace(base, **{plane.y: y, plane.x: x}) for x in plane.x_values] for y in plane.y_values]
         lines = key in ("ratio", "load", "damping") or (key == "needles" and row.theory == "explicit")
-        found[key] = {
+        maps[key] = {
             "classes": [[outcome(row, scene) for scene in line] for line in scenes],
             "limits": [crossings(row, plane, base, y) if lines else [] for y in plane.y_values],
             "coloured": [coloured_step(row, line[0]) if plane.x == "step" else None for line in scenes],
         }
-    return found
-
-
-def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
-    """Limits of one row that have a theory, measured."""
-    row = next(one for one in models.ROWS if one.name == name)
-    model = models.model_of(name, models.BASE.ratio, models.BASE.aspect, models.BASE.fold)
-    if isinstance(model, str) or row.kind not in _LIMITS or row.coordinates:  # a limit is that of the coordinates
-        return []
-    return _LIMITS[row.kind](row, model, quick)
-
-
-def spin_limits(row: models.IntegratedModel, model: ms.RigidShell, quick: bool) -> list[dict[str, Any]]:  # noqa: ARG001
-    """The longest step of a spin."""
-    return [limits.entry(row.name, "longest step of a spin of 2 rad/s", "s", *limits.spin_step(model, 2.0))]
-
-
-def linear_limits(row: models.IntegratedModel, model: ms.LinearModal, quick: bool) -> list[dict[str, Any]]:  # noqa: ARG001
-    """What a rule does to one mode: its damping or its frequency."""
-    omega = models.first_frequency(models.BASE.ratio, models.BASE.fold)
-    if row.theory == "implicit":
-        theory, measured = limits.numerical_damping(model, models.BASE.step, 0, ms.Damping(0.2 * omega, 0.01))
-        return [limits.entry(row.name, "shrinking of mode 1 stepped at 30 Hz", "1", theory, measured)]
-    theory, measured = limits.oscillation(model, models.BASE.step, 1, 1000)
-    return [limits.entry(row.name, "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, measured)]
-
-
-def modal_limits(row: models.IntegratedModel, model: ModalModel, quick: bool) -> list[dict[str, Any]]:
-    """Longest steps and largest loads of modes under a force that turns with them."""
-    name, damping, count = row.name, models.BASE.rayleigh, 300 if quick else 900
-    unit = models.BASE.gravity  # Gamma = 1
-    found = [
-        limits.entry(name, "longest step at Γ = 30", "s", *limits.longest_step(model, 30.0 * unit, damping, count))
-    ]
-    if quick and row.theory != "implicit":
-        return found
-    pair = limits.iteration_load(model, unit, (1.0, 60.0))
-    if row.theory == "implicit":
-        found.append(limits.entry(name, "largest Γ of the iteration q ← Λ⁻¹p(q)", "1", *pair))
-    if not model.conservative:  # loses its equilibrium by flutter
-        for ratio in (0.7,) if quick else (0.05, 0.2, 0.7):
-            light = replace(models.BASE, damping=ratio).rayleigh
-            count = 600 if quick else 4000
-            pair = limits.largest_load(model, unit, models.BASE.step, light, count, (20.0, 400.0))
-            words = f"largest Γ stepped at 30 Hz (damping ratio {ratio:g})"
-            found.append(limits.entry(name, words, "1", *pair))
-            if not quick:
-                settles = partial(settles_from_rest, model, unit, light)
-                rest = limits.bisect(settles, 20.0, 400.0)
-                # No theory of small motion holds from rest: beside it, not against it.
-                found.append(limits.entry(name, words + " let go from rest", "1", None, rest) | {"beside": pair[0]})
-    return found
-
-
-def settles_from_rest(model: ModalModel, unit: np.ndarray, damping: ms.Damping, factor: float) -> bool:
-    """Whether motion from rest at the base point's step settles under ``factor`` times a gravity."""
-    return limits.settles_from_rest(model, factor * unit, models.BASE.step, damping)
-
-
-def full_limits(row: models.IntegratedModel, model: FullModel, quick: bool) -> list[dict[str, Any]]:
-    """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
-    omega = float(np.sqrt(largest_eigenvalue(model.shell)))
-    if row.theory == "implicit":
-        pair = limits.stiffest_mode(model, 1.0 / omega, ms.Damping(0.1 * omega, 0.2 / omega))
-        return [limits.entry(row.name, "shrinking of the stiffest mode at h omega = 1", "1", *pair)]
-    cases = {
-        "undamped": ms.Damping(),
-        "xi = omega_max": ms.Damping(omega, 0.0),
-        "zeta omega_max = 1": ms.Damping(0.0, 1.0 / omega),
-    }
-    return [
-        limits.entry(
-            row.name, f"longest step at rest ({words})", "s", *limits.explicit_step(model, case, 300 if quick else 900)
-        )
-        for words, case in cases.items()
-    ]
-
-
-_LIMITS: dict[str, Callable[[models.IntegratedModel, Any, bool], list[dict[str, Any]]]] = {
-    "rigid": spin_limits,
-    "linear": linear_limits,
-    "modal": modal_limits,
-    "full": full_limits,
-}
-"""How the limits of a row are measured, by its kind."""
-
-
-def grid_limits(quick: bool) -> list[dict[str, Any]]:
-    """Limits of the classical grid of springs, whose step is estimated without its supports and edges."""
-    found = []
-    for name, stiffness in {"alike": (1.0, 1.0), "soft": (0.3, 0.1)}.items():
-        for ratio in (0.0, 0.5):
-            grid = limits.grid_of(*stiffness, ratio)
-            words = f"longest step at rest (shear and flexion {name}; drag = {ratio:g} omega_max)"
-            pair = limits.grid_step(grid, 300 if quick else 900)
-            found.append(limits.entry("classical grid, Verlet", words, "s", *pair))
-    return found
-
-
-def work(name: str, quick: bool) -> dict[str, Any]:
-    """Maps and limits of one row."""
-    return {"maps": maps_of(name, chosen_slices(quick)), "limits": limits_of(name, quick)}
+    return {"maps": maps, "limits": limits.limits_of(name, quick), "step": base.step}
 
 
 def chosen_slices(quick: bool) -> dict[str, Slice]:
-    """The slices, or a few cells of each."""
+    """The slices, or three columns of a row of each."""
     return {key: thinned(plane) if quick else plane for key, plane in SLICES.items()}
 
 
 def thinned(plane: Slice) -> Slice:
     """Three columns and a row of a map."""
-    x, y = plane.x_values, plane.y_values
-    return replace(plane, x_values=(x[0], x[len(x) // 2], x[-1]), y_values=y[1:2])
+    x = plane.x_values
+    return replace(plane, x_values=(x[0], x[len(x) // 2], x[-1]), y_values=plane.y_values[1:2])
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Map every row, two at a time; ``quick`` takes a few cells of each map, and the limits less finely."""
-    slices, names = chosen_slices(quick), [row.name for row in models.ROWS]
-    done: dict[str, dict[str, Any]] = {}
-    if quick:
-        for name in names:
-            done[name] = work(name, quick)
-            if on_step is not None:
-                on_step(len(done), len(names))
-    else:
-        # The dearest first, so that two processes end together.
-        order = names[::-1]
-        with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
-            futures = {name: pool.submit(work, name, quick) for name in order}
-            for name in order:
-                done[name] = futures[name].result()
-                if on_step is not None:
-                    on_step(len(done), len(names))
+    slices, order = chosen_slices(quick), list(ROWS)[::-1]  # the dearest first, so that two processes end together
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
+        answers = (map if quick else pool.map)(work, order, repeat(quick))
+        done = dict(zip(counted(order, on_step), answers, strict=False))
     findings = {
-        "rows": {name: done[name]["maps"] for name in names},
-        "limits": [limit for name in names for limit in done[name]["limits"]] + grid_limits(quick),
+        "rows": {name: done[name]["maps"] for name in ROWS},
+        "limits": [limit for name in ROWS for limit in done[name]["limits"]] + limits.grid_limits(quick),
         "slices": {key: asdict(plane) for key, plane in slices.items()},
         "outcomes": OUTCOMES,
-        "steps": {row.name: own_base(row).step for row in models.ROWS},
+        "steps": {name: done[name]["step"] for name in ROWS},
     }
-    arrays = {
-        key: np.array([[[OUTCOMES.index(c) for c in line] for line in done[n]["maps"][key]["classes"]] for n in names])
-        for key in slices
-    }
-    parameters = {name.lower(): getattr(models, name) for name in ("CELLS", "FLEXURE", "DENSITY", "MODES")}
-    parameters |= {"base": asdict(models.BASE)}
-    parameters |= {"tolerance": TOLERANCE, "steps": (FEWEST, MOST), "patience": PATIENCE, "left": LEFT}
-    return StudyResult("stability_atlas", findings, arrays, run_record(parameters))
+    arrays = {}
+    for key in slices:
+        classes = [done[name]["maps"][key]["classes"] for name in ROWS]
+        arrays[key] = np.array([[[OUTCOMES.index(c) for c in line] for line in lines] for lines in classes])
+    strip = {name.lower(): getattr(models, name) for name in ("CELLS", "FLEXURE", "DENSITY", "MODES")}
+    return result_of("stability_atlas", findings, arrays, base=asdict(BASE), **strip)
 
 
 def table(result: StudyResult) -> str:
     """Where each row works and what ends it, as text; then every limit that has a theory, with its measurement."""
-    return page(result)
+    found, base = result.findings, result.record["parameters"]["base"]
+    rows = [
+        {"name": name, "step": longest_step(found["limits"], name), "reach": list(reached(found, name, base))}
+        for name in found["rows"]
+    ]
+    shown = [
+        {**limit, "unit": "" if limit["unit"] == "1" else f" [{limit['unit']}]", "theory": limit_at(limit, "theory")}
+        for limit in found["limits"]
+    ]
+    explicit = {row["model"]: row for row in found["limits"] if row["rule"] == "Verlet" and "(undamped)" in row["what"]}
+    steps = " and ".join(f"{1e3 * explicit[model]['theory']:.2g} ms for {model}" for model in ("DS", "springs"))
+    cells = [c for maps in found["rows"].values() for one in maps.values() for line in one["classes"] for c in line]
+    return paragraphs(
+        ADVICE.format(steps=f" (here, undamped, {steps})").rstrip("\n"),
+        "[The poster](../paper_figures/stability_atlas_poster.png) shows every map; the summary, the share of each "
+        "outcome.",
+        f"A strip clamped at one end, {models.CELLS[0]} x {models.CELLS[1]} cells, at the base point: step 1/30 s "
+        f"(explicit: half its limit), membrane over bending stiffness {base['ratio']:g}, Γ = {base['gamma']:g}, "
+        f"damping ratio {base['damping']:g} of mode 1. Each column leaves it along one line; Γ and the damping "
+        "ratio cross at Γ = 1 and a damping ratio of 1. A cell is right if the tip is within "
+        f"{100.0 * TOLERANCE:g} % of the truth: DS statics where the run of 40 to 80 "
+        "steps settles, else the same model at half the step. So short a run says little of slow growth: there the "
+        "theory's lines count; one at the left edge of a map calls all of its row unstable up to the next line.",
+        markdown(
+            f"model | longest stable step [s]: theory, measured | {' | '.join(AXES)}",
+            "{name} | {step} | {reach}",
+            rows,
+        ),
+        "Limits, by theory and by measurement:",
+        markdown(
+            "model | limit | theory | measured | ratio",
+            "{row} | {what}{unit} | {theory} | {measured:.4g|none found} | {ratio:.3f|–}",
+            shown,
+        ),
+        "Cells: " + ", ".join(f"{cells.count(name)} {name}" for name in found["outcomes"]) + ".",
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def limit_at(limit: dict[str, Any], key: str) -> str:
+    """A limit by "theory" or as "measured"; from rest there is no theory."""
+    if key == "theory" and limit["what"].endswith("from rest"):
+        return "–"
+    return "none found" if limit[key] is None else f"{limit[key]:.4g}"
+
+
+def longest_step(found: list[dict[str, Any]], name: str) -> str:
+    """The first limit of the step of one row, and at what it holds."""
+    row = ROWS[name]
+    if row.coordinates:
+        return f"as {row.coordinates.partition(', ')[0]}: the coordinates are the same"
+    for limit in found:
+        if limit["row"] == name and limit["what"].startswith("longest step"):
+            both = ", ".join(limit_at(limit, key) for key in ("theory", "measured"))
+            return f"{both} {limit['what'].removeprefix('longest step ')}"
+    return "any" if row.kind == "linear" else "any, about rest"
+
+
+def reached(found: dict[str, Any], name: str, base: dict[str, float]) -> Iterator[str]:
+    """How far a row is right along each of the axes from its base point."""
+    for key, along, changed in AXES.values():
+        plane, classes = found["slices"][key], found["rows"][name][key]["classes"]
+        own, other = ("x", "y") if plane["x"] == along else ("y", "x")
+        lines = classes if own == "x" else list(zip(*classes, strict=True))
+        at = {**base, "step": found["steps"][name], **changed}
+        line = lines[nearest(plane[f"{other}_values"], at[plane[other]])]
+        yield reach(plane[f"{own}_values"], line, at[along])
+
+
+def nearest(values: Sequence[float], wanted: float) -> int:
+    """Place of the value nearest ``wanted``, by ratio where both are positive."""
+    array = np.array(values)
+    away = np.abs(np.log(array / wanted)) if wanted > 0.0 and (array > 0.0).all() else np.abs(array - wanted)
+    return int(np.argmin(away))
+
+
+def reach(values: Sequence[float], classes: Sequence[str], base: float) -> str:
+    """The stretch of values that are right about the base point (or nearest to it), and what ends it on either side."""
+    right = [name in (CONVERGED, AGREES) for name in classes]
+    good = [place for place, name in enumerate(right) if name]
+    if not good:
+        return "nowhere: " + ", ".join(dict.fromkeys(classes))
+    first = last = min(good, key=lambda place: abs(place - nearest(values, base)))
+    while first > 0 and right[first - 1]:
+        first -= 1
+    while last < len(values) - 1 and right[last + 1]:
+        last += 1
+    if first == 0 and last == len(values) - 1:
+        return "all"
+    words = f"{values[first]:g} to {values[last]:g}" if first < last else f"{values[first]:g}"
+    if first > 0:
+        words += f"; below {classes[first - 1]}"
+    if last < len(values) - 1:
+        words += f"; beyond {classes[last + 1]}"
+    return words
+
+
+def finding(result: StudyResult) -> str:
     """How near measured limits are to theory."""
-    *_, rows = (table for table in tables if "ratio" in table[0])
-    ratios = numbers(rows, "ratio")
+    ratios = [limit["ratio"] for limit in result.findings["limits"] if limit["ratio"] is not None]
     return (
         f"{len(ratios)} limits of stable steps and loads have a theory; small motion meets each within "
         f"{100 * max(abs(ratio - 1.0) for ratio in ratios):.1f} %. The page says what to check before choosing a step."

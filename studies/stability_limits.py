@@ -1,11 +1,12 @@
-"""Where the stability limits lie: what theory says, and what small motion about an equilibrium does, by bisection.
+"""Where the stability of the models of ``stability_atlas`` ends: by theory, and measured by bisection.
 
-Part of the study ``stability_atlas``, which names the models; a limit is given as theory, measurement and their ratio.
+Limits are those of small motion about an equilibrium:
 
 * Explicit (symplectic) Euler of DS and springs: ``h^2 omega^2 + 2 h c < 4`` for the stiffest mode, ``c = xi + zeta
   omega^2``; Verlet takes xi at mid-step, which leaves it out. The classical grid takes omega of the endless sheet.
-* Modal models: the spectral radius of the step's linearisation at the model's own equilibrium
-  (:mod:`studies.modal_steps`); the force lags by a step, or half of one, which long steps do not forgive.
+* Modal models: the spectral radius of the step's linearisation at the model's own equilibrium. Modal forces that depend
+  on q are taken late, from the step before by implicit Euler, from a predicted middle by the midpoint rule: both can
+  miss an equilibrium that the model has.
 * Implicit Euler at a very long step is the iteration ``q <- Lambda^-1 p(q)``: spectral radius of ``Lambda^-1 dp/dq``.
 * Implicit Euler's numerical damping and the midpoint rule's frequency, mode by mode; of full models in the stiffest.
 * A rigid body that spins: one radian a step.
@@ -13,8 +14,9 @@ Part of the study ``stability_atlas``, which names the models; a limit is given 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,15 +27,33 @@ from modalshell.integrators.modal import ImplicitEuler
 from modalshell.integrators.state import MotionState
 from modalshell.models.base.full import FullModel
 from modalshell.models.base.modal import ModalModel
+from modalshell.modes import largest_eigenvalue
 from modalshell.springs import GridVerlet, SheetGrid
-from studies import modal_steps
+from studies.stability_models import BASE, ROWS, IntegratedModel, first_frequency, model_of
 
 PRECISION = 2e-3
 """Relative width at which bisection stops."""
-_SMALL = 1e-6
-"""Size of the disturbance, as a share of the equilibrium."""
-_STILL = 1e-9
-"""Size of the disturbance of a shell at rest [m]."""
+SMALL, STILL = 1e-6, 1e-9
+"""Size of a disturbance, as a share of the equilibrium, and [m] of a shell at rest."""
+
+Limit = tuple[str, str, float | None, float | None]
+"""What ends, its unit, and where by theory and by measurement."""
+
+
+def limits_of(name: str, quick: bool) -> list[dict[str, Any]]:
+    """Limits of one row that have a theory, measured."""
+    row, model = ROWS[name], model_of(name, BASE.ratio, BASE.aspect, BASE.fold)
+    if isinstance(model, str) or row.kind not in _LIMITS or row.coordinates:  # a limit is that of the coordinates
+        return []
+    return [entry(name, *limit) for limit in _LIMITS[row.kind](row, model, quick)]
+
+
+def entry(row: str, what: str, unit: str, theory: float | None, measured: float | None) -> dict[str, Any]:
+    """One limit, ready for JSON."""
+    ratio = None if theory is None or measured is None else measured / theory
+    model, _, rule = row.partition(", ")
+    found = {"row": row, "model": model, "rule": rule, "what": what, "unit": unit}
+    return found | {"theory": theory, "measured": measured, "ratio": ratio}
 
 
 def bisect(stable: Callable[[float], bool], low: float, high: float) -> float | None:
@@ -44,14 +64,6 @@ def bisect(stable: Callable[[float], bool], low: float, high: float) -> float | 
         middle = float(np.sqrt(low * high))
         low, high = (middle, high) if stable(middle) else (low, middle)
     return float(np.sqrt(low * high))
-
-
-def entry(row: str, what: str, unit: str, theory: float | None, measured: float | None) -> dict[str, Any]:
-    """One limit, ready for JSON."""
-    ratio = None if theory is None or measured is None else measured / theory
-    model, _, rule = row.partition(", ")
-    found = {"row": row, "model": model, "rule": rule, "what": what, "unit": unit}
-    return found | {"theory": theory, "measured": measured, "ratio": ratio}
 
 
 def dies_out(step: Callable[[np.ndarray], np.ndarray], start: np.ndarray, count: int, margin: float = 1.0) -> bool:
@@ -70,7 +82,75 @@ def dies_out(step: Callable[[np.ndarray], np.ndarray], start: np.ndarray, count:
     return bool(last < margin * before or last < 1e-2 * np.linalg.norm(start))
 
 
-# ---- modal models
+def spin_limits(row: IntegratedModel, model: ms.RigidShell, quick: bool) -> Iterator[Limit]:  # noqa: ARG001
+    """The longest step of a spin about a principal axis: one radian, and where the solver stops to converge."""
+
+    def solved(dt: float) -> bool:
+        state = model.start_motion()
+        state.rates[3] = 2.0
+        return model.step(state, dt, np.zeros_like(model.shell.rest_positions), ms.Damping())[1]
+
+    yield "longest step of a spin of 2 rad/s", "s", 0.5, bisect(solved, 0.05, 5.0)
+
+
+def linear_limits(row: IntegratedModel, model: ms.LinearModal, quick: bool) -> Iterator[Limit]:  # noqa: ARG001
+    """What a rule does to one mode: its damping or its frequency."""
+    omega = np.sqrt(model.basis.eigenvalues)
+    mode = 0 if row.theory == "implicit" else 1
+    shape = np.eye(model.basis.count)[mode]
+    if row.theory == "implicit":
+        damping = ms.Damping(0.2 * first_frequency(BASE.ratio, BASE.fold), 0.01)
+        pair = shrinking(model, float(omega[mode]), shape, shape, BASE.step, damping, 20)
+        yield "shrinking of mode 1 stepped at 30 Hz", "1", *pair
+        return
+    state, load, values = model.start_motion(), np.zeros_like(model.shell.rest_positions), np.empty(1000)
+    state.coordinates[mode] = 1.0
+    for place in range(values.size):
+        state, _ = model.step(state, BASE.step, load, ms.Damping())
+        values[place] = state.coordinates[mode]
+    before = np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    crossings = before + values[before] / (values[before] - values[before + 1])
+    measured = np.pi * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * BASE.step)
+    theory = float(model.integrator.frequency(omega[mode] ** 2, 0.0, BASE.step)[0])
+    yield "frequency of mode 2 stepped at 30 Hz", "rad/s", theory, float(measured)
+
+
+def shrinking(
+    model: Any, omega: float, shape: np.ndarray, weight: np.ndarray, dt: float, damping: ms.Damping, count: int
+) -> tuple[float, float]:
+    """Factor by which a step of implicit Euler shrinks a mode of frequency ``omega`` [rad/s]: theory, and measured.
+
+    Two motions begin with its ``shape`` as displacement and as velocity; ``weight`` takes its part of both. The root of
+    the area that they span is free of the phase.
+    """
+    states, load = [model.start_motion(), model.start_motion()], np.zeros_like(model.shell.rest_positions)
+    rest, areas = np.array(states[0].coordinates), []
+    states[0].coordinates = rest + shape
+    states[1].rates = omega * shape
+    for _ in range(count):
+        (q, v), (r, w) = ((np.vdot(weight, one.coordinates - rest), np.vdot(weight, one.rates)) for one in states)
+        areas.append(abs(q * w - r * v))
+        states = [model.step(state, dt, load, damping)[0] for state in states]
+    damp = damping.mass_factor + damping.stiffness_factor * omega**2
+    theory = float(ImplicitEuler().amplification(omega**2, damp, dt)[0])
+    return theory, float((areas[-1] / areas[0]) ** (0.5 / (count - 1)))
+
+
+def step_matrix(model: ModalModel, q: np.ndarray, load: np.ndarray, dt: float, damping: ms.Damping) -> np.ndarray:
+    """Matrix (2m, 2m) that takes small deviations of q (m,) and its rate from an equilibrium over one step [s]."""
+    eigenvalues, jacobian = model.basis.eigenvalues, model.modal_force_jacobian(q, load)
+    return np.asarray(model.integrator.matrix(eigenvalues, damping.of_modes(eigenvalues), dt, jacobian))
+
+
+def step_radius(model: ModalModel, q: np.ndarray, load: np.ndarray, dt: float, damping: ms.Damping) -> float:
+    """Spectral radius of :func:`step_matrix`: small motion about the equilibrium q grows where it is above one."""
+    return float(np.abs(np.linalg.eigvals(step_matrix(model, q, load, dt, damping))).max())
+
+
+def iteration_radius(model: ModalModel, q: np.ndarray, load: np.ndarray) -> float:
+    """Spectral radius of ``Lambda^-1 dp/dq``: below one the lagged iteration finds the equilibrium q of a held one."""
+    jacobian = model.modal_force_jacobian(q, load)
+    return float(np.abs(np.linalg.eigvals(jacobian / model.basis.eigenvalues[:, None])).max())
 
 
 def at_rest(model: ModalModel, gravity: np.ndarray) -> np.ndarray | None:
@@ -79,214 +159,157 @@ def at_rest(model: ModalModel, gravity: np.ndarray) -> np.ndarray | None:
     return answer.coordinates if answer.residual < 1e-6 else None
 
 
+def grows(model: ModalModel, gravity: np.ndarray, dt: float, damping: ms.Damping) -> bool:
+    """Whether theory has small motion about the equilibrium grow, or there is none."""
+    q = at_rest(model, gravity)
+    return q is None or step_radius(model, q, model.shell.gravity_force(gravity), dt, damping) > 1.0
+
+
 def settles(model: ModalModel, gravity: np.ndarray, dt: float, damping: ms.Damping, count: int) -> bool:
     """Whether steps of the model bring a small disturbance of its equilibrium back."""
     q = at_rest(model, gravity)
     if q is None:
         return False
     load, root = model.shell.gravity_force(gravity), np.sqrt(model.basis.eigenvalues)
-    size = float(np.linalg.norm(root * q))
-    disturbed = _SMALL * size * np.random.default_rng(0).standard_normal(2 * q.size)
+    disturbed = SMALL * float(np.linalg.norm(root * q)) * np.random.default_rng(0).standard_normal(2 * q.size)
 
     def step(away: np.ndarray) -> np.ndarray:
-        state = MotionState(q + away[: q.size] / root, away[q.size :])
-        after, _ = model.step(state, dt, load, damping)
+        after, _ = model.step(MotionState(q + away[: q.size] / root, away[q.size :]), dt, load, damping)
         return np.concatenate([root * (after.coordinates - q), after.rates])
 
     return dies_out(step, disturbed, count)
 
 
-def grows(model: ModalModel, gravity: np.ndarray, dt: float, damping: ms.Damping) -> float:
-    """Rate [1/s] at which theory has small motion about the equilibrium grow; infinite if there is none."""
-    q = at_rest(model, gravity)
+def iterates(model: ModalModel, gravity: np.ndarray) -> bool:
+    """Whether the iteration ``q <- Lambda^-1 p(q)`` goes back to the equilibrium."""
+    q, load, root = at_rest(model, gravity), model.shell.gravity_force(gravity), np.sqrt(model.basis.eigenvalues)
     if q is None:
-        return np.inf
-    return float(np.log(modal_steps.step_radius(model, q, model.shell.gravity_force(gravity), dt, damping)) / dt)
+        return False
+    disturbed = SMALL * float(np.linalg.norm(root * q)) * np.random.default_rng(0).standard_normal(q.size)
+    return dies_out(lambda away: root * (model.modal_force(q + away / root, load) / root**2 - q), disturbed, 600)
 
 
-def longest_step(model: ModalModel, gravity: np.ndarray, damping: ms.Damping, count: int) -> tuple[float | None, ...]:
-    """Longest stable step [s] up to 10 s at one load, by theory and by measurement."""
-    shortest = 1e-3
-    theory = bisect(lambda dt: grows(model, gravity, dt, damping) <= 0.0, shortest, 10.0)
-    return theory, bisect(lambda dt: settles(model, gravity, dt, damping, count), shortest, 10.0)
+def modal_limits(row: IntegratedModel, model: ModalModel, quick: bool) -> Iterator[Limit]:
+    """Longest steps and largest loads of modes under a force that turns with them."""
+    unit = BASE.gravity  # Gamma = 1
+
+    def pair(low: float, high: float, damping: ms.Damping, count: int, at: Callable[[float], tuple[Any, float]]) -> Any:
+        """Where motion stops to settle, by theory and measured; ``at`` gives the gravity and the step."""
+        theory = bisect(lambda value: not grows(model, *at(value), damping), low, high)
+        return theory, bisect(lambda value: settles(model, *at(value), damping, count), low, high)
+
+    count = 300 if quick else 900
+    yield "longest step at Γ = 30", "s", *pair(1e-3, 10.0, BASE.rayleigh, count, lambda dt: (30.0 * unit, dt))
+    if row.theory == "implicit":
+
+        def found(gamma: float) -> bool:
+            q = at_rest(model, gamma * unit)
+            return q is not None and iteration_radius(model, q, model.shell.gravity_force(gamma * unit)) <= 1.0
+
+        measured = bisect(lambda gamma: iterates(model, gamma * unit), 1.0, 60.0)
+        yield "largest Γ of the iteration q ← Λ⁻¹p(q)", "1", bisect(found, 1.0, 60.0), measured
+    if model.conservative or (quick and row.theory != "implicit"):
+        return
+    for ratio in (0.7,) if quick else (0.05, 0.2, 0.7):  # it loses its equilibrium by flutter
+        damping = replace(BASE, damping=ratio).rayleigh
+        words = f"largest Γ stepped at 30 Hz (damping ratio {ratio:g})"
+        count = 600 if quick else 4000
+        yield words, "1", *pair(20.0, 400.0, damping, count, lambda gamma: (gamma * unit, BASE.step))
+        if not quick:  # no theory of small motion holds from rest
+            let_go = partial(settles_from_rest, model, unit, damping)
+            yield f"{words} let go from rest", "1", None, bisect(let_go, 20.0, 400.0)
 
 
-def largest_load(
-    model: ModalModel, unit: np.ndarray, dt: float, damping: ms.Damping, count: int, bounds: tuple[float, float]
-) -> tuple[float | None, ...]:
-    """Largest multiple of the gravity ``unit`` (3,) whose equilibrium holds, by theory and by measurement."""
-    theory = bisect(lambda factor: grows(model, factor * unit, dt, damping) <= 0.0, *bounds)
-    return theory, bisect(lambda factor: settles(model, factor * unit, dt, damping, count), *bounds)
-
-
-def iteration_load(model: ModalModel, unit: np.ndarray, bounds: tuple[float, float]) -> tuple[float | None, ...]:
-    """Largest multiple of the gravity ``unit`` (3,) that the iteration ``q <- Lambda^-1 p(q)`` finds the answer to."""
-    eigenvalues = model.basis.eigenvalues
-    root = np.sqrt(eigenvalues)
-
-    def theory(factor: float) -> bool:
-        q = at_rest(model, factor * unit)
-        return q is not None and modal_steps.iteration_radius(model, q, model.shell.gravity_force(factor * unit)) <= 1.0
-
-    def measured(factor: float) -> bool:
-        q, load = at_rest(model, factor * unit), model.shell.gravity_force(factor * unit)
-        if q is None:
-            return False
-        disturbed = _SMALL * float(np.linalg.norm(root * q)) * np.random.default_rng(0).standard_normal(q.size)
-        return dies_out(
-            lambda away: root * (model.modal_force(q + away / root, load) / eigenvalues - q), disturbed, 600
-        )
-
-    return bisect(theory, *bounds), bisect(measured, *bounds)
-
-
-def settles_from_rest(model: ModalModel, gravity: np.ndarray, dt: float, damping: ms.Damping) -> bool:
+def settles_from_rest(model: ModalModel, unit: np.ndarray, damping: ms.Damping, gamma: float) -> bool:
     """Whether damped motion from the rest shape ends at the static answer, and not in a cycle or wound up."""
     factors = (damping.mass_factor, damping.stiffness_factor)
-    run = ms.simulate(model, duration=2000 * dt, dt=dt, gravity=gravity, damping=factors, store_every=4)
-    return run.outcome.succeeded
+    options: dict[str, Any] = {"gravity": gamma * unit, "damping": factors, "store_every": 4}
+    return ms.simulate(model, duration=2000 * BASE.step, dt=BASE.step, **options).outcome.succeeded
 
 
-def numerical_damping(model: ms.LinearModal, dt: float, mode: int, damping: ms.Damping) -> tuple[float, float]:
-    """Factor by which one mode shrinks in a step of implicit Euler: theory, and the determinant's root of two steps."""
-    stiffness = float(model.basis.eigenvalues[mode])
-    damp = damping.mass_factor + damping.stiffness_factor * stiffness
-    load = np.zeros_like(model.shell.rest_positions)
-    states = [MotionState(np.zeros(model.basis.count), np.zeros(model.basis.count)) for _ in range(2)]
-    states[0].coordinates[mode], states[1].rates[mode] = 1.0, np.sqrt(stiffness)
-    measured = _shrinking(
-        states,
-        lambda state: model.step(state, dt, load, damping)[0],
-        lambda state: (state.coordinates[mode], state.rates[mode]),
-        20,
-    )
-    return float(model.integrator.amplification(stiffness, damp, dt)[0]), measured
-
-
-def _shrinking(
-    states: list[MotionState],
-    step: Callable[[MotionState], MotionState],
-    in_mode: Callable[[MotionState], tuple[float, float]],
-    count: int,
-) -> float:
-    """Factor by which one mode shrinks in a step: root of that of the area two motions span, free of the phase."""
-    areas = []
-    for _ in range(count):
-        (q, v), (r, w) = (in_mode(state) for state in states)
-        areas.append(abs(q * w - r * v))
-        states = [step(state) for state in states]
-    return float((areas[-1] / areas[0]) ** (0.5 / (len(areas) - 1)))
-
-
-def oscillation(model: ms.LinearModal, dt: float, mode: int, count: int) -> tuple[float, float]:
-    """Angular frequency [rad/s] of one undamped mode by the midpoint rule: theory, and the crossings of zero."""
-    frequency = float(np.sqrt(model.basis.eigenvalues[mode]))
-    state, load = model.start_motion(), np.zeros_like(model.shell.rest_positions)
-    state.coordinates[mode] = 1.0
-    values = np.empty(count)
-    for place in range(count):
-        state, _ = model.step(state, dt, load, ms.Damping())
-        values[place] = state.coordinates[mode]
-    before = np.flatnonzero(values[:-1] * values[1:] < 0.0)
-    crossings = before + values[before] / (values[before] - values[before + 1])
-    measured = np.pi * (len(crossings) - 1) / ((crossings[-1] - crossings[0]) * dt)
-    return float(model.integrator.frequency(frequency**2, 0.0, dt)[0]), float(measured)
-
-
-# ---- full models
-
-
-def explicit_step(model: FullModel, damping: ms.Damping, count: int) -> tuple[float, float | None]:
-    """Longest stable step [s] of explicit Euler or Verlet at rest: theory, and by disturbing the rest shape."""
-    theory, shell = model.stable_step(damping), model.shell
-    rest = shell.rest_positions
-    start = _noise(rest.shape, shell.clamped)
-    load = np.zeros_like(rest)
-
-    def stable(dt: float) -> bool:
-        state = model.start_motion(rest + start)
-
-        def step(_: np.ndarray) -> np.ndarray:
-            nonlocal state
-            state = model.step(state, dt, load, damping)[0]
-            return np.concatenate([(state.coordinates - rest).ravel(), dt * state.rates.ravel()])
-
-        # Undamped motion beats; above its limit it grows by more than a tenth a step.
-        return dies_out(step, start, count, margin=2.0)
-
-    return theory, bisect(stable, 0.5 * theory, 2.0 * theory)
-
-
-def stiffest_mode(model: FullModel, dt: float, damping: ms.Damping) -> tuple[float, float]:
-    """Factor by which a step of implicit Euler shrinks small motion of the stiffest mode: theory, and measured."""
-    shell = model.shell
+def full_limits(row: IntegratedModel, model: FullModel, quick: bool) -> Iterator[Limit]:
+    """Limits of DS and of springs: the longest steps of explicit rules, what implicit ones do to the stiffest mode."""
+    shell, omega = model.shell, float(np.sqrt(largest_eigenvalue(model.shell)))
     rest, free = shell.rest_positions, shell.free_unknowns
-    mass = np.repeat(shell.mass, 3)[free]
-    stiffness = shell.stiffness(rest).toarray()[np.ix_(free, free)]
-    values, modes = eigh(stiffness / np.sqrt(np.outer(mass, mass)), subset_by_index=(mass.size - 1, mass.size - 1))
-    squared, shape = float(values[0]), np.zeros(rest.size)
-    shape[free] = _STILL * modes[:, 0] / np.sqrt(mass) / np.abs(modes[:, 0] / np.sqrt(mass)).max()
-    weight = np.repeat(shell.mass, 3) * shape / (np.repeat(shell.mass, 3) @ shape**2)
+    if row.theory == "implicit":
+        mass = np.repeat(shell.mass, 3)
+        root = np.sqrt(mass[free])
+        scaled = shell.stiffness(rest).toarray()[np.ix_(free, free)] / np.outer(root, root)
+        values, modes = eigh(scaled, subset_by_index=(root.size - 1, root.size - 1))
+        shape = np.zeros(rest.size)
+        shape[free] = STILL * modes[:, 0] / root / np.abs(modes[:, 0] / root).max()
+        weight = (mass * shape / (mass @ shape**2)).reshape(rest.shape)
+        damping = ms.Damping(0.1 * omega, 0.2 / omega)
+        stiffest = float(np.sqrt(values[0]))
+        pair = shrinking(model, stiffest, shape.reshape(rest.shape), weight, 1.0 / omega, damping, 10)
+        yield "shrinking of the stiffest mode at h omega = 1", "1", *pair
+        return
+    load, start = np.zeros_like(rest), noise(rest.shape, shell.clamped)
+    cases = {"undamped": ms.Damping(), "xi = omega_max": ms.Damping(omega, 0.0)}
+    for words, damping in (cases | {"zeta omega_max = 1": ms.Damping(0.0, 1.0 / omega)}).items():
 
-    def in_mode(state: MotionState) -> tuple[float, float]:
-        return float(weight @ (state.coordinates - rest).ravel()), float(weight @ state.rates.ravel())
+        def mover(dt: float, damping: ms.Damping = damping) -> Callable[[np.ndarray], np.ndarray]:
+            state = model.start_motion(rest + start)
 
-    states = [model.start_motion(), model.start_motion()]
-    states[0].coordinates = rest + shape.reshape(-1, 3)
-    states[1].rates = np.sqrt(squared) * shape.reshape(-1, 3)
-    damp = damping.mass_factor + damping.stiffness_factor * squared
-    return float(ImplicitEuler().amplification(squared, damp, dt)[0]), _shrinking(
-        states, lambda state: model.step(state, dt, np.zeros_like(rest), damping)[0], in_mode, 10
-    )
+            def step(_: np.ndarray) -> np.ndarray:
+                nonlocal state
+                state = model.step(state, dt, load, damping)[0]
+                return np.concatenate([(state.coordinates - rest).ravel(), dt * state.rates.ravel()])
+
+            return step
+
+        longest = explicit_pair(model.stable_step(damping), mover, start, quick)
+        yield f"longest step at rest ({words})", "s", *longest
 
 
-def _noise(shape: tuple[int, ...], held: np.ndarray) -> np.ndarray:
+def noise(shape: tuple[int, ...], held: np.ndarray) -> np.ndarray:
     """Small displacements (n, 3) [m], none where held."""
-    start = _STILL * np.random.default_rng(0).standard_normal(shape)
+    start = STILL * np.random.default_rng(0).standard_normal(shape)
     start[held] = 0.0
     return start
 
 
-def grid_of(shear: float, flexion: float, drag: float) -> SheetGrid:
-    """A grid of 24 x 24 masses, some fixed: by stiffness over the structural one, and drag over frequency."""
-    corners = np.zeros((24, 24), bool)
-    corners[0, [0, -1]] = True
-    grid = SheetGrid(
-        shape=corners.shape,
-        spacing=0.04,
-        particle_mass=1e-3,
-        structural=50.0,
-        shear=50.0 * shear,
-        flexion=50.0 * flexion,
-        pinned=corners,
-    )
-    return replace(grid, drag=drag * 2.0 / grid.stable_step())
+def explicit_pair(
+    theory: float, mover: Callable[[float], Callable[[np.ndarray], np.ndarray]], start: np.ndarray, quick: bool
+) -> tuple[float, float | None]:
+    """Longest stable step [s] of an explicit rule at rest: theory, and by a disturbance that ``mover`` steps."""
+    count = 300 if quick else 900
+    # Undamped motion beats; above its limit it grows by more than a tenth a step.
+    return theory, bisect(lambda dt: dies_out(mover(dt), start, count, margin=2.0), 0.5 * theory, 2.0 * theory)
 
 
-def grid_step(grid: SheetGrid, count: int) -> tuple[float, float | None]:
-    """Longest stable step [s] of the classical grid's Verlet at rest: its own estimate, and by disturbing it."""
-    rest = grid.rest_positions()
-    start = _noise(rest.shape, grid.pinned.ravel())
-
-    def stable(dt: float) -> bool:
-        sheet = GridVerlet(grid, start=rest + start, threads=1, allow_unstable_step=True)
-
-        def step(_: np.ndarray) -> np.ndarray:
-            sheet.step(1, dt)
-            return np.asarray(sheet.positions - rest)
-
-        return dies_out(step, start, count, margin=2.0)
-
-    theory = grid.stable_step()
-    return theory, bisect(stable, 0.5 * theory, 2.0 * theory)
+_LIMITS: dict[str, Callable[[IntegratedModel, Any, bool], Iterator[Limit]]] = {
+    "rigid": spin_limits,
+    "linear": linear_limits,
+    "modal": modal_limits,
+    "full": full_limits,
+}
+"""How the limits of a row are measured, by its kind."""
 
 
-def spin_step(model: ms.RigidShell, spin: float) -> tuple[float, float | None]:
-    """Longest step [s] of a spin [rad/s] about a principal axis: one radian, and where the solver stops to converge."""
+def grid_limits(quick: bool) -> list[dict[str, Any]]:
+    """Limits of the classical grid of springs, whose step is estimated without its supports and edges."""
+    pinned = np.zeros((24, 24), bool)
+    pinned[0, [0, -1]] = True
+    found = []
+    for name, (shear, flexion) in {"alike": (1.0, 1.0), "soft": (0.3, 0.1)}.items():
+        stiffness: dict[str, Any] = {"structural": 50.0, "shear": 50.0 * shear, "flexion": 50.0 * flexion}
+        plain = SheetGrid(shape=pinned.shape, spacing=0.04, particle_mass=1e-3, pinned=pinned, **stiffness)
+        for ratio in (0.0, 0.5):
+            grid = replace(plain, drag=ratio * 2.0 / plain.stable_step())
+            rest = grid.rest_positions()
+            start = noise(rest.shape, pinned.ravel())
 
-    def solved(dt: float) -> bool:
-        state = model.start_motion()
-        state.rates[3] = spin
-        return model.step(state, dt, np.zeros_like(model.shell.rest_positions), ms.Damping())[1]
+            def mover(dt: float, grid: SheetGrid = grid, rest: np.ndarray = rest, start: np.ndarray = start) -> Any:
+                sheet = GridVerlet(grid, start=rest + start, threads=1, allow_unstable_step=True)
 
-    return 1.0 / spin, bisect(solved, 0.1 / spin, 10.0 / spin)
+                def step(_: np.ndarray) -> np.ndarray:
+                    sheet.step(1, dt)
+                    return np.asarray(sheet.positions - rest)
+
+                return step
+
+            words = f"longest step at rest (shear and flexion {name}; drag = {ratio:g} omega_max)"
+            pair = explicit_pair(grid.stable_step(), mover, start, quick)
+            found.append(entry("classical grid, Verlet", words, "s", *pair))
+    return found

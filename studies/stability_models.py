@@ -23,6 +23,8 @@ MOTIONS = 12
 """Motions that a model is trained on, where it is."""
 RIGIDITY = 5.0 * FLEXURE
 """D [N m] of this mesh family, for Gamma = (mass per area) g L^3 / D."""
+THEORY = {"implicit_midpoint": "midpoint", "explicit": "explicit", "verlet": "explicit"}
+"""Theory of the limits of integrators that are not implicit Euler."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,6 @@ class StripScene:
 
 
 BASE = StripScene()
-Kind = Literal["rigid", "linear", "modal", "full", "other"]
 
 
 @dataclass(frozen=True)
@@ -75,7 +76,7 @@ class IntegratedModel:
     name: str
     make: Callable[[ms.Shell], ms.Model]
     theory: str = "implicit"
-    kind: Kind = "other"
+    kind: Literal["rigid", "linear", "modal", "full", "other"] = "other"
     bends: bool = True
     coordinates: str = ""
 
@@ -88,9 +89,7 @@ def built(spec: ms.ModelSpec, options: dict[str, Any], shell: ms.Shell) -> ms.Mo
     on_motions = spec.needs == "coarse training"
     load = shell.gravity_force((BASE if on_motions else replace(BASE, gamma=30.0)).gravity)
     factory = ModelFactory(shell, lambda: load, lambda *_: coarse_mesh(shell))
-    common = {"modes": MODES, "rank": 12, "allow_unstable_step": True}
-    if on_motions:
-        common = {"motions": MOTIONS}
+    common = {"motions": MOTIONS} if on_motions else {"modes": MODES, "rank": 12, "allow_unstable_step": True}
     known = model_tables()[spec.key].__struct_fields__
     with warnings.catch_warnings():
         if on_motions:  # training warns of the errors that the maps show
@@ -105,7 +104,9 @@ def summed(shell: ms.Shell, integrator: str) -> ms.Model:
 
 def coarse_mesh(shell: ms.Shell) -> CoarseMesh:
     """The strip with ten cells along the strip instead of twelve, its rows at the clamp those of ``shell``."""
-    fold, along = fold_of(shell), 10
+    x = shell.rest_positions
+    side = x[np.argmax(x[:, 1] - x[:, 0])]  # its flange's slope is half of the fold
+    fold, along = float(np.degrees(2.0 * np.arctan2(-side[2], side[1]))), 10
     mesh = ms.v_beam(length=LENGTH, cells=(along, CELLS[1]), fold=180.0 - abs(fold))
     vertices, held, cell = np.array(mesh.vertices), LENGTH / CELLS[0], LENGTH / along
     beyond = held + (vertices[:, 0] - cell) * (LENGTH - held) / (LENGTH - cell)
@@ -114,47 +115,31 @@ def coarse_mesh(shell: ms.Shell) -> CoarseMesh:
     return CoarseMesh(ms.TriangleMesh(vertices, mesh.faces), f"{along}x{CELLS[1]}")
 
 
-THEORY = {"implicit_midpoint": "midpoint", "explicit": "explicit", "verlet": "explicit"}
-"""Theory of the limits of integrators that are not implicit Euler."""
-
-
-def registered() -> Iterator[IntegratedModel]:
-    """Every registered model with every integrator."""
-    for spec in ms.models().values():
+def integrated_models() -> Iterator[IntegratedModel]:
+    """Every registered model with every integrator, and variants that move otherwise."""
+    known = ms.models()
+    for spec in known.values():
         name = spec.name.replace(",", "")
         if spec.response == "rigid":
             yield IntegratedModel(f"{name}, free and spinning", partial(built, spec, {}), "rigid", "rigid")
         elif "integrator" in model_tables()[spec.key].__struct_fields__:
-            kind: Kind = "full" if not spec.on_modes else "linear" if spec.response == "linear" else "modal"
-            rules = (ModalIntegrator if spec.on_modes else FullIntegrator).known
-            for key, rule in rules.items():
-                make = partial(built, spec, {"integrator": key})
-                yield IntegratedModel(f"{name}, {rule.name}", make, THEORY.get(key, "implicit"), kind, spec.bends)
+            kind: Any = "full" if not spec.on_modes else "linear" if spec.response == "linear" else "modal"
+            for key, rule in (ModalIntegrator if spec.on_modes else FullIntegrator).known.items():
+                make, theory = partial(built, spec, {"integrator": key}), THEORY.get(key, "implicit")
+                yield IntegratedModel(f"{name}, {rule.name}", make, theory, kind, spec.bends)
         else:
             yield IntegratedModel(f"{name}, implicit Euler", partial(built, spec, {}), bends=spec.bends)
+    for key, rule in ModalIntegrator.known.items():
+        make, same = partial(summed, integrator=key), f"{known['mwts'].name}, {rule.name}"
+        theory = THEORY.get(key, "implicit")
+        yield IntegratedModel(f"MWTS sum, {rule.name}", make, theory, "modal", coordinates=same)
+    yield IntegratedModel("MD-ROM with cubature, implicit Euler", partial(built, known["md-rom"], {"cubature": True}))
+    by_iterations = partial(built, known["springs"], {"integrator": "linear_implicit", "solver": "cg"})
+    name = "springs, linearised implicit Euler by CG"
+    yield IntegratedModel(name, by_iterations, kind="full", bends=known["springs"].bends)
 
 
-ROWS = (
-    *registered(),
-    *(
-        IntegratedModel(
-            f"MWTS sum, {rule.name}",
-            partial(summed, integrator=key),
-            THEORY.get(key, "implicit"),
-            "modal",
-            coordinates=f"{ms.models()['mwts'].name}, {rule.name}",
-        )
-        for key, rule in ModalIntegrator.known.items()
-    ),
-    IntegratedModel("MD-ROM with cubature, implicit Euler", partial(built, ms.models()["md-rom"], {"cubature": True})),
-    IntegratedModel(
-        "springs, linearised implicit Euler by CG",
-        partial(built, ms.models()["springs"], {"integrator": "linear_implicit", "solver": "cg"}),
-        kind="full",
-        bends=ms.models()["springs"].bends,
-    ),
-)
-"""Every model with every integrator, and variants that move otherwise."""
+ROWS = {row.name: row for row in integrated_models()}
 
 
 @cache
@@ -169,17 +154,19 @@ def shell_of(ratio: float, aspect: float, fold: float, held: bool = True) -> ms.
     return ms.Shell(ms.TriangleMesh(vertices, mesh.faces), material, vertices[:, 0] < 1.5 * cell if held else None)
 
 
-def fold_of(shell: ms.Shell) -> float:
-    """Rest fold [degrees] of a shell of :func:`shell_of`, from the slope of a flange."""
-    x = shell.rest_positions
-    side = x[np.argmax(x[:, 1] - x[:, 0])]
-    return float(np.degrees(2.0 * np.arctan2(-side[2], side[1])))
-
-
 @cache
 def first_frequency(ratio: float, fold: float) -> float:
     """Lowest angular frequency [rad/s] of the strip without needles."""
     return float(np.sqrt(ms.solve_modes(shell_of(ratio, 1.0, fold), 2).eigenvalues[0]))
+
+
+@cache
+def model_of(row: str, ratio: float, aspect: float, fold: float) -> ms.Model | str:
+    """A row's model of a strip, or the words in which it was refused."""
+    try:
+        return ROWS[row].make(shell_of(ratio, aspect, fold, held=ROWS[row].theory != "rigid"))
+    except ms.ModalShellError as error:
+        return str(error)
 
 
 @cache
@@ -188,16 +175,6 @@ def static_tip(ratio: float, gamma: float, fold: float) -> np.ndarray | None:
     shell = shell_of(ratio, 1.0, fold)
     answer = ms.DiscreteShell(shell).equilibrium(gravity=replace(BASE, gamma=gamma).gravity)
     return tip_displacement(answer.positions, shell.rest_positions) if answer.converged else None
-
-
-@cache
-def model_of(row: str, ratio: float, aspect: float, fold: float) -> ms.Model | str:
-    """A row's model of a strip, or the words in which it was refused."""
-    row_of = next(one for one in ROWS if one.name == row)
-    try:
-        return row_of.make(shell_of(ratio, aspect, fold, held=row_of.theory != "rigid"))
-    except ms.ModalShellError as error:
-        return str(error)
 
 
 def tip_displacement(positions: np.ndarray, rest: np.ndarray) -> np.ndarray:

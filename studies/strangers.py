@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -77,7 +78,7 @@ def generated(folder: Path, per_package: int, only: str | None = None) -> list[S
         except ImportError:
             continue
         for name, make in spread(sorted(shapes(module).items()), per_package):
-            vertices, polygons = make()
+            vertices, polygons = polygons_of(make())
             path = folder / f"{package}_{name}.obj"
             lines = ["v " + " ".join(map(repr, point)) for point in np.asarray(vertices, dtype=float).tolist()]
             lines += ["f " + " ".join(str(int(corner) + 1) for corner in polygon) for polygon in polygons]
@@ -86,15 +87,24 @@ def generated(folder: Path, per_package: int, only: str | None = None) -> list[S
     return found
 
 
-def _of_trimesh(module: Any) -> dict[str, Callable[[], Polygons]]:
+def polygons_of(made: Any) -> Polygons:
+    """Vertices and polygons of what a package generates: its own pair, a mesh of trimesh, or data of pyvista."""
+    if isinstance(made, tuple):
+        return made
+    if hasattr(made, "vertices"):
+        return made.vertices, made.faces
+    surface = made.extract_surface(algorithm=None)
+    if surface.n_strips:
+        surface = surface.triangulate()
+    flat, at, rows = np.asarray(surface.faces), 0, []
+    while at < len(flat):
+        rows.append(flat[at + 1 : at + 1 + flat[at]].tolist())
+        at += 1 + int(flat[at])
+    return surface.points, rows
+
+
+def _of_trimesh(module: Any) -> dict[str, Callable[[], Any]]:
     creation = importlib.import_module("trimesh.creation")
-
-    def shape(name: str, **options: Any) -> Callable[[], Polygons]:
-        def make() -> Polygons:
-            mesh = getattr(creation, name)(**options)
-            return mesh.vertices, mesh.faces
-
-        return make
 
     def slices() -> Polygons:
         """A capsule without a band of faces, which leaves two open parts."""
@@ -103,58 +113,43 @@ def _of_trimesh(module: Any) -> dict[str, Callable[[], Polygons]]:
         return mesh.vertices, mesh.faces[np.abs(height - np.median(height)) > 0.1 * np.ptp(height)]
 
     return {
-        "annulus": shape("annulus", r_min=0.5, r_max=1.0, height=0.3),
-        "axis": shape("axis"),
-        "box": shape("box"),
-        "capsule": shape("capsule"),
-        "cone": shape("cone", radius=1.0, height=2.0),
-        "cylinder": shape("cylinder", radius=1.0, height=2.0),
-        "icosphere": shape("icosphere"),
+        "annulus": partial(creation.annulus, r_min=0.5, r_max=1.0, height=0.3),
+        "axis": creation.axis,
+        "box": creation.box,
+        "capsule": creation.capsule,
+        "cone": partial(creation.cone, radius=1.0, height=2.0),
+        "cylinder": partial(creation.cylinder, radius=1.0, height=2.0),
+        "icosphere": creation.icosphere,
         "sliced capsule": slices,
-        "soup": shape("random_soup", face_count=30),
-        "torus": shape("torus", major_radius=1.0, minor_radius=0.3),
-        "uv sphere": shape("uv_sphere"),
+        "soup": partial(creation.random_soup, face_count=30),
+        "torus": partial(creation.torus, major_radius=1.0, minor_radius=0.3),
+        "uv sphere": creation.uv_sphere,
     }
 
 
-def _of_pyvista(module: Any) -> dict[str, Callable[[], Polygons]]:
-    def shape(make: Callable[[], Any]) -> Callable[[], Polygons]:
-        def polygons() -> Polygons:
-            surface = make()
-            if surface.n_strips:
-                surface = surface.triangulate()
-            flat, at, rows = np.asarray(surface.faces), 0, []
-            while at < len(flat):
-                rows.append(flat[at + 1 : at + 1 + flat[at]].tolist())
-                at += 1 + int(flat[at])
-            return surface.points, rows
-
-        return polygons
-
-    parametric = {name: getattr(module, name) for name in dir(module) if name.startswith("Parametric")}
+def _of_pyvista(module: Any) -> dict[str, Callable[[], Any]]:
     solids = ("Arrow", "Capsule", "Disc", "SolidSphere", "Superquadric", "Tube")
-    made = parametric | {name: getattr(module, name) for name in solids if hasattr(module, name)}
-    made["contour of a wavelet"] = lambda: module.Wavelet().contour([150.0])
-    made["Text3D"] = lambda: module.Text3D("shell")
-    made["globe"] = lambda: importlib.import_module("pyvista.examples").load_globe()
-    surfaces = {name: (lambda make=make: make().extract_surface(algorithm=None)) for name, make in made.items()}
-    return {name: shape(make) for name, make in surfaces.items()}
+    names = [name for name in dir(module) if name.startswith("Parametric") or name in solids]
+    return {name: getattr(module, name) for name in names} | {
+        "contour of a wavelet": lambda: module.Wavelet().contour([150.0]),
+        "Text3D": lambda: module.Text3D("shell"),
+        "globe": lambda: importlib.import_module("pyvista.examples").load_globe(),
+    }
 
 
-def _of_skimage(module: Any) -> dict[str, Callable[[], Polygons]]:
+def _of_skimage(module: Any) -> dict[str, Callable[[], Any]]:
     del module
     measure = importlib.import_module("skimage.measure")
 
     def gyroid() -> Polygons:
         x, y, z = 2.0 * np.pi * np.mgrid[0:1:28j, 0:1:28j, 0:1:28j]
         field = np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x)
-        vertices, faces, _, _ = measure.marching_cubes(field, 0.0)
-        return vertices, faces
+        return tuple(measure.marching_cubes(field, 0.0)[:2])
 
     return {"gyroid": gyroid}
 
 
-GENERATORS: dict[str, Callable[[Any], dict[str, Callable[[], Polygons]]]] = {
+GENERATORS: dict[str, Callable[[Any], dict[str, Callable[[], Any]]]] = {
     "trimesh": _of_trimesh,
     "pyvista": _of_pyvista,
     "skimage": _of_skimage,

@@ -4,8 +4,6 @@
 sensible where its motion completed and moves the shell by 0.2 to 100 % of its size, and where each part is held. What
 is tried depends on the packages that are installed; the quick version takes shapes of trimesh alone, and pictures of
 their equilibrium instead of films. Times are processor time, the start of Python included.
-
-Run it alone with ``modalshell reproduce --only strangers_meshes``.
 """
 
 from __future__ import annotations
@@ -15,7 +13,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -25,10 +22,10 @@ import numpy as np
 import modalshell as ms
 from modalshell.commands.choices import LARGE, UNSEEN
 from modalshell.core.checks import shortened
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.mesh.files import read_polygons, repair_mesh
-from studies.pages import number, numbers
+from studies.pages import counted, markdown, paragraphs, result_of
 from studies.strangers import Stranger, generated, installed_files
 
 FIGURES = ("strangers_meshes",)
@@ -41,7 +38,7 @@ QUICK = ("annulus", "icosphere", "sliced capsule", "soup", "torus")
 """Shapes of the quick version."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Try every mesh; ``quick`` takes few shapes and no films."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -56,16 +53,13 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         options = ["--static"] if quick else []
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             answers = pool.map(lambda pair: tried(pair[1], folder / f"tried_{pair[0]}", options), enumerate(strangers))
-            for done, (row, shown) in enumerate(answers, start=1):
-                if "told" in row:
+            for _, (row, shown) in zip(counted(strangers, on_step), answers, strict=False):
+                if "message" in row:
                     unread.append(row)
                 else:
                     arrays |= {f"{key}_{len(rows)}": value for key, value in shown.items()}
                     rows.append(row)
-                if on_step is not None:
-                    on_step(done, len(strangers))
-    parameters = {"files": FILES, "shapes": SHAPES, "limit": LIMIT, "quick": quick}
-    return StudyResult("strangers_meshes", {"rows": rows, "unread": unread}, arrays, run_record(parameters))
+    return result_of("strangers_meshes", {"rows": rows, "unread": unread}, arrays, quick=quick)
 
 
 def tried(stranger: Stranger, folder: Path, options: list[str]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -74,7 +68,7 @@ def tried(stranger: Stranger, folder: Path, options: list[str]) -> tuple[dict[st
     try:
         triangles = read_polygons(stranger.path).triangles()
     except ms.MeshError as error:
-        return row | {"told": _plain(str(error), stranger)}, {}
+        return row | {"message": _plain(str(error), stranger)}, {}
     try:
         mesh, report = repair_mesh(stranger.path, split=True)
         row |= {"triangles": len(mesh.faces), "parts": report.parts, "repair": report.messages}
@@ -98,13 +92,13 @@ def one_command(stranger: Stranger, folder: Path, options: list[str]) -> tuple[d
         text = errors.read()
     answer: dict[str, Any] = {"film": False, "moved": None, "traceback": "Traceback" in text, "seconds": seconds}
     if seconds > LIMIT or status is None:
-        return answer | {"told": f"took longer than {LIMIT:.0f} s"}, {}
+        return answer | {"message": f"took longer than {LIMIT:.0f} s"}, {}
     lines = [line.removeprefix("modalshell: ") for line in text.splitlines() if line.startswith("modalshell: ")]
     refusals = [line for line in lines if not line.startswith("warning: ")]
     stem = folder / f"{stranger.path.stem}_mwts"
     if status not in (0, 1) or not stem.with_suffix(".npz").is_file():
         told = refusals[-1] if refusals else f"ended with status {status} and no message"
-        return answer | {"told": "refused: " + _plain(told, stranger)}, {}
+        return answer | {"message": "refused: " + _plain(told, stranger)}, {}
     run = ms.load_trajectory(stem.with_suffix(".npz"))
     far = np.linalg.norm(run.positions - run.rest_positions, axis=2)
     size = float(np.ptp(run.rest_positions, axis=0).max())
@@ -113,7 +107,7 @@ def one_command(stranger: Stranger, folder: Path, options: list[str]) -> tuple[d
     picture = any(stem.with_suffix(suffix).is_file() for suffix in (".mp4", ".png"))
     answer["film"] = run.outcome.succeeded and picture and not loose and UNSEEN <= answer["moved"] <= LARGE
     faults = [f"{loose} loose parts"] if loose else []
-    answer["told"] = "film" if answer["film"] else "; ".join([run.outcome.with_message(run.message), *faults])
+    answer["message"] = "film" if answer["film"] else "; ".join([run.outcome.with_message(run.message), *faults])
     farthest = run.positions[int(far.max(axis=1).argmax())].astype(np.float32)
     return answer, {"positions": farthest, "faces": run.faces.astype(np.int32)} if answer["film"] else {}
 
@@ -146,37 +140,36 @@ def _plain(text: str, stranger: Stranger) -> str:
 
 def table(result: StudyResult) -> str:
     """Every mesh with its outcome, and the files that are no meshes."""
-    headings = ["mesh", "triangles", "parts", "without `--repair`", "CPU [s]"]
-    headings += ["what `--repair` does", "with it", "CPU [s]", "moves [%]"]
-    lines = ["| " + " | ".join(headings) + " |", "|---" * len(headings) + "|"]
+    rows = []
     for row in result.findings["rows"]:
         plain, mended = row["plain"], row["mended"]
-        better = mended if mended["film"] else plain
-        cells = [row["name"], f"{row['triangles']:,}", row["parts"], plain["told"], f"{plain['seconds']:.0f}"]
+        moved = (mended if mended["film"] else plain)["moved"]
+        repair = ["nothing", "the same", "-"]
         if row["repair"]:
-            cells += ["; ".join(row["repair"]), mended["told"], f"{mended['seconds']:.0f}"]
-        else:
-            cells += ["nothing", "the same", "-"]
-        cells.append("-" if better["moved"] is None else f"{100.0 * better['moved']:.2g}")
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    lines += ["", "Files of packages that are no meshes, whatever their suffix says:", ""]
-    lines += ["| file | message |", "|---|---|"]
-    lines += [f"| {entry['name']} | {entry['told']} |" for entry in result.findings["unread"]]
-    return "\n".join(lines)
+            repair = ["; ".join(row["repair"]), mended["message"], f"{mended['seconds']:.0f}"]
+        rows.append({**row, "after": repair, "moved": moved})
+    return paragraphs(
+        markdown(
+            "mesh | triangles | parts | without `--repair` | CPU [s] | what `--repair` does | with it | CPU [s] "
+            "| moves [%]",
+            "{name} | {triangles:,} | {parts} | {plain[message]} | {plain[seconds]:.0f} | {after} | {moved:100*.2g}",
+            rows,
+        ),
+        "Files of packages that are no meshes, whatever their suffix says:",
+        markdown("file | message", "{name} | {message}", result.findings["unread"]),
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """How many give a film, with and without repair, and how long the slowest took."""
-    rows, _ = tables
-    plain = [row for row in rows if row["without `--repair`"] == "film"]
-    films = [row for row in rows if "film" in (row["without `--repair`"], row["with it"])]
-    others = [row["mesh"] for row in rows if row not in films]
-    slowest = max(numbers(rows, "CPU [s]") + numbers(rows, "CPU [s] (2)"))
-    packages = len({row["mesh"].partition(":")[0] for row in rows})
-    largest = max(number(row["triangles"]) for row in rows)
+    rows = result.findings["rows"]
+    plain = sum(row["plain"]["film"] for row in rows)
+    others = [row["name"] for row in rows if not row["plain"]["film"] and not row["mended"]["film"]]
+    slowest = max(row[way]["seconds"] for row in rows for way in ("plain", "mended"))
+    packages = len({row["name"].partition(":")[0] for row in rows})
     left = f"; none comes of {', '.join(others)}" if others else ""
     return (
-        f"One command without options makes a sensible film of {len(plain)} of {len(rows)} meshes of {packages} other "
-        f"packages, with `--repair` of {len(films)}{left}. The slowest took {slowest:.0f} s of one core; the largest "
-        f"mesh has {largest:,.0f} triangles."
+        f"One command without options makes a sensible film of {plain} of {len(rows)} meshes of {packages} other "
+        f"packages, with `--repair` of {len(rows) - len(others)}{left}. The slowest took {slowest:.0f} s of one core; "
+        f"the largest mesh has {max(row['triangles'] for row in rows):,} triangles."
     )

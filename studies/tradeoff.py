@@ -3,13 +3,10 @@
 Flat beam, V-beam with a soft membrane, V-beam with a stiff one that snaps, leaf in a wind, twisted strip, and the
 creature of 13,000 vertices. The V-beam that snaps is also followed through its snap by DS on coarse meshes
 and by the hybrid.
-
-Run it alone with ``modalshell reproduce --only tradeoff``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -22,12 +19,13 @@ from modalshell.compare.case import Case, scene_case
 from modalshell.compare.draw import best_sizes
 from modalshell.compare.report import markdown_table, percent
 from modalshell.core.timings import Stopwatch
-from modalshell.files.provenance import repository_file, run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.provenance import repository_file
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import MODELS, TRUTH
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
-from studies.pages import number
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("tradeoff",)
 
@@ -49,13 +47,13 @@ SNAP_TIME, SNAP_DAMPING = 0.5, (2.0, 0.001)
 """Motion through the snap: time [s] and Rayleigh factors."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Measure all scenes; ``quick`` takes two of them, coarser, with fewer modes and loads."""
     options: dict[str, Any] = {"modes": (4,), "loads": (0.5, 1.0)} if quick else {}
     names = list(QUICK if quick else SCENES)
     findings: dict[str, Any] = {"scenes": {}, "titles": {name: SCENES[name] for name in names}}
     arrays: dict[str, np.ndarray] = {}
-    for done, name in enumerate(names, start=1):
+    for name in counted(names, on_step):
         case = scene(name, QUICK[name] if quick else None)
         found = ms.tradeoff(case, **options)
         findings["scenes"][name] = found.findings()
@@ -65,9 +63,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         arrays |= {f"{name}_faces": np.asarray(case.shell.mesh.faces), f"{name}_rest": case.shell.rest_positions}
         if name == "v_beam_stiff":
             findings["snap"] = through_snap(case)
-        if on_step is not None:
-            on_step(done, len(names))
-    return StudyResult("tradeoff", findings, arrays, run_record({"scenes": names, "after_snap": AFTER_SNAP}))
+    return result_of("tradeoff", findings, arrays, names=names)
 
 
 def scene(name: str, cells: tuple[int, int] | None) -> Case:
@@ -123,25 +119,27 @@ def snap_row(case: Case, candidate: Candidate) -> dict[str, Any]:
 def table(result: StudyResult) -> str:
     """The findings as Markdown tables, one a scene, and one of the snap."""
     parts = [f"## {SCENES[name]}\n\n{markdown_table(found)}" for name, found in result.findings["scenes"].items()]
-    lines = ["| rung | " + " | ".join(f"error at {share:.2f} of the load" for share in AFTER_SNAP)]
-    lines[0] += " | static answers [s] | times cheaper | frame in motion [s] | times cheaper | error at its end |"
-    lines.append("|" + "---|" * (6 + len(AFTER_SNAP)))
+    shares = " | ".join(f"error at {share:.2f} of the load" for share in AFTER_SNAP)
+    rows = []
     for row in result.findings["snap"]:
-        errors = " | ".join(percent(error) for error in row["errors"])
-        lines.append(
-            f"| {row['label']} | {errors} | {sum(row['statics']):.3g} | {row['statics_ratio']:.3g} "
-            f"| {row['motion']:.3g} | {row['motion_ratio']:.3g} | {percent(row['motion_error'])} |"
-        )
-    return "\n\n".join([*parts, "## After the snap of the stiff V-beam\n\n" + "\n".join(lines)])
+        errors = [percent(error) for error in (*row["errors"], row["motion_error"])]
+        rows.append({**row, "errors": errors[:-1], "last": errors[-1], "whole": sum(row["statics"])})
+    after = markdown(
+        f"rung | {shares} | static answers [s] | times cheaper | frame in motion [s] | times cheaper "
+        "| error at its end",
+        "{label} | {errors} | {whole:.3g} | {statics_ratio:.3g} | {motion:.3g} | {motion_ratio:.3g} | {last}",
+        rows,
+    )
+    return "\n\n".join([*parts, f"## After the snap of the stiff V-beam\n\n{after}"])
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The model of the cheapest frame within 10 % of DS on each scene."""
     told = []
-    for title, rows in zip(SCENES.values(), tables, strict=False):
-        right = [row for row in rows if "%" in row["worst error"] and number(row["worst error"]) <= 10.0]
-        best = min(right, key=lambda row: number(row["ms a frame"]))
-        truth = next(row for row in rows if row["rung"] == MODELS[TRUTH].name)
-        times = number(truth["ms a frame"]) / number(best["ms a frame"])
-        told.append(f"{best['rung']}, {times:,.{0 if times > 10.0 else 1}f} times ({title})")
+    for name, found in result.findings["scenes"].items():
+        right = [row for row in found["rows"] if row["worst_error"] is not None and row["worst_error"] <= 0.1]
+        best = min(right, key=lambda row: row["frame_ms"])
+        truth = next(row for row in found["rows"] if row["label"] == MODELS[TRUTH].name)
+        times = truth["frame_ms"] / best["frame_ms"]
+        told.append(f"{best['label']}, {times:,.{0 if times > 10.0 else 1}f} times ({SCENES[name]})")
     return f"The cheapest model within 10 % of DS, and how much cheaper its frame is: {'; '.join(told)}."

@@ -7,24 +7,22 @@ beam turns unstable to twisting (a bifurcation), where the twisted states end (a
 the flattened beam is stable.
 
 Gravity is given as Gamma = (weight per length) L^3 / EI, see :func:`modalshell.measure.gamma_per_gravity`.
-
-Run it alone with ``modalshell reproduce --only v_beam_accuracy``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.compare.report import percent
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.models.registry import TRUTH
 from modalshell.modes import lowest_tangent_eigenvalue
-from studies.pages import number
+from studies.pages import counted, markdown, paragraphs, result_of
 
 FIGURES = ("figure_5", "figure_6a", "figure_6b")
 
@@ -41,15 +39,13 @@ MARKS = ("bifurcation", "limit", "stable_again")
 """Marks of the path of equilibria: where it turns unstable aside, where stable states end, and begin again."""
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Sweep both regimes; ``quick`` takes a coarser mesh and fewer loads."""
     cells = (20, 4) if quick else (40, 8)
     stride = 3 if quick else 1
     findings: dict[str, Any] = {}
     arrays: dict[str, np.ndarray] = {}
-    total = sum(len(regime["gravities"][::-stride]) for regime in REGIMES.values())
-    done = 0
-    for name, regime in REGIMES.items():
+    for name, regime in counted(list(REGIMES.items()), on_step):
         mesh = ms.v_beam(**SHAPE, cells=cells, family="alternating")
         material = ms.Material(regime["membrane"], regime["membrane"], FLEXURE, DENSITY)
         clamped = mesh.vertices[:, 0] < 1.5 * SHAPE["length"] / cells[0]
@@ -86,14 +82,9 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
             row["after_snap"] = snap is not None and gravity > snap["gravity"]
             rows.append(row)
             last = exact
-            done += 1
-            if on_step is not None:
-                on_step(done, total)
         findings[name] = {"rows": rows, "snap": snap, "gamma_per_gravity": gamma, "frequencies_hz": basis.frequencies}
         arrays |= {f"{name}_faces": mesh.faces, f"{name}_rest": mesh.vertices}
-    parameters = {**SHAPE, "flexure": FLEXURE, "density": DENSITY, "regimes": REGIMES, "modes": MODES}
-    parameters |= {"cells": cells, "family": "alternating"}
-    return StudyResult("v_beam_accuracy", findings, arrays, run_record(parameters))
+    return result_of("v_beam_accuracy", findings, arrays, cells=cells)
 
 
 def snap_of(marks: Marks, gamma: float) -> dict[str, float | None] | None:
@@ -107,37 +98,35 @@ def snap_of(marks: Marks, gamma: float) -> dict[str, float | None] | None:
 
 def table(result: StudyResult) -> str:
     """The findings as a Markdown table, one row per load."""
-    compared = [LINEAR, WARPED, ms.models()[TRUTH]]
-    names = " | ".join(spec.name for spec in compared)
-    lines = [f"| membrane | Γ | DS ridge tip [L] | LMA error | MWTS error | area: {names} | tangent |"]
-    lines.append("|---|---|---|---|---|---|---|---|---|")
+    compared, rows = [LINEAR, WARPED, ms.models()[TRUTH]], []
     for regime in REGIMES:
         for row in result.findings[regime]["rows"]:
-            areas = " | ".join(f"{100 * row[f'{spec.key}_area_change']:+.2f} %" for spec in compared)
-            lines.append(
-                f"| {regime}{', snapped' if row['after_snap'] else ''} | {row['gamma']:.3f} | {row['ds_tip_z']:.3f} "
-                f"| {100 * row['lma_error']:.1f} % | {100 * row['mwts_error']:.1f} % | {areas} "
-                f"| {row['lowest_tangent_ratio']:.2f} |"
-            )
+            areas = [f"{100 * row[f'{spec.key}_area_change']:+.2f} %" for spec in compared]
+            rows.append({**row, "regime": f"{regime}{', snapped' if row['after_snap'] else ''}", "areas": areas})
+    names = " | ".join(spec.name for spec in compared)
+    loads = markdown(
+        f"membrane | Γ | DS ridge tip [L] | LMA error | MWTS error | area: {names} | tangent",
+        "{regime} | {gamma:.3f} | {ds_tip_z:.3f} | {lma_error:100*.1f} % | {mwts_error:100*.1f} % | {areas} "
+        "| {lowest_tangent_ratio:.2f}",
+        rows,
+    )
+    words = "Tangent: lowest eigenvalue about the deformed state over the first one at rest; a snap nears as it falls."
     stiff = result.findings["stiff"]["snap"]
     if stiff is not None:
         marks = [f"{key.replace('_', ' ')} at Γ = {stiff[key]:.4f}" for key in MARKS if stiff[key] is not None]
-        lines += ["", f"The path of equilibria of the stiff beam: {', '.join(marks)}."]
-    lines.append("")
-    lines.append(
-        "Tangent: lowest eigenvalue about the deformed state over the first one at rest; a snap nears as it falls."
-    )
-    return "\n".join(lines)
+        words = f"The path of equilibria of the stiff beam: {', '.join(marks)}.\n\n{words}"
+    return paragraphs(loads, words)
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """Errors at the largest load of the soft beam, and where the stiff one snaps."""
-    (rows,) = tables
-    soft = [row for row in rows if row["membrane"] == "soft"][-1]
-    stiff = [row for row in rows if row["membrane"] == "stiff"][-1]
-    snapped = next(row for row in rows if "snapped" in row["membrane"])
+    soft, stiff = (result.findings[regime]["rows"] for regime in REGIMES)
+    before = [row for row in stiff if not row["after_snap"]][-1]
+    snapped = next(row for row in stiff if row["after_snap"])
+    last = soft[-1]
     return (
-        f"With a soft membrane MWTS is {soft['MWTS error']} off DS at Γ = {number(soft['Γ']):.0f}, LMA "
-        f"{soft['LMA error']}. With a stiff one the fold flattens and the beam snaps between Γ = {stiff['Γ']} and "
-        f"{snapped['Γ']}; then MWTS is {snapped['MWTS error']} off."
+        f"With a soft membrane MWTS is {percent(last['mwts_error'], '.1f')} off DS at Γ = {last['gamma']:.0f}, "
+        f"LMA {percent(last['lma_error'], '.1f')}. With a stiff one the fold flattens and the beam snaps between "
+        f"Γ = {before['gamma']:.3f} and {snapped['gamma']:.3f}; then MWTS is "
+        f"{percent(snapped['mwts_error'], '.1f')} off."
     )

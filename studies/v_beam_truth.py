@@ -8,24 +8,29 @@ equilateral triangles. Both energies clamp the same line. Before the snap whole 
 mesh families, with six cells across a flange and at most 3,000 vertices. Errors are of displacement at free edges and
 ridge, ten stations each, relative to that of the finite elements. Gamma = 12 rho g L^3 / (E b^2 cos^2(fold / 2)), b the
 width of a flange.
-
-Run it alone with ``modalshell reproduce --only v_beam_truth``.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
-from studies.both_energies import ENERGIES, FAMILIES, Sheet, displacements_at, flat_shell
-from studies.pages import number, numbers
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
+from studies.pages import markdown, paragraphs, result_of
+from studies.shell_theory import (
+    ENERGIES,
+    FAMILIES,
+    Sheet,
+    columns,
+    crossed,
+    displacements_at,
+    finite_elements,
+    flat_shell,
+    rows_of,
+)
 
 FIGURES = ("v_beam_truth",)
 
@@ -49,48 +54,36 @@ ASIDE = 2.04
 
 def references() -> list[dict[str, Any]]:
     """Beams, loads and displacements of the finite elements."""
-    text = Path(__file__).with_name("finite_elements.json").read_text(encoding="utf-8")
-    cases: list[dict[str, Any]] = json.loads(text)["v_beams"]["cases"]
-    return cases
+    return list(finite_elements("v_beams"))
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """All beams, energies, models and loads; ``quick`` takes a coarser mesh, two beams and few loads and models."""
     flange_cells, stride = (3, 3) if quick else (6, 1)
-    cases = references()[::3] if quick else references()
-    rungs = RUNGS[1::3] if quick else RUNGS
-    total, done = len(cases) * len(ENERGIES) * len(rungs), 0
-    rows: list[dict[str, Any]] = []
+    cases = {case["name"]: case for case in (references()[::3] if quick else references())}
+    meshes = {name: beam(case, flange_cells) for name, case in cases.items()}
     snaps: dict[str, Any] = {}
-    arrays: dict[str, np.ndarray] = {}
-    for case in cases:
-        loads = case["loads"][::-stride][::-1]
-        mesh = beam(case, flange_cells)
-        for energy in ENERGIES:
-            shell = flat_shell(energy, mesh, SHEET, mesh.vertices[:, 0] < 1e-9)
-            for key in rungs:
-                if key == WHOLE and case["name"] == SNAPPING:
-                    found, events = path_answers(shell, case, loads, 12 if quick else 80)
-                    snaps[energy] = events
-                else:
-                    found = answers(shell, key, case, loads)
-                rows += [{"beam": case["name"], "energy": energy, "model": key, **row} for row in found]
-                done += 1
-                if on_step is not None:
-                    on_step(done, total)
-        arrays[f"{case['name']} faces"], arrays[f"{case['name']} rest"] = mesh.faces, mesh.vertices
-    parameters = {**SHEET, "length": LENGTH, "modes": MODES, "flange_cells": flange_cells, "family": "equilateral"}
-    families = [before_snap(case, family, flange_cells, stride) for case in cases for family in FAMILIES]
+
+    def errors(beam: str, energy: str, model: str) -> list[dict[str, Any]]:
+        case, loads = cases[beam], cases[beam]["loads"][::-stride][::-1]
+        shell = flat_shell(energy, meshes[beam], SHEET, meshes[beam].vertices[:, 0] < 1e-9)
+        if (beam, model) != (SNAPPING, WHOLE):
+            return answers(shell, model, case, loads)
+        found, snaps[energy] = path_answers(shell, case, loads, 12 if quick else 80)
+        return found
+
+    rows = rows_of(errors, crossed(beam=cases, energy=ENERGIES, model=RUNGS[1::3] if quick else RUNGS), on_step)
+    families = [before_snap(case, family, flange_cells, stride) for case in cases.values() for family in FAMILIES]
+    arrays: dict[str, np.ndarray] = {f"{name} faces": mesh.faces for name, mesh in meshes.items()}
+    arrays |= {f"{name} rest": mesh.vertices for name, mesh in meshes.items()}
     findings = {"rows": rows, "snaps": snaps, "families": families}
-    return StudyResult("v_beam_truth", findings, arrays, run_record(parameters))
+    return result_of("v_beam_truth", findings, arrays, flange_cells=flange_cells)
 
 
 def beam(case: dict[str, Any], flange_cells: int, family: str = "equilateral") -> ms.TriangleMesh:
     """A V-beam of near-equilateral triangles, or of square cells."""
-    stretch = 2.0 / np.sqrt(3.0) if family == "equilateral" else 1.0
-    columns = round(LENGTH * flange_cells / (case["flange"] * stretch))
-    width, cells = 2.0 * case["flange"], (columns, 2 * flange_cells)
-    return ms.v_beam(length=LENGTH, width=width, fold=case["fold"], cells=cells, family=family)
+    cells = (columns(family, LENGTH * flange_cells / case["flange"]), 2 * flange_cells)
+    return ms.v_beam(length=LENGTH, width=2.0 * case["flange"], fold=case["fold"], cells=cells, family=family)
 
 
 def before_snap(case: dict[str, Any], family: str, flange_cells: int, stride: int = 1) -> dict[str, Any]:
@@ -164,54 +157,62 @@ def compared(shell: ms.Shell, positions: np.ndarray, case: dict[str, Any], load:
     }
 
 
+def first_event(events: list[list[Any]], wanted: str) -> str:
+    """Gamma of the first event of a kind."""
+    return next((f"{factor:.3f}" for kind, factor in events if kind == wanted), "-")
+
+
 def table(result: StudyResult) -> str:
     """Errors by beam, load, energy and model, as Markdown tables."""
-    rows = result.findings["rows"]
-    rungs = list(dict.fromkeys(row["model"] for row in rows))
-    heads = [f"{ms.models()[key].name}, {energy}" for energy in ENERGIES for key in rungs]
-    lines = ["Errors of displacement against finite elements [%]:", ""]
-    lines.append("| beam | Γ | drop [L] | " + " | ".join(heads) + " |")
-    lines.append("|---" * (3 + len(heads)) + "|")
-    cells = {(row["beam"], row["gamma"], row["energy"], row["model"]): row for row in rows}
-    for case, gamma in dict.fromkeys((row["beam"], row["gamma"]) for row in rows):
-        chosen = [cells[case, gamma, energy, key] for energy in ENERGIES for key in rungs]
-        errors = " | ".join(
-            f"{100 * row['error']:.2f}" + ("" if row["status"] == "converged" else f" ({row['status']})")
-            for row in chosen
-        )
-        lines.append(f"| {case} | {gamma:g} | {chosen[0]['reference_drop']:.4f} | {errors} |")
-    lines += ["", f"Events on the symmetric path of the last beam ({SNAPPING}), Γ:", ""]
-    lines += ["| energy | limit point, the fold flattens | bifurcation, the beam leaves its plane of symmetry |"]
-    lines.append("|---|---|---|")
-    for energy, events in result.findings["snaps"].items():
-        first = {kind: f"{factor:.3f}" for kind, factor in reversed(events)}
-        lines.append(f"| {energy} | {first.get('limit', '-')} | {first.get('bifurcation', '-')} |")
-    lines.append("| finite elements | 2.2 to 2.3 | not sought |")
-    lines += ["", "Largest errors [%] of whole Isotropic meshes before the snap, by mesh family:", ""]
-    lines += [f"| beam | mesh | vertices | drops up to {MODERATE:g} L | beyond |", "|---" * 5 + "|"]
-    for row in result.findings["families"]:
-        errors = " | ".join("-" if row[key] is None else f"{100 * row[key]:.2f}" for key in ("moderate", "beyond"))
-        lines.append(f"| {row['beam']} | {row['mesh']} | {row['vertices']} | {errors} |")
-    return "\n".join(lines)
+    found = result.findings
+    loads: dict[Any, dict[str, Any]] = {}
+    for row in found["rows"]:
+        load = loads.setdefault((row["beam"], row["gamma"]), {**row, "errors": {}})
+        word = "" if row["status"] == "converged" else f" ({row['status']})"
+        load["errors"][f"{ms.models()[row['model']].name}, {row['energy']}"] = f"{100 * row['error']:.2f}{word}"
+    events = [
+        {"energy": energy, "first": [first_event(own, kind) for kind in ("limit", "bifurcation")]}
+        for energy, own in found["snaps"].items()
+    ]
+    events.append({"energy": "finite elements", "first": ["2.2 to 2.3", "not sought"]})
+    return paragraphs(
+        "Errors of displacement against finite elements [%]:",
+        markdown(
+            "beam | Γ | drop [L] | " + " | ".join(next(iter(loads.values()))["errors"]),
+            "{beam} | {gamma:g} | {reference_drop:.4f} | {errors}",
+            [load | {"errors": list(load["errors"].values())} for load in loads.values()],
+        ),
+        f"Events on the symmetric path of the last beam ({SNAPPING}), Γ:",
+        markdown(
+            "energy | limit point, the fold flattens | bifurcation, the beam leaves its plane of symmetry",
+            "{energy} | {first}",
+            events,
+        ),
+        "Largest errors [%] of whole Isotropic meshes before the snap, by mesh family:",
+        markdown(
+            f"beam | mesh | vertices | drops up to {MODERATE:g} L | beyond",
+            "{beam} | {mesh} | {vertices} | {moderate:100*.2f} | {beyond:100*.2f}",
+            found["families"],
+        ),
+    )
 
 
-def finding(tables: list[Table]) -> str:
+def finding(result: StudyResult) -> str:
     """The largest error of both energies' whole meshes before the snap, that of MWTS, and where the fold flattens."""
-    errors, snaps, families = tables
+    rows, snaps = result.findings["rows"], result.findings["snaps"]
+    before = [row for row in rows if row["beam"] != SNAPPING or row["gamma"] < PAST]
 
-    def largest(head: str) -> float:
-        return max(number(r[head]) for r in errors if r["beam"] != SNAPPING or float(r["Γ"]) < PAST)
+    def largest(model: str, energy: str) -> str:
+        return f"{100 * max(row['error'] for row in before if (row['model'], row['energy']) == (model, energy)):.2g}"
 
-    whole = [largest(f"DS, {energy}") for energy in ENERGIES]
-    warped = [largest(f"MWTS, {energy}") for energy in ENERGIES]
-    moderate = numbers(families, f"drops up to {MODERATE:g} L")
-    limits = {row["energy"]: row["limit point, the fold flattens"] for row in snaps}
-    aside = {row["energy"]: row["bifurcation, the beam leaves its plane of symmetry"] for row in snaps}
+    whole, warped = ([largest(model, energy) for energy in ENERGIES] for model in (WHOLE, "mwts"))
+    limits = [first_event(snaps.get(energy, []), "limit") for energy in ENERGIES]
+    moderate = max(row["moderate"] for row in result.findings["families"] if row["moderate"] is not None)
     return (
-        f"Before the snap whole meshes of Isotropic shells are {whole[0]:.2g} % off finite elements at most, of "
-        f"calibrated hinges {whole[1]:.2g} %; MWTS on their modes {warped[0]:.2g} and {warped[1]:.2g} %. The fold "
-        f"of the wide beam flattens at Γ = {limits['Isotropic']} with Isotropic shells, {limits['hinges']} with "
+        f"Before the snap whole meshes of Isotropic shells are {whole[0]} % off finite elements at most, of "
+        f"calibrated hinges {whole[1]} %; MWTS on their modes {warped[0]} and {warped[1]} %. The fold "
+        f"of the wide beam flattens at Γ = {limits[0]} with Isotropic shells, {limits[1]} with "
         "hinges, 2.2 to 2.3 with finite elements; Isotropic shells leave the plane of symmetry before, at "
-        f"{aside['Isotropic']}. On three mesh families they are within {max(moderate):.1f} % at drops up to "
-        f"{MODERATE:g} L."
+        f"{first_event(snaps.get('Isotropic', []), 'bifurcation')}. On three mesh families they are within "
+        f"{100 * moderate:.1f} % at drops up to {MODERATE:g} L."
     )

@@ -7,27 +7,26 @@ strip is followed through its snap: bifurcation, limit point and the load from w
 are drawn. Beyond the snap no rung on rest modes is of use, and DS on a coarse mesh takes over.
 
 Gravity is given as Gamma, see :func:`modalshell.measure.gamma_per_gravity`.
-
-Run it alone with ``modalshell reproduce --only validity_map``.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 import modalshell as ms
 from modalshell.compare.path import Marks
-from modalshell.files.provenance import run_record
-from modalshell.files.study_result import StudyResult, Table
+from modalshell.core.typing import Progress
+from modalshell.files.study_result import StudyResult
 from modalshell.models import CoarseMesh
+from modalshell.models.coarse.coarse_shell import drawn_to_supports
 from modalshell.models.factory import ModelFactory
 from modalshell.models.registry import TRUTH
 from modalshell.scene.models import model_tables
-from studies.pages import number
+from studies.pages import counted, markdown, result_of
 
 FIGURES = ("validity_map",)
 
@@ -52,7 +51,7 @@ Those trained on motions are trained at every load.
 LADDER = tuple(spec.name for spec in RUNGS)
 
 
-def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None) -> StudyResult:
+def main(quick: bool = False, on_step: Progress | None = None) -> StudyResult:
     """Solve both maps; ``quick`` takes fewer cases on a coarser mesh."""
     cells = (16, 4) if quick else (30, 6)
     folds, membranes = (FOLDS[::4], MEMBRANES[1::4]) if quick else (FOLDS, MEMBRANES)
@@ -60,19 +59,9 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
     cases = [("fold", fold, fold, FIXED["membrane"]) for fold in folds]
     cases += [("membrane", membrane, FIXED["fold"], membrane) for membrane in membranes]
     found: dict[str, Any] = {name: {"values": [], "rows": []} for name in ("fold", "membrane")}
-    for done, (axis, value, fold, membrane) in enumerate(cases, start=1):
+    for axis, value, fold, membrane in counted(cases, on_step):
         found[axis]["values"].append(value)
         found[axis]["rows"].append(row(cells, fold, membrane, gammas))
-        if on_step is not None:
-            on_step(done, len(cases))
-    parameters: dict[str, Any] = {
-        "length": LENGTH,
-        "width": WIDTH,
-        "flexure": FLEXURE,
-        "density": DENSITY,
-        "modes": MODES,
-    }
-    parameters |= {"cells": cells, "family": "alternating", "fixed": FIXED}
     for one in found.values():
         one["cheapest"] = [[cheapest(case, tolerance) for case in one["rows"]] for tolerance in TOLERANCES]
     findings = {"maps": found, "gammas": gammas, "tolerances": TOLERANCES, "ladder": LADDER}
@@ -80,7 +69,7 @@ def main(quick: bool = False, on_step: Callable[[int, int], None] | None = None)
         f"{axis}_errors": np.array([[case["errors"][rung] for rung in LADDER] for case in found[axis]["rows"]], float)
         for axis in found
     }
-    return StudyResult("validity_map", findings, arrays, run_record(parameters))
+    return result_of("validity_map", findings, arrays, cells=cells)
 
 
 def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray) -> dict[str, Any]:
@@ -88,7 +77,8 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=cells)
     material = ms.Material(membrane, membrane, FLEXURE, DENSITY)
     shell = ms.Shell(mesh, material, mesh.vertices[:, 0] < 1.5 * LENGTH / cells[0])
-    coarse = CoarseMesh(coarse_mesh(fold, cells), "half the cells")
+    half = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=(cells[0] // 2, 4 if cells[1] > 4 else 2))
+    coarse = CoarseMesh(drawn_to_supports(shell, half), "half the cells")
     gamma_per_gravity = ms.measure.gamma_per_gravity(shell)
     unit = shell.gravity_force((0.0, 0.0, -1.0))
     gravity = 0.0
@@ -126,17 +116,6 @@ def row(cells: tuple[int, int], fold: float, membrane: float, gammas: np.ndarray
     return {"errors": errors, "ds_statuses": statuses, **scaled}
 
 
-def coarse_mesh(fold: float, cells: tuple[int, int]) -> ms.TriangleMesh:
-    """The strip with half the cells along it, its second row of vertices where the fine one's is: both are held."""
-    half, held = cells[0] // 2, LENGTH / cells[0]
-    mesh = ms.v_beam(length=LENGTH, width=WIDTH, fold=180.0 - fold, cells=(half, 4 if cells[1] > 4 else 2))
-    vertices = np.array(mesh.vertices)
-    x, cell = vertices[:, 0], LENGTH / half
-    beyond = held + (x - cell) * (LENGTH - held) / (LENGTH - cell)
-    vertices[:, 0] = np.where(x < 0.5 * cell, 0.0, beyond)
-    return ms.TriangleMesh(vertices, mesh.faces)
-
-
 def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
     """Cheapest rung within ``tolerance`` at each load of one row; DS where none is, "no answer" without a truth."""
     names = []
@@ -148,46 +127,44 @@ def cheapest(found: dict[str, Any], tolerance: float) -> list[str]:
     return names
 
 
+def reach(case: dict[str, Any], rung: str, tolerance: float, gammas: Sequence[float]) -> float:
+    """Largest Gamma up to which a rung stays within a tolerance; 0 where it does not at the smallest."""
+    errors = [np.inf if error is None else error for error in case["errors"][rung]]
+    within = int(np.cumprod(np.array(errors) <= tolerance).sum())
+    return gammas[within - 1] if within else 0.0
+
+
 def table(result: StudyResult) -> str:
     """Largest Gamma up to which each rung stays within each tolerance, one row per strip."""
-    found = result.findings
-    lines = [
-        "| strip | snap at Γ | bifurcation | limit | stable again | "
-        + " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in LADDER)
-        + " |"
-    ]
-    lines.append("|---|---|---|---|---|" + "---|" * len(LADDER))
-    words = {"fold": "fold {:g}°", "membrane": "membrane {:g} N/m"}
-    for axis, text in words.items():
+    found, rows = result.findings, []
+    for axis, words in {"fold": "fold {:g}°", "membrane": "membrane {:g} N/m"}.items():
         for value, case in zip(found["maps"][axis]["values"], found["maps"][axis]["rows"], strict=True):
-            places = " | ".join("no" if case[name] is None else f"{case[name]:.3g}" for name in ("snap", *MARKS))
-            reach = [" / ".join(_reach(case, rung, t, found["gammas"]) for t in TOLERANCES) for rung in LADDER]
-            lines.append(f"| {text.format(value)} | {places} | " + " | ".join(reach) + " |")
-    lines += ["", "Numbers are the largest Γ of the sweep up to which the rung stays within; – for none."]
-    return "\n".join(lines)
-
-
-def finding(tables: list[Table]) -> str:
-    """Loads up to which models on rest modes, and coarse DS, stay within 5 %."""
-    (rows,) = tables
-
-    def reach(row: dict[str, str], rung: str) -> float:
-        within = row[f"{rung} within 1 / 5 / 20 %"].split(" / ")[1]
-        return 0.0 if within == "–" else number(within)
-
-    flat, most, strains = rows[0], max(GAMMAS), ms.RotationStrain.name
-    # The page may be of a run before the latest model.
-    modal = [spec.name for spec in RUNGS if not spec.on_coarse_mesh and f"{spec.name} within 1 / 5 / 20 %" in flat]
-    folded = [row for row in rows if row["strip"].startswith("fold") and number(row["strip"]) >= 20.0]
-    best = max(reach(row, rung) for row in folded for rung in modal)
-    coarse = sum(reach(row, ms.CoarseDiscreteShell.name) >= most for row in rows)
-    return (
-        f"Flat, {strains} stays within 5 % up to Γ = {reach(flat, strains):g}; with folds from 20° on no model on rest "
-        f"modes does beyond Γ = {best:g}. Coarse DS does up to Γ = {most:g} on {coarse} of {len(rows)} strips."
+            reached = [[reach(case, rung, limit, found["gammas"]) for limit in TOLERANCES] for rung in LADDER]
+            cells = [" / ".join(f"{gamma:.2g}" if gamma else "–" for gamma in one) for one in reached]
+            rows.append({**case, "strip": words.format(value), "reached": cells})
+    names = " | ".join(f"{rung} within 1 / 5 / 20 %" for rung in LADDER)
+    strips = markdown(
+        f"strip | snap at Γ | bifurcation | limit | stable again | {names}",
+        "{strip} | {snap:.3g|no} | {bifurcation:.3g|no} | {limit:.3g|no} | {stable_again:.3g|no} | {reached}",
+        rows,
     )
+    return f"{strips}\n\nNumbers are the largest Γ of the sweep up to which the rung stays within; – for none."
 
 
-def _reach(case: dict[str, Any], rung: str, tolerance: float, gammas: np.ndarray) -> str:
-    errors = [np.inf if error is None else error for error in case["errors"][rung]]
-    within = np.cumprod(np.array(errors) <= tolerance).sum()
-    return f"{gammas[int(within) - 1]:.2g}" if within else "–"
+def finding(result: StudyResult) -> str:
+    """Loads up to which models on rest modes, and coarse DS, stay within 5 %."""
+    maps, gammas = result.findings["maps"], result.findings["gammas"]
+
+    def within(case: dict[str, Any], rung: str) -> float:
+        return reach(case, rung, 0.05, gammas)
+
+    folds = dict(zip(maps["fold"]["values"], maps["fold"]["rows"], strict=True))
+    modal = [spec.name for spec in RUNGS if not spec.on_coarse_mesh]
+    best = max(within(case, rung) for fold, case in folds.items() if fold >= 20.0 for rung in modal)
+    strips = [*folds.values(), *maps["membrane"]["rows"]]
+    coarse = sum(within(case, ms.CoarseDiscreteShell.name) >= gammas[-1] for case in strips)
+    return (
+        f"Flat, {ms.RotationStrain.name} stays within 5 % up to Γ = {within(folds[0.0], ms.RotationStrain.name):.2g}; "
+        f"with folds from 20° on no model on rest modes does beyond Γ = {best:.2g}. Coarse DS does up to "
+        f"Γ = {gammas[-1]:.2g} on {coarse} of {len(strips)} strips."
+    )

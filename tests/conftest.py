@@ -28,7 +28,7 @@ settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")  # the same examples in every run; others by --hypothesis-profile=default
 
 SLOW_STUDIES = {"held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "strangers_meshes", "tradeoff"}
-SLOW_STUDIES |= {"held_out_snaps", "path_chart"}
+SLOW_STUDIES |= {"held_out_snaps"}
 SLOW_STUDIES |= {
     "cloth_scaling",
     "dancing_character",

@@ -15,9 +15,6 @@ from modalshell.core.checks import shortened
 from modalshell.core.errors import FileFormatError
 from modalshell.files.atomic_io import checked_record, digest, read_npz, write_npz, write_record
 
-Table = list[dict[str, str]]
-"""A table of a study's page: the cells of each row by their headings."""
-
 _ARRAYS = "arrays"
 """Key of the arrays' digest in the JSON file."""
 

@@ -12,7 +12,7 @@ from modalshell.commands.cli import main
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.integrators.state import Damping
-from studies import modal_steps
+from studies import stability_limits
 
 MODULE = source("toy_rule.py")
 
@@ -72,7 +72,7 @@ def test_theory_and_statics_know_it(scene_file):
     assert frequency[0] == pytest.approx(np.sqrt(basis.eigenvalues[0] - 0.0625))
     load = basis.shell.gravity_force((0.0, 0.0, -2.0))
     q = model.equilibrium(gravity=(0.0, 0.0, -2.0)).coordinates
-    assert modal_steps.step_radius(model, q, load, 1e-3, damping) < 1.0
+    assert stability_limits.step_radius(model, q, load, 1e-3, damping) < 1.0
     led = ms.PositionConstraint(len(basis.shell.rest_positions) - 1, basis.shell.rest_positions[-1])
     run = ms.simulate(model, duration=0.5, gravity=(0.0, 0.0, -2.0), damping=(0.5, 0.0), constraints=[led])
     assert run.constraint_residuals.max() < 1e-6

@@ -18,12 +18,10 @@ from modalshell.models.registry import MODELS
 from modalshell.motion import Trajectory
 from modalshell.render.maps import Boundary, MapPanel, draw_maps
 from modalshell.scene.models import model_tables
-from studies import modal_steps
 from studies import stability_atlas as atlas
-from studies import stability_page as page
 
 models = atlas.models
-ROWS = {row.name: row for row in models.ROWS}
+ROWS = models.ROWS
 
 
 def constructed(tip, outcome=Outcome.COMPLETED, unconverged=0):
@@ -144,7 +142,7 @@ def test_every_model_of_a_scene_has_a_row_for_every_way_to_move(name, rows_of):
 
 
 def test_every_row_moves_in_its_own_way(rows_of):
-    assert len(ROWS) == len(models.ROWS)
+    assert len(ROWS) == len(list(models.integrated_models()))
     assert len(rows_of) == len(ROWS)
 
 
@@ -167,7 +165,7 @@ def test_step_matrix_is_the_derivative_of_a_step(kind, integrator):
     gravity, damping, dt = replace(models.BASE, gamma=20.0).gravity, Damping(2.0, 1e-3), 0.1
     q = model.equilibrium(gravity=gravity).coordinates
     load = model.shell.gravity_force(gravity)
-    matrix = modal_steps.step_matrix(model, q, load, dt, damping)
+    matrix = atlas.limits.step_matrix(model, q, load, dt, damping)
     direction = np.random.default_rng(0).standard_normal(2 * q.size) * 0.1
     remainders = []
     for size in (0.02, 0.01, 0.005):
@@ -187,22 +185,22 @@ def test_amplification_is_the_decay_rate_of_a_mode_that_oscillates():
     factor = (1.0 + dt * (0.5 + 0.01 * stiffness) + dt**2 * stiffness) ** -0.5
     assert float(-2.0 * np.log(factor[0]) / dt) == pytest.approx(model.decay_rate(dt, damping))
     load, rest = np.zeros_like(model.shell.rest_positions), np.zeros(1)
-    assert modal_steps.step_radius(model, rest, load, dt, damping) == pytest.approx(float(factor[0]))
+    assert atlas.limits.step_radius(model, rest, load, dt, damping) == pytest.approx(float(factor[0]))
 
 
 def test_radius_at_long_steps_is_that_of_the_iteration():
     model = ms.ModalWarping(ms.solve_modes(models.shell_of(1e2, 1.0, 0.0), 4))
     gravity = replace(models.BASE, gamma=20.0).gravity
     q, load = model.equilibrium(gravity=gravity).coordinates, model.shell.gravity_force(gravity)
-    radius = modal_steps.iteration_radius(model, q, load)
-    assert modal_steps.step_radius(model, q, load, 1e6, Damping(1.0, 0.0)) == pytest.approx(radius, rel=1e-4)
+    radius = atlas.limits.iteration_radius(model, q, load)
+    assert atlas.limits.step_radius(model, q, load, 1e6, Damping(1.0, 0.0)) == pytest.approx(radius, rel=1e-4)
     assert radius > 1.0
 
 
 @pytest.mark.parametrize("row", ROWS)
 def test_every_limit_is_met_by_measurement(row):
     """The claim of the atlas: within 5 %, for every limit that has a theory."""
-    found = atlas.limits_of(row, quick=True)
+    found = atlas.limits.limits_of(row, quick=True)
     for limit in found:
         assert limit["theory"] is not None
         assert limit["measured"] is not None, limit["what"]
@@ -213,7 +211,7 @@ def test_every_limit_is_met_by_measurement(row):
 
 def test_limits_of_the_classical_grid_are_met_from_above():
     """Its estimate is that of the endless sheet: never above what a sheet with edges can do."""
-    found = atlas.grid_limits(quick=True)
+    found = atlas.limits.grid_limits(quick=True)
     assert len(found) == 4
     for limit in found:
         assert 0.998 < limit["ratio"] < 1.05, limit["what"]
@@ -241,7 +239,7 @@ def test_bisection_says_where_there_is_no_limit():
 )
 def test_words_of_a_line(classes, words):
     names = [{"c": "converged", "h": atlas.AGREES, "d": "diverged", "i": "inaccurate"}[letter] for letter in classes]
-    assert page.reach((1.0, 10.0, 100.0, 1e3, 1e4), names, 10.0) == words
+    assert atlas.reach((1.0, 10.0, 100.0, 1e3, 1e4), names, 10.0) == words
 
 
 def test_maps_refuse_what_they_cannot_draw(tmp_path):

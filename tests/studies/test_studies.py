@@ -28,13 +28,16 @@ def test_every_study_leaves_its_files(name, quick_study):
     for figure in studies()[name].FIGURES:
         assert (folder / "figures" / f"{figure}.png").read_bytes()[:4] == b"\x89PNG"
     assert not list(folder.glob("*.part"))
+    found = studies()[name].finding(StudyResult.load(folder, name))
+    assert any(letter.isdigit() for letter in found)
 
 
 def test_record_says_how_to_make_it_again(results):
     record = json.loads((results / "v_beam_accuracy.json").read_text())["record"]
     assert set(record) == {"made", "versions", "seed", "parameters", "machine"}
     assert {"modalshell", "numpy", "scipy", "numba", "python"} <= set(record["versions"])
-    assert record["parameters"]["modes"] == 8
+    assert record["parameters"]["modes"] == 8  # a constant of its module
+    assert record["parameters"]["cells"] == [20, 4]  # chosen by a quick run
 
 
 def test_fold_stiffens(results):
