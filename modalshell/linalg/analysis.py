@@ -208,6 +208,20 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
 
 
 @njit
+def unsymmetric(starts: Index, neighbours: Index) -> int:
+    """A vertex whose sorted neighbours are not those that have it as one; -1 where there is none."""
+    n = len(starts) - 1
+    read = starts[:n].copy()  # every row is read from its beginning on, as its vertex turns up among the neighbours
+    for i in range(n):
+        for e in range(starts[i], starts[i + 1]):
+            j = neighbours[e]
+            if read[j] == starts[j + 1] or neighbours[read[j]] != i:
+                return j
+            read[j] += 1
+    return -1
+
+
+@njit
 def neighbour_sums(starts: Any, neighbours: Any, numbers: Any) -> Any:
     """Sum (n,) of the unsigned ``numbers`` of each vertex's neighbours, modulo 2^64."""
     sums = np.zeros_like(numbers)
@@ -282,7 +296,7 @@ def entry_places(
     local = np.empty(len(order), np.int64)
     found = np.full(len(order) * block, -1, np.int64)  # the last column with an entry in each row
     begins = np.zeros(len(first), np.int64)
-    count, diagonal = 0, 0
+    count = 0
     for s in range(len(first) - 1):
         for e in range(row_starts[s], row_ends[s]):
             local[rows[e]] = e - row_starts[s]
@@ -297,13 +311,8 @@ def entry_places(
                     found[indices[e]] = column
                     i = position[indices[e] // block]
                     if i > j or (i == j and indices[e] >= column):
-                        if count == len(sources):
-                            raise ValueError("the matrix must store both triangles")
-                        diagonal += indices[e] == column
                         sources[count] = e
                         places[count] = begin + local[i] * block + indices[e] % block
                         count += 1
         begins[s + 1] = count
-    if 2 * count - diagonal != len(indices):
-        raise ValueError("the matrix must store both triangles")
     return begins

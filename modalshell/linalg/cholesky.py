@@ -61,7 +61,7 @@ class CholeskyAnalysis:
 
     def __init__(self, matrix: sps.csc_array, *, once: bool = False) -> None:
         self.size = matrix.shape[0]
-        self.block, graph = block_graph(matrix)
+        self.block, graph = symmetric_block_graph(matrix)
         order, graph, tree, counts = found = best_elimination(graph, once=once)
         first = analysis.supernodes(tree, counts, self.block)
         row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, tree)
@@ -152,3 +152,17 @@ def block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
     graph = sps.csr_array((np.ones(matrix.nnz, dtype=np.int32), rows, matrix.indptr), shape=matrix.shape)
     graph.sort_indices()
     return 1, graph
+
+
+def symmetric_block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
+    """:func:`block_graph` of a matrix whose pattern is symmetric; ValueError for any other."""
+    if matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"the matrix must be square (got {matrix.shape[0]} rows and {matrix.shape[1]} columns)")
+    block, graph = block_graph(matrix)
+    wrong = analysis.unsymmetric(*row_lists(graph))
+    if wrong >= 0:
+        raise ValueError(
+            f"the matrix must store both triangles of a symmetric pattern (got other entries in row {block * wrong} than "
+            f"in column {block * wrong})"
+        )
+    return block, graph
