@@ -78,21 +78,21 @@ class CholeskyAnalysis:
         self._height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
         self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
-        self._storage, self._work = multifrontal.storage(first, row_starts, parent, panels[first_panel[1:]], self.block)
+        self._supernodes = multifrontal.Supernodes(self.block, first, row_starts, relative, parent, first_panel, panels)
+        self._storage, self._work = multifrontal.storage(self._supernodes)
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
         sources, places = np.empty((2, (matrix.nnz + self.size) // 2), kind)
         self._panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, panels)
         begins = analysis.entry_places(*pattern, order, self._panels, sources, places)[first_panel]
-        supernodes = first, row_starts, relative, parent, first_panel
-        self._to_factorise = sources, places, begins, self.block, *supernodes, panels
+        self._entries = multifrontal.Entries(sources, places, begins)
 
     def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""
         values, work, numbers = np.empty(self._storage), np.empty(self._work), np.empty(6, np.int32)
         with _blas().limit(limits=1, user_api="blas"):
-            wrong = multifrontal.factorise(matrix.data, *self._to_factorise, values, work, numbers, *BLAS)
+            wrong = multifrontal.factorise(matrix.data, self._entries, self._supernodes, values, work, numbers, BLAS)
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
         return BlockCholesky(self, values)
@@ -106,7 +106,7 @@ class CholeskyAnalysis:
             solve_three(values, self._panels, permuted, work)
         else:
             with _blas().limit(limits=1, user_api="blas"):
-                multifrontal.solve(values, self._panels, permuted, work, np.empty(6, np.int32), *BLAS)
+                multifrontal.solve(values, self._panels, permuted, work, np.empty(6, np.int32), BLAS)
         solution = np.empty(columns.shape)
         solution[self.order] = permuted.T
         return solution.reshape(right_sides.shape)
@@ -162,7 +162,7 @@ def symmetric_block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
     wrong = analysis.unsymmetric(*row_lists(graph))
     if wrong >= 0:
         raise ValueError(
-            f"the matrix must store both triangles of a symmetric pattern (got other entries in row {block * wrong} than "
-            f"in column {block * wrong})"
+            f"the matrix must store both triangles of a symmetric pattern (got other entries in row "
+            f"{block * wrong} than in column {block * wrong})"
         )
     return block, graph
