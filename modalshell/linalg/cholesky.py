@@ -79,7 +79,8 @@ class CholeskyAnalysis:
         self.entries = int(panels[-1])
         self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
         self._supernodes = multifrontal.Supernodes(self.block, first, row_starts, relative, parent, first_panel, panels)
-        self._storage, self._work = multifrontal.storage(self._supernodes)
+        self._buffer, size = multifrontal.storage(self._supernodes)
+        self._storage = self._buffer + size
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
@@ -90,9 +91,11 @@ class CholeskyAnalysis:
 
     def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""
-        values, work, numbers = np.empty(self._storage), np.empty(self._work), np.empty(6, np.int32)
+        values, sizes = np.empty(self._storage), np.empty(6, np.int32)
         with _blas().limit(limits=1, user_api="blas"):
-            wrong = multifrontal.factorise(matrix.data, self._entries, self._supernodes, values, work, numbers, BLAS)
+            wrong = multifrontal.factorise(
+                matrix.data, self._entries, self._supernodes, values, self._buffer, sizes, BLAS
+            )
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
         return BlockCholesky(self, values)

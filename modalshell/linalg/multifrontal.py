@@ -57,13 +57,13 @@ class Entries(NamedTuple):
 
 @njit
 def factorise(
-    data: Array, entries: Entries, supernodes: Supernodes, values: Array, work: Array, numbers: Any, blas: Blas
+    data: Array, entries: Entries, supernodes: Supernodes, values: Array, buffer: int, numbers: Any, blas: Blas
 ) -> int:
     """Factorise into ``values``; returns -1, or the first unknown, in elimination order, whose pivot is not positive.
 
-    A supernode's panels hold its columns of L, column-major. Its update matrix is formed in ``work``, which stays in
-    the processor's cache, or where that is too small behind the panels. It waits for its parent, the lower triangle
-    packed, on a stack that grows down from the end of ``values``, where no panel is yet: children are contiguous in
+    A supernode's panels hold its columns of L, column-major. Its update matrix is formed from ``values[buffer]`` on,
+    which stays in the processor's cache, or where the room is too small behind the panels. It waits for its parent, the
+    lower triangle packed, on a stack that grows down from there, where no panel is yet: children are contiguous in
     postorder, so that a supernode finds theirs on top. ``numbers`` (6,) has room for the sizes that the BLAS reads.
     """
     block, first, row_starts, relative, parent, first_panel, panels = supernodes
@@ -71,7 +71,7 @@ def factorise(
     begins = np.empty(len(parent), np.int64)  # of the updates on the stack
     waiting = np.empty(len(parent), np.int64)
     runs = np.empty((len(relative) + 1, 2), np.int64)
-    depth, top = 0, len(values)
+    depth, top = 0, buffer
     for s in range(len(parent)):
         width = (first[s + 1] - first[s]) * block
         below = (row_starts[s + 1] - row_starts[s]) * block - width
@@ -79,26 +79,25 @@ def factorise(
         values[panel:behind] = 0.0
         for e in range(entry_begins[s], entry_begins[s + 1]):
             values[places[e]] = data[sources[e]]
-        out, update = (work, 0) if below * below <= len(work) else (values, behind)
+        update = buffer if below * below <= len(values) - buffer else behind
         has_children = depth > 0 and parent[waiting[depth - 1]] == s
         if has_children:
             for j in range(below):
                 begin = update + j * below
-                out[begin + j : begin + below] = 0.0
+                values[begin + j : begin + below] = 0.0
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
-            top = _gather(supernodes, waiting[depth], values, begins[depth], out, update, runs)
+            top = _gather(supernodes, waiting[depth], values, begins[depth], update, runs)
         if width == 1:  # arithmetic that calls would cost more than
             if not values[panel] > 0.0:
                 return int(first[s] * block)
             top -= below * (below + 1) // 2
-            _eliminate_one(values, panel, below, out, update, has_children, top)
+            _eliminate_one(values, panel, below, update, has_children, top)
         else:
-            own = address(out) + 8 * update
-            wrong = _eliminate(supernodes, s, values, own, has_children, numbers, blas)
+            wrong = _eliminate(supernodes, s, values, update, has_children, numbers, blas)
             if wrong >= 0:
                 return wrong
-            top = _stack(values, top, out, update, below)
+            top = _stack(values, top, update, below)
         if below > 0:
             waiting[depth], begins[depth] = s, top
             depth += 1
@@ -106,9 +105,7 @@ def factorise(
 
 
 @njit
-def _gather(
-    supernodes: Supernodes, child: int, values: Array, source: int, out: Array, update: int, runs: Index
-) -> int:
+def _gather(supernodes: Supernodes, child: int, values: Array, source: int, update: int, runs: Index) -> int:
     """Add a child's update, packed from ``values[source]`` on, to its parent's panels and update; returns its end."""
     block, first, row_starts, relative, parent, first_panel, panels = supernodes
     s = parent[child]
@@ -124,25 +121,25 @@ def _gather(
         if column < width:
             above = column // PANEL * PANEL
             begin = panels[first_panel[s] + column // PANEL] + (column - above) * (height - above) - above
-            _add_column(values, source - j, j, run, found, runs, values, begin)
         else:
-            _add_column(values, source - j, j, run, found, runs, out, update + (column - width) * below - width)
+            begin = update + (column - width) * below - width
+        _add_column(values, source - j, j, run, found, runs, begin)
         source += size - j
     return source
 
 
 @njit
 def _eliminate(
-    supernodes: Supernodes, s: int, values: Array, own: int, has_children: bool, numbers: Any, blas: Blas
+    supernodes: Supernodes, s: int, values: Array, update: int, has_children: bool, numbers: Any, blas: Blas
 ) -> int:
-    """Factorise the panels of a supernode, and subtract their products from its update at the address ``own``.
+    """Factorise the panels of a supernode, and subtract their products from its update.
 
     Returns -1, or the first unknown whose pivot is not positive. What children left in the update is kept.
     """
     block, first, row_starts, _, _, first_panel, panels = supernodes
     width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
     below = height - width
-    sizes = address(numbers)
+    base, sizes = address(values), address(numbers)
     p_width, p_height, p_below = sizes, sizes + 4, sizes + 8
     p_info, p_rest, p_columns = sizes + 12, sizes + 16, sizes + 20
     lower, no, transposed, one, minus = blas.lower, blas.no, blas.transposed, blas.one, blas.minus
@@ -151,7 +148,7 @@ def _eliminate(
         above = (p - first_panel[s]) * PANEL
         columns, rows = min(PANEL, width - above), height - above
         numbers[0], numbers[1], numbers[2], numbers[4] = columns, rows, below, rows - columns
-        at = address(values) + 8 * panels[p]
+        at = base + 8 * panels[p]
         under = at + 8 * columns
         call(blas.potrf, (lower, p_width, at, p_height, p_info))
         if numbers[3] != 0:
@@ -161,24 +158,24 @@ def _eliminate(
         call(blas.trsm, (blas.right, lower, transposed, no, p_rest, p_width, one, at, p_height, under, p_height))
         for q in range(p + 1, first_panel[s + 1]):
             numbers[4], numbers[5] = rows - (q - p) * PANEL, min(PANEL, width - above - (q - p) * PANEL)
-            factors = (under, p_height, under, p_height, one, address(values) + 8 * panels[q], p_rest)
+            factors = (under, p_height, under, p_height, one, base + 8 * panels[q], p_rest)
             call(blas.gemm, (no, transposed, p_rest, p_columns, p_width, minus, *factors))
             under += 8 * PANEL
         if below > 0:
             under = at + 8 * (rows - below)
-            call(blas.syrk, (lower, no, p_below, p_width, minus, under, p_height, beta, own, p_below))
+            call(blas.syrk, (lower, no, p_below, p_width, minus, under, p_height, beta, base + 8 * update, p_below))
             beta = one
     return -1
 
 
 @njit
-def _stack(values: Array, top: int, out: Array, update: int, below: int) -> int:
+def _stack(values: Array, top: int, update: int, below: int) -> int:
     """Pack the lower triangle of an update before ``values[top]``; returns where it begins."""
     top -= below * (below + 1) // 2
     target = top
     for j in range(below):
         begin = update + j * below
-        values[target : target + below - j] = out[begin + j : begin + below]
+        values[target : target + below - j] = values[begin + j : begin + below]
         target += below - j
     return top
 
@@ -199,21 +196,19 @@ def _runs(relative: Index, begin: int, end: int, block: int, runs: Index) -> int
 
 
 @njit
-def _add_column(values: Array, source: int, j: int, run: int, found: int, runs: Index, out: Array, column: int) -> None:
-    """Add rows from ``j`` on of the column whose row 0 would be at ``values[source]`` to that at ``out[column]``."""
+def _add_column(values: Array, source: int, j: int, run: int, found: int, runs: Index, column: int) -> None:
+    """Add rows from ``j`` on of the column whose row 0 would be at ``values[source]`` to that at ``values[column]``."""
     begin = j
     for k in range(run, found):
         start, shift = np.uintp(source + begin), np.uintp(column + runs[k, 1] + begin - runs[k, 0])
         for i in range(np.uintp(runs[k + 1, 0] - begin)):
-            out[shift + i] += values[start + i]
+            values[shift + i] += values[start + i]
         begin = runs[k + 1, 0]
 
 
 @njit
-def _eliminate_one(
-    values: Array, panel: int, below: int, work: Array, update: int, has_children: bool, top: int
-) -> None:
-    """Eliminate one unknown, and put its packed update at ``top``: what it adds to that of children in ``work``."""
+def _eliminate_one(values: Array, panel: int, below: int, update: int, has_children: bool, top: int) -> None:
+    """Eliminate one unknown, and put its packed update at ``top``: what it adds to that of children at ``update``."""
     values[panel] = np.sqrt(values[panel])
     inverse = 1.0 / values[panel]
     column = np.uintp(panel + 1)
@@ -225,7 +220,7 @@ def _eliminate_one(
         if has_children:
             own = np.uintp(update + j * below + j)
             for i in range(size):
-                values[target + i] = work[own + i] + entry * values[under + i]
+                values[target + i] = values[own + i] + entry * values[under + i]
         else:
             for i in range(size):
                 values[target + i] = 0.0 + entry * values[under + i]
@@ -303,7 +298,7 @@ def solve(values: Array, panels: Panels, right_sides: Array, work: Array, number
 
 @njit
 def storage(supernodes: Supernodes) -> tuple[int, int]:
-    """How many numbers :func:`factorise` needs for panels, updates and those that wait, and as ``work``."""
+    """How many numbers :func:`factorise` needs for panels, updates and those that wait, and in its buffer."""
     block, first, row_starts, _, parent, first_panel, panels = supernodes
     most, widest, top, depth = 0, 0, 0, 0
     sizes = np.empty(len(parent), np.int64)
