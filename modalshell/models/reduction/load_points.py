@@ -69,22 +69,22 @@ class LoadPoints:
         self.turns = _product(sps.csr_array(sps.vstack([part.turns for part in parts])), basis.rotations)
         kinds = np.repeat([part.kind for part in parts], counts)
         faces, sizes = (np.concatenate(of) for of in zip(*((part.faces, part.sizes) for part in parts), strict=True))
+        air, bodies = np.zeros((ends[-1], 3)), np.zeros((len(loads), 3, 7))
         self._points = Points(
-            np.column_stack([kinds, np.repeat(np.arange(len(parts)), counts)]), faces, sizes, np.zeros(sizes.shape),
-            np.zeros((len(loads), 3, 7)), np.ones(len(loads)), np.empty(sizes.shape), self.modes, self.turns,
+            np.column_stack([kinds, np.repeat(np.arange(len(parts)), counts)]), faces, sizes, air, bodies,
+            np.ones(len(loads)), np.empty((ends[-1], 3)), self.modes, self.turns,
         )  # fmt: skip
         self._changing = [(index, load) for index, load in enumerate(loads) if load.factor is not None]
         self._fields: list[tuple[slice, SurfaceForm]] = []
         for index, load in enumerate(loads):
             form, own = load.form, slice(ends[index], ends[index + 1])
             if isinstance(form, BodyForm):
-                self._points.bodies[index] = np.column_stack([form.constant, form.by_position, form.by_velocity])
-                corners = mesh.vertices[faces[own]]
-                self._points.air[own] = parts[index].means @ mesh.vertices - corners.mean(axis=1)
+                bodies[index] = np.column_stack([form.constant, form.by_position, form.by_velocity])
+                air[own] = parts[index].means @ mesh.vertices - mesh.vertices[faces[own]].mean(axis=1)
             elif isinstance(form, SurfaceForm) and callable(form.velocity):
                 self._fields.append((own, form))
             elif isinstance(form, SurfaceForm) and form.velocity is not None:
-                self._points.air[own] = form.velocity
+                air[own] = form.velocity
 
     @property
     def count(self) -> int:
