@@ -99,7 +99,7 @@ def test_a_matrix_with_an_unsymmetric_pattern_is_refused(size, block, analysis):
 
 @pytest.mark.parametrize("analysis", [CholeskyAnalysis, ProfileAnalysis])
 def test_a_matrix_that_is_not_square_is_refused(analysis):
-    with pytest.raises(ValueError, match="square .got 6 rows and 9 columns"):
+    with pytest.raises(ValueError, match=r"square .got 6 rows and 9 columns"):
         analysis(sps.csc_array(np.ones((6, 9))))
 
 
