@@ -209,7 +209,7 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
 
 @njit
 def unsymmetric(starts: Index, neighbours: Index) -> int:
-    """A vertex whose sorted neighbours are not those that have it as one; -1 where there is none."""
+    """A vertex whose sorted neighbours are not those that have it as one; -1 if there is none."""
     n = len(starts) - 1
     read = starts[:n].copy()  # every row is read from its beginning on, as its vertex turns up among the neighbours
     for i in range(n):
