@@ -122,6 +122,10 @@ class SplitFolds:
             sps.csr_array(by_share.T @ blocks @ by_share),
         )
 
+    def parts_of_folds(self, angles: Array, shares: Array) -> Array:
+        """Gamma (B, 5) of fold angles (H,) and fold shares (m,): the part of each fold that every pair has."""
+        return np.append(angles, 0.0)[self.folds] + self.shares * np.append(shares, 0.0)[self.share_index]
+
     def of_hinges(self, mesh: TriangleMesh, values: Array) -> Array:
         """Values (H,) of folds at the hinges of the mesh; zero at those between held triangles."""
         real = self.hinges[:, 3] < len(mesh.vertices)
