@@ -33,37 +33,24 @@ def dissect(starts: Index, neighbours: Index, leaf: int) -> tuple[Index, Index]:
     while depth > 0:
         depth -= 1
         begin, end = stack[depth, 0], stack[depth, 1]
-        for k in range(begin, end):
-            part_begin[k] = begin
+        part_begin[begin:end] = begin
         if end - begin <= leaf:
             continue
         vertices = order[begin:end].copy()
         part = _subgraph(starts, neighbours, vertices, number)
         side, across = _cut(*part)
-        lower_size, upper_size = 0, 0
-        for s in side:
-            lower_size += s == 0
-            upper_size += s == 1
+        lower_size, upper_size = np.sum(side == 0), np.sum(side == 1)
         separated = lower_size + upper_size < len(side)
         if min(lower_size, upper_size) < (0.5 * _LEAST * len(side) if separated else 1):
             continue
-        lower, upper, place = begin, begin + lower_size, begin + lower_size + upper_size
-        stack[depth, 0], stack[depth, 1] = lower, upper
+        upper, place = begin + lower_size, begin + lower_size + upper_size
+        stack[depth, 0], stack[depth, 1] = begin, upper
         stack[depth + 1, 0], stack[depth + 1, 1] = upper, place
         depth += 2
-        for k in range(place, end):
-            part_begin[k] = -1
-        for i in _sorted(across):  # separators from one end to the other
-            if side[i] == 2:
-                order[place] = vertices[i]
-                place += 1
-        for i in range(len(side)):
-            if side[i] == 0:
-                order[lower] = vertices[i]
-                lower += 1
-            elif side[i] == 1:
-                order[upper] = vertices[i]
-                upper += 1
+        part_begin[place:end] = -1
+        along = _sorted(across)  # separators from one end to the other
+        order[begin:upper], order[upper:place] = vertices[side == 0], vertices[side == 1]
+        order[place:end] = vertices[along[side[along] == 2]]
     return order, part_begin
 
 
