@@ -156,13 +156,11 @@ def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index
     """
     count, n = len(first) - 1, len(starts) - 1
     of = np.empty(n, np.int64)
-    for s in range(count):
-        for j in range(first[s], first[s + 1]):
-            of[j] = s
     above = np.full(count, -1, np.int64)
-    sizes = np.zeros(count, np.int64)
+    sizes = np.diff(first)
     for s in range(count):
-        sizes[s] = first[s + 1] - first[s]
+        of[first[s] : first[s + 1]] = s
+    for s in range(count):
         last = parent[first[s + 1] - 1]
         if last >= 0:
             above[s] = of[last]
@@ -182,13 +180,11 @@ def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index
                     sizes[s] += 1
                     s = above[s]
         if filling == 0:
-            for s in range(count):
-                row_starts[s + 1] = row_starts[s] + sizes[s]
+            row_starts[1:] = np.cumsum(sizes)
             rows = np.empty(row_starts[count], np.int64)
+            sizes = np.diff(first)
             for s in range(count):
-                sizes[s] = first[s + 1] - first[s]
-                for j in range(sizes[s]):
-                    rows[row_starts[s] + j] = first[s] + j
+                rows[row_starts[s] : row_starts[s] + sizes[s]] = np.arange(first[s], first[s + 1])
     return row_starts, rows, above
 
 
@@ -291,8 +287,7 @@ def entry_places(
     """
     block, first, row_starts, row_ends, rows, panel_begins = panels
     position = np.empty(len(order), np.int64)
-    for j in range(len(order)):
-        position[order[j]] = j
+    position[order] = np.arange(len(order))
     local = np.empty(len(order), np.int64)
     found = np.full(len(order) * block, -1, np.int64)  # the last column with an entry in each row
     begins = np.zeros(len(first), np.int64)

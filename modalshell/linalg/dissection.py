@@ -55,18 +55,9 @@ def dissect(starts: Index, neighbours: Index, leaf: int) -> tuple[Index, Index]:
 
 
 @njit
-def _range(levels: Index) -> tuple[int, int]:
-    """Least and largest."""
-    least = most = levels[0]
-    for level in levels:
-        least, most = min(least, level), max(most, level)
-    return least, most
-
-
-@njit
 def _sorted(levels: Index) -> Index:
     """Order (m,) that sorts whole numbers of a narrow range, stable."""
-    least, most = _range(levels)
+    least, most = levels.min(), levels.max()
     begins = np.zeros(most - least + 2, np.int64)
     for level in levels:
         begins[level - least + 1] += 1
@@ -82,10 +73,8 @@ def _sorted(levels: Index) -> Index:
 @njit
 def _subgraph(starts: Index, neighbours: Index, vertices: Index, number: Index) -> tuple[Index, Index]:
     """The graph of some vertices, without their entries on the diagonal; ``number`` (n,) is -1 before and after."""
-    most = 0
-    for i, v in enumerate(vertices):
-        number[v] = i
-        most += starts[v + 1] - starts[v]
+    number[vertices] = np.arange(len(vertices))
+    most = np.sum(starts[vertices + 1] - starts[vertices])
     own_starts, own = np.empty(len(vertices) + 1, np.int64), np.empty(most, np.int64)
     own_starts[0] = count = 0
     for i, v in enumerate(vertices):
@@ -95,8 +84,7 @@ def _subgraph(starts: Index, neighbours: Index, vertices: Index, number: Index) 
                 own[count] = j
                 count += 1
         own_starts[i + 1] = count
-    for v in vertices:
-        number[v] = -1
+    number[vertices] = -1
     return own_starts, own[:count].copy()
 
 
@@ -108,7 +96,6 @@ def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
     enough vertices on both sides gives the band in which the minimum separator is found, as in inertial flow
     [schild2015].
     """
-    m = len(starts) - 1
     side, apart = _apart(starts, neighbours)
     if apart:
         return side, side
@@ -119,8 +106,7 @@ def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
         if cost < fewest:
             fewest, chosen, low, high = cost, k, below, above
     if chosen >= 0:
-        for i in range(m):
-            side[i] = 0 if axes[chosen, i] <= low else 1 if axes[chosen, i] >= high else 2
+        side = np.where(axes[chosen] <= low, 0, np.where(axes[chosen] >= high, 1, 2))
         minimum_separator(starts, neighbours, axes[chosen], side)
     return side, axes[chosen ^ 1]
 
@@ -154,21 +140,13 @@ def _apart(starts: Index, neighbours: Index) -> tuple[Index, bool]:
 @njit
 def _coordinates(starts: Index, neighbours: Index) -> Index:
     """Four coordinates (4, m), the first two and the last two across each other."""
-    m = len(starts) - 1
     nearest = distances(starts, neighbours, 0)
-    axes = np.zeros((4, m), np.int64)
+    axes = np.zeros((4, len(nearest)), np.int64)
     for k in range(4):
-        vertex = 0
-        for i in range(m):
-            if nearest[i] > nearest[vertex]:
-                vertex = i
-        far = distances(starts, neighbours, vertex)
-        for i in range(m):
-            axes[k, i] = far[i]
-            nearest[i] = far[i] if k == 0 else min(nearest[i], far[i])
-    for i in range(m):
-        first, second = axes[0, i] - axes[1, i], axes[2, i] - axes[3, i]
-        axes[0, i], axes[1, i], axes[2, i], axes[3, i] = first, second, first + second, first - second
+        axes[k] = distances(starts, neighbours, np.argmax(nearest))
+        nearest = axes[k].copy() if k == 0 else np.minimum(nearest, axes[k])
+    first, second = axes[0] - axes[1], axes[2] - axes[3]
+    axes[0], axes[1], axes[2], axes[3] = first, second, first + second, first - second
     return axes
 
 
@@ -179,7 +157,7 @@ def _level_cut(starts: Index, neighbours: Index, along: Index) -> tuple[float, i
     The cost is the number of vertices that separate the two sides, more where these are uneven.
     """
     m = len(along)
-    least, most = _range(along)
+    least, most = along.min(), along.max()
     levels = most - least + 1
     counts = np.zeros(levels + 1, np.int64)
     lower, upper = np.zeros(levels + 1, np.int64), np.zeros(levels + 1, np.int64)
