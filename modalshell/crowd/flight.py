@@ -14,14 +14,16 @@ from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.crowd.flap import Flap
 from modalshell.crowd.flock import Flock
-from modalshell.crowd.page import flock_page
 from modalshell.crowd.shell_crowd import ShellCrowd
 from modalshell.page import Page
+from modalshell.page.html import encoded, filled_page, modal_data
 
 _FLOCK = ("positions", "directions", "velocities", "accelerations")
 _SAMPLE = 1.0 / 30.0
 """Time [s] between the samples of a moving target on a page."""
 _CROWD = ("coordinates", "rates", "levels")
+_MOST_BIRDS = 20_000
+"""Birds of a page: each looks at all the others."""
 
 
 @final
@@ -94,7 +96,9 @@ class Flight:
         duration: float = 10.0,
         title: str = "flock",
     ) -> Page:
-        """A self-contained web page that continues the flight from here, on the browser's GPU.
+        """A self-contained web page that continues the flight from here on the browser's GPU, in single precision.
+
+        Modal forces are those of LMA, ``Phi^T f`` in each bird's frame; positions are those of MWTS.
 
         Parameters
         ----------
@@ -114,14 +118,29 @@ class Flight:
         """
         flock, crowd, flap = self.flock, self.crowd, self.flap
         dt, duration = checked_number("dt", dt, above=0.0), checked_number("duration", duration, above=0.0)
-        eye, aim = (checked_vectors("camera", part, (3,), OptionError) for part in camera)
-        if not (eye - aim).any():
+        eye, target = (checked_vectors("camera", part, (3,), OptionError) for part in camera)
+        back = eye - target
+        distance = float(np.linalg.norm(back))
+        if not distance > 0.0:
             raise OptionError("the camera must be away from what it looks at")
+        if crowd.count > _MOST_BIRDS:
+            raise OptionError(f"a page takes at most {_MOST_BIRDS:,} birds (got {crowd.count:,})")
         path = None if flock.target is None else flock.target[None]
         if self.target is not None:
             path = np.array([self.target(t) for t in np.arange(0.0, duration + 0.5 * _SAMPLE, _SAMPLE)])
         basis = crowd.basis
-        numbers = {
+        rest, faces = basis.shell.rest_positions, basis.shell.mesh.faces
+        data = {
+            "birds": crowd.count,
+            **modal_data(rest, faces, basis.modes, basis.rotations),
+            "positions": encoded(flock.positions.astype(np.float32)),
+            "directions": encoded(flock.directions.astype(np.float32)),
+            "own": encoded(np.column_stack([flock.noise_offsets, self.phases]).astype(np.float32)),
+            "size": distance,
+            "distance": distance,
+            "centre": target.tolist(),
+            "azimuth": float(np.arctan2(back[1], back[0])),
+            "elevation": float(np.arcsin(back[2] / distance)),
             "dt": dt,
             "reach": flock.neighbour_distance,
             "cosine": math.cos(0.5 * flock.field_of_view),
@@ -145,18 +164,7 @@ class Flight:
             "beats": flap.frequency,
             "largest": flap.largest_load_factor,
         }
-        return flock_page(
-            rest_positions=basis.shell.rest_positions,
-            faces=basis.shell.mesh.faces,
-            modes=basis.modes,
-            rotations=basis.rotations,
-            positions=flock.positions,
-            directions=flock.directions,
-            own=np.column_stack([flock.noise_offsets, self.phases]),
-            numbers=numbers,
-            camera=(eye, aim),
-            title=title,
-        )
+        return filled_page("flock", title, data, rest, faces, __package__)
 
     def snapshot(self) -> dict[str, NDArray[np.generic]]:
         """Checkpoint from which :meth:`restore` resumes bit for bit."""

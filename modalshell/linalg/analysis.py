@@ -156,13 +156,11 @@ def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index
     """
     count, n = len(first) - 1, len(starts) - 1
     of = np.empty(n, np.int64)
-    for s in range(count):
-        for j in range(first[s], first[s + 1]):
-            of[j] = s
     above = np.full(count, -1, np.int64)
-    sizes = np.zeros(count, np.int64)
+    sizes = np.diff(first)
     for s in range(count):
-        sizes[s] = first[s + 1] - first[s]
+        of[first[s] : first[s + 1]] = s
+    for s in range(count):
         last = parent[first[s + 1] - 1]
         if last >= 0:
             above[s] = of[last]
@@ -182,13 +180,11 @@ def supernode_rows(starts: Index, neighbours: Index, first: Index, parent: Index
                     sizes[s] += 1
                     s = above[s]
         if filling == 0:
-            for s in range(count):
-                row_starts[s + 1] = row_starts[s] + sizes[s]
+            row_starts[1:] = np.cumsum(sizes)
             rows = np.empty(row_starts[count], np.int64)
+            sizes = np.diff(first)
             for s in range(count):
-                sizes[s] = first[s + 1] - first[s]
-                for j in range(sizes[s]):
-                    rows[row_starts[s] + j] = first[s] + j
+                rows[row_starts[s] : row_starts[s] + sizes[s]] = np.arange(first[s], first[s + 1])
     return row_starts, rows, above
 
 
@@ -205,6 +201,20 @@ def relative_rows(first: Index, row_starts: Index, rows: Index, above: Index) ->
                 k += 1
             relative[e] = k - row_starts[above[s]]
     return relative
+
+
+@njit
+def unsymmetric(starts: Index, neighbours: Index) -> int:
+    """A vertex whose sorted neighbours are not those that have it as one; -1 if there is none."""
+    n = len(starts) - 1
+    read = starts[:n].copy()  # every row is read from its beginning on, as its vertex turns up among the neighbours
+    for i in range(n):
+        for e in range(starts[i], starts[i + 1]):
+            j = neighbours[e]
+            if read[j] == starts[j + 1] or neighbours[read[j]] != i:
+                return j
+            read[j] += 1
+    return -1
 
 
 @njit
@@ -277,12 +287,11 @@ def entry_places(
     """
     block, first, row_starts, row_ends, rows, panel_begins = panels
     position = np.empty(len(order), np.int64)
-    for j in range(len(order)):
-        position[order[j]] = j
+    position[order] = np.arange(len(order))
     local = np.empty(len(order), np.int64)
     found = np.full(len(order) * block, -1, np.int64)  # the last column with an entry in each row
     begins = np.zeros(len(first), np.int64)
-    count, diagonal = 0, 0
+    count = 0
     for s in range(len(first) - 1):
         for e in range(row_starts[s], row_ends[s]):
             local[rows[e]] = e - row_starts[s]
@@ -297,13 +306,8 @@ def entry_places(
                     found[indices[e]] = column
                     i = position[indices[e] // block]
                     if i > j or (i == j and indices[e] >= column):
-                        if count == len(sources):
-                            raise ValueError("the matrix must store both triangles")
-                        diagonal += indices[e] == column
                         sources[count] = e
                         places[count] = begin + local[i] * block + indices[e] % block
                         count += 1
         begins[s + 1] = count
-    if 2 * count - diagonal != len(indices):
-        raise ValueError("the matrix must store both triangles")
     return begins

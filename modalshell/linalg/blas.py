@@ -1,12 +1,11 @@
 """BLAS and LAPACK of SciPy inside compiled functions that numba can still cache.
 
-A function pointer that is a global constant would keep a function out of numba's cache. The addresses are arguments
-here: :data:`BLAS` holds them in the order of the constants below.
+A function pointer that is a global constant would keep a function out of numba's cache: :data:`BLAS` is an argument.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba.core.types as nt
 import numpy as np
@@ -15,15 +14,36 @@ from numba.extending import get_cython_function_address, intrinsic
 
 from modalshell.kernels.compiler import njit
 
-POTRF, TRSM, SYRK, GEMM, TRSV, GEMV = range(6)
 
-_NAMES = ("lapack", "dpotrf"), *(("blas", name) for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv"))
-_ADDRESSES = [get_cython_function_address(f"scipy.linalg.cython_{library}", name) for library, name in _NAMES]
-BLAS = np.array(_ADDRESSES, np.int64), np.frombuffer(b"LNTR", np.uint8), np.array([1.0, -1.0, 0.0])
-"""What compiled functions take as ``addresses``, in the order of the constants, ``letters`` and ``scalars``.
+class Blas(NamedTuple):
+    """Addresses of functions, of the letters of their options, and of factors."""
 
-The letters are options: left or lower, no transpose or no unit diagonal, transposed, right; the scalars are factors.
-"""
+    potrf: int
+    trsm: int
+    syrk: int
+    gemm: int
+    trsv: int
+    gemv: int
+    left: int
+    lower: int
+    no: int
+    transposed: int
+    right: int
+    one: int
+    minus: int
+    zero: int
+
+
+_LETTERS, _FACTORS = np.frombuffer(b"LLNTR", np.uint8), np.array([1.0, -1.0, 0.0])
+BLAS = Blas(
+    get_cython_function_address("scipy.linalg.cython_lapack", "dpotrf"),
+    *(
+        get_cython_function_address("scipy.linalg.cython_blas", name)
+        for name in ("dtrsm", "dsyrk", "dgemm", "dtrsv", "dgemv")
+    ),
+    *(_LETTERS.ctypes.data + k for k in range(_LETTERS.size)),
+    *(_FACTORS.ctypes.data + 8 * k for k in range(_FACTORS.size)),
+)
 
 
 @njit(inline="always")

@@ -61,7 +61,7 @@ class CholeskyAnalysis:
 
     def __init__(self, matrix: sps.csc_array, *, once: bool = False) -> None:
         self.size = matrix.shape[0]
-        self.block, graph = block_graph(matrix)
+        self.block, graph = symmetric_block_graph(matrix)
         order, graph, tree, counts = found = best_elimination(graph, once=once)
         first = analysis.supernodes(tree, counts, self.block)
         row_starts, rows, parent = analysis.supernode_rows(*row_lists(graph), first, tree)
@@ -78,21 +78,24 @@ class CholeskyAnalysis:
         self._height = int(heights.max(initial=0))
         self.entries = int(panels[-1])
         self.solves_a_factorisation = _PRODUCTS_A_READ * found.products * self.block**3 / max(self.entries, 1)
-        self._storage, self._work = multifrontal.storage(first, row_starts, parent, panels[first_panel[1:]], self.block)
+        self._supernodes = multifrontal.Supernodes(self.block, first, row_starts, relative, parent, first_panel, panels)
+        self._buffer, size = multifrontal.storage(self._supernodes)
+        self._storage = self._buffer + size
         self.order = (self.block * order[:, None] + np.arange(self.block)).ravel()
         pattern = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
         kind = np.int32 if self._storage < 2**31 else np.int64
         sources, places = np.empty((2, (matrix.nnz + self.size) // 2), kind)
         self._panels = analysis.Panels(self.block, columns, row_begins, row_ends, rows, panels)
         begins = analysis.entry_places(*pattern, order, self._panels, sources, places)[first_panel]
-        supernodes = first, row_starts, relative, parent, first_panel
-        self._to_factorise = sources, places, begins, self.block, *supernodes, panels
+        self._entries = multifrontal.Entries(sources, places, begins)
 
     def factorise(self, matrix: sps.csc_array) -> BlockCholesky:
         """Factor of a matrix with this pattern; NotPositiveDefiniteError where a pivot is not positive."""
-        values, work, numbers = np.empty(self._storage), np.empty(self._work), np.empty(6, np.int32)
+        values, sizes = np.empty(self._storage), np.empty(6, np.int32)
         with _blas().limit(limits=1, user_api="blas"):
-            wrong = multifrontal.factorise(matrix.data, *self._to_factorise, values, work, numbers, *BLAS)
+            wrong = multifrontal.factorise(
+                matrix.data, self._entries, self._supernodes, values, self._buffer, sizes, BLAS
+            )
         if wrong >= 0:
             raise NotPositiveDefiniteError(int(self.order[wrong]), self.size)
         return BlockCholesky(self, values)
@@ -106,7 +109,7 @@ class CholeskyAnalysis:
             solve_three(values, self._panels, permuted, work)
         else:
             with _blas().limit(limits=1, user_api="blas"):
-                multifrontal.solve(values, self._panels, permuted, work, np.empty(6, np.int32), *BLAS)
+                multifrontal.solve(values, self._panels, permuted, work, np.empty(6, np.int32), BLAS)
         solution = np.empty(columns.shape)
         solution[self.order] = permuted.T
         return solution.reshape(right_sides.shape)
@@ -152,3 +155,17 @@ def block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
     graph = sps.csr_array((np.ones(matrix.nnz, dtype=np.int32), rows, matrix.indptr), shape=matrix.shape)
     graph.sort_indices()
     return 1, graph
+
+
+def symmetric_block_graph(matrix: sps.csc_array) -> tuple[int, sps.csr_array]:
+    """:func:`block_graph` of a matrix whose pattern is symmetric; ValueError for any other."""
+    if matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"the matrix must be square (got {matrix.shape[0]} rows and {matrix.shape[1]} columns)")
+    block, graph = block_graph(matrix)
+    wrong = analysis.unsymmetric(*row_lists(graph))
+    if wrong >= 0:
+        raise ValueError(
+            f"the matrix must store both triangles of a symmetric pattern (got other entries in row "
+            f"{block * wrong} than in column {block * wrong})"
+        )
+    return block, graph

@@ -33,53 +33,31 @@ def dissect(starts: Index, neighbours: Index, leaf: int) -> tuple[Index, Index]:
     while depth > 0:
         depth -= 1
         begin, end = stack[depth, 0], stack[depth, 1]
-        for k in range(begin, end):
-            part_begin[k] = begin
+        part_begin[begin:end] = begin
         if end - begin <= leaf:
             continue
         vertices = order[begin:end].copy()
         part = _subgraph(starts, neighbours, vertices, number)
         side, across = _cut(*part)
-        lower_size, upper_size = 0, 0
-        for s in side:
-            lower_size += s == 0
-            upper_size += s == 1
+        lower_size, upper_size = np.sum(side == 0), np.sum(side == 1)
         separated = lower_size + upper_size < len(side)
         if min(lower_size, upper_size) < (0.5 * _LEAST * len(side) if separated else 1):
             continue
-        lower, upper, place = begin, begin + lower_size, begin + lower_size + upper_size
-        stack[depth, 0], stack[depth, 1] = lower, upper
+        upper, place = begin + lower_size, begin + lower_size + upper_size
+        stack[depth, 0], stack[depth, 1] = begin, upper
         stack[depth + 1, 0], stack[depth + 1, 1] = upper, place
         depth += 2
-        for k in range(place, end):
-            part_begin[k] = -1
-        for i in _sorted(across):  # separators from one end to the other
-            if side[i] == 2:
-                order[place] = vertices[i]
-                place += 1
-        for i in range(len(side)):
-            if side[i] == 0:
-                order[lower] = vertices[i]
-                lower += 1
-            elif side[i] == 1:
-                order[upper] = vertices[i]
-                upper += 1
+        part_begin[place:end] = -1
+        along = _sorted(across)  # separators from one end to the other
+        order[begin:upper], order[upper:place] = vertices[side == 0], vertices[side == 1]
+        order[place:end] = vertices[along[side[along] == 2]]
     return order, part_begin
-
-
-@njit
-def _range(levels: Index) -> tuple[int, int]:
-    """Least and largest."""
-    least = most = levels[0]
-    for level in levels:
-        least, most = min(least, level), max(most, level)
-    return least, most
 
 
 @njit
 def _sorted(levels: Index) -> Index:
     """Order (m,) that sorts whole numbers of a narrow range, stable."""
-    least, most = _range(levels)
+    least, most = levels.min(), levels.max()
     begins = np.zeros(most - least + 2, np.int64)
     for level in levels:
         begins[level - least + 1] += 1
@@ -95,10 +73,8 @@ def _sorted(levels: Index) -> Index:
 @njit
 def _subgraph(starts: Index, neighbours: Index, vertices: Index, number: Index) -> tuple[Index, Index]:
     """The graph of some vertices, without their entries on the diagonal; ``number`` (n,) is -1 before and after."""
-    most = 0
-    for i, v in enumerate(vertices):
-        number[v] = i
-        most += starts[v + 1] - starts[v]
+    number[vertices] = np.arange(len(vertices))
+    most = np.sum(starts[vertices + 1] - starts[vertices])
     own_starts, own = np.empty(len(vertices) + 1, np.int64), np.empty(most, np.int64)
     own_starts[0] = count = 0
     for i, v in enumerate(vertices):
@@ -108,8 +84,7 @@ def _subgraph(starts: Index, neighbours: Index, vertices: Index, number: Index) 
                 own[count] = j
                 count += 1
         own_starts[i + 1] = count
-    for v in vertices:
-        number[v] = -1
+    number[vertices] = -1
     return own_starts, own[:count].copy()
 
 
@@ -121,7 +96,6 @@ def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
     enough vertices on both sides gives the band in which the minimum separator is found, as in inertial flow
     [schild2015].
     """
-    m = len(starts) - 1
     side, apart = _apart(starts, neighbours)
     if apart:
         return side, side
@@ -132,8 +106,7 @@ def _cut(starts: Index, neighbours: Index) -> tuple[Index, Index]:
         if cost < fewest:
             fewest, chosen, low, high = cost, k, below, above
     if chosen >= 0:
-        for i in range(m):
-            side[i] = 0 if axes[chosen, i] <= low else 1 if axes[chosen, i] >= high else 2
+        side = np.where(axes[chosen] <= low, 0, np.where(axes[chosen] >= high, 1, 2))
         minimum_separator(starts, neighbours, axes[chosen], side)
     return side, axes[chosen ^ 1]
 
@@ -167,21 +140,13 @@ def _apart(starts: Index, neighbours: Index) -> tuple[Index, bool]:
 @njit
 def _coordinates(starts: Index, neighbours: Index) -> Index:
     """Four coordinates (4, m), the first two and the last two across each other."""
-    m = len(starts) - 1
     nearest = distances(starts, neighbours, 0)
-    axes = np.zeros((4, m), np.int64)
+    axes = np.zeros((4, len(nearest)), np.int64)
     for k in range(4):
-        vertex = 0
-        for i in range(m):
-            if nearest[i] > nearest[vertex]:
-                vertex = i
-        far = distances(starts, neighbours, vertex)
-        for i in range(m):
-            axes[k, i] = far[i]
-            nearest[i] = far[i] if k == 0 else min(nearest[i], far[i])
-    for i in range(m):
-        first, second = axes[0, i] - axes[1, i], axes[2, i] - axes[3, i]
-        axes[0, i], axes[1, i], axes[2, i], axes[3, i] = first, second, first + second, first - second
+        axes[k] = distances(starts, neighbours, np.argmax(nearest))
+        nearest = axes[k].copy() if k == 0 else np.minimum(nearest, axes[k])
+    first, second = axes[0] - axes[1], axes[2] - axes[3]
+    axes[0], axes[1], axes[2], axes[3] = first, second, first + second, first - second
     return axes
 
 
@@ -192,7 +157,7 @@ def _level_cut(starts: Index, neighbours: Index, along: Index) -> tuple[float, i
     The cost is the number of vertices that separate the two sides, more where these are uneven.
     """
     m = len(along)
-    least, most = _range(along)
+    least, most = along.min(), along.max()
     levels = most - least + 1
     counts = np.zeros(levels + 1, np.int64)
     lower, upper = np.zeros(levels + 1, np.int64), np.zeros(levels + 1, np.int64)
@@ -235,105 +200,63 @@ def minimum_separator(starts: Index, neighbours: Index, along: Index, side: Any)
     most paths between the sides that share no vertex [even1975]: these are found by depth-first search, up the
     coordinate ``along`` (m,) first. Returns its size.
     """
-    for i in range(len(side)):
+    m, order = len(side), _sorted(along)
+    for i in range(m):
         for e in range(starts[i], starts[i + 1]):
             if side[i] == 0 and side[neighbours[e]] == 1:
                 side[i] = 2
-    inner, number, m = np.empty(len(side), np.int64), np.empty(len(side), np.int64), 0
-    order = _sorted(along)
-    for k in range(len(side) - 1, -1, -1):
-        v = order[k]
-        number[v] = -1 - side[v]
-        if side[v] == 2:
-            number[v], inner[m] = m, v
-            m += 1
-    begins, source, sink = np.zeros(m + 1, np.int64), np.zeros(m, np.bool_), np.zeros(m, np.bool_)
-    for i in range(m):
-        v = inner[i]
-        begins[i + 1] = begins[i]
-        for e in range(starts[v], starts[v + 1]):
-            j = number[neighbours[e]]
-            begins[i + 1] += j >= 0
-            source[i] |= j == -1
-            sink[i] |= j == -2
-    near, ends = np.empty(begins[m], np.int64), begins.copy()
-    for i in range(m):  # each vertex's highest neighbours come first
-        v = inner[i]
-        for e in range(starts[v], starts[v + 1]):
-            j = number[neighbours[e]]
-            if j >= 0:
-                near[ends[j]] = i
-                ends[j] += 1
-    # On a path: what comes before and after a vertex, m at the path's ends; -1 on none.
-    before, after = np.full(m, -1, np.int64), np.full(m, -1, np.int64)
-    tried, path, arc = np.empty(2 * m, np.bool_), np.empty(2 * m, np.int64), np.empty(2 * m, np.int64)
-    size, gained = 0, 1
-    while gained > 0:
-        gained = 0
-        for k in range(2 * m):
-            tried[k] = False
-        for i in range(m - 1, -1, -1):
-            if source[i] and before[i] != m and not tried[2 * i]:
-                gained += _augment(begins, near, sink, before, after, tried, path, arc, i)
-        size += gained
-    for i in range(m):
-        side[inner[i]] = 0 if tried[2 * i + 1] else 2 if tried[2 * i] or before[i] == m else 1
+    between = order[side[order] == 2]
+    source, sink = np.zeros(m, np.bool_), np.zeros(m, np.bool_)
+    near, ends = np.empty_like(neighbours), starts.copy()  # neighbours between the sides, the highest first
+    for i in between[::-1]:
+        for e in range(starts[i], starts[i + 1]):
+            j = neighbours[e]
+            near[ends[j]] = i
+            ends[j] += 1
+            source[i] |= side[j] == 0
+            sink[i] |= side[j] == 1
+    before, came, arc = np.full(m, -1, np.int64), np.zeros(2 * m + 2, np.int64), np.empty(m, np.int64)
+    size, more = 0, 1
+    while more > 0:
+        more = 0
+        for i in between:
+            arc[i] = starts[i]
+            came[2 * i] = came[2 * i + 1] = -1
+        for i in between:
+            if source[i] and came[2 * i] < 0:
+                more += _augment(near, ends, sink, before, came, arc, i)
+        size += more
+    for i in between:
+        side[i] = 0 if came[2 * i + 1] >= 0 else 2 if came[2 * i] >= 0 else 1
     return size
 
 
 @njit
-def _augment(
-    begins: Index,
-    near: Index,
-    sink: Any,
-    before: Index,
-    after: Index,
-    tried: Any,
-    path: Index,
-    arc: Index,
-    start: int,
-) -> bool:
-    """Find one more path from a vertex to the sink through what is not ``tried``, and take it.
+def _augment(near: Index, ends: Index, sink: Any, before: Index, came: Index, arc: Index, start: int) -> bool:
+    """Find one more path from a vertex to the sink through states not reached yet, and take it.
 
-    A vertex i is two states, 2 i entered and 2 i + 1 left. One on another path can only be entered to turn back along
-    that, or left because that turned back.
+    A vertex i is two states, 2 i entered and 2 i + 1 left; ``came`` (2m + 2,) is the state each was reached from, 2 m
+    or more outside. ``before`` (m,) is the vertex before each on its path, m at the path's start, -1 on none: a vertex
+    on another path can only be entered to turn back along that, or left because that turned back.
     """
-    m, depth = len(before), 1
-    path[0] = state = 2 * start
-    arc[state] = -1
-    tried[state] = True
-    while depth > 0:
-        state = path[depth - 1]
+    outside = 2 * len(before)
+    state, came[2 * start] = 2 * start, outside
+    while state < outside and not (state % 2 == 1 and sink[state // 2]):
         i = state // 2
-        if state % 2 == 1 and sink[i] and after[i] != m:
-            break
-        following = -1
         if state % 2 == 0:
-            if arc[state] < 0:
-                arc[state] = 0
-                following = state + 1 if before[i] < 0 else 2 * before[i] + 1 if before[i] < m else -1
+            following = state + 1 if before[i] < 0 else 2 * before[i] + 1
         else:
-            if arc[state] < 0:
-                arc[state] = begins[i]
-                following = state - 1 if before[i] >= 0 else -1
-            while (following < 0 or tried[following]) and arc[state] < begins[i + 1]:
-                j = near[arc[state]]
-                arc[state] += 1
-                following = 2 * j if after[i] != j else -1
-        if following >= 0 and not tried[following]:
-            tried[following] = True
-            path[depth], arc[following] = following, -1
-            depth += 1
-        elif state % 2 == 0 or arc[state] == begins[i + 1]:
-            depth -= 1
-    for k in range(depth):
-        i = path[k] // 2
-        if path[k] % 2 == 0:
-            if k == 0 or path[k - 1] // 2 != i:
-                before[i] = m if k == 0 else path[k - 1] // 2
-        elif k == depth - 1 or path[k + 1] // 2 != i:
-            after[i] = m if k == depth - 1 else path[k + 1] // 2
-    for k in range(depth - 1):
-        if path[k] % 2 == 1 and path[k + 1] == path[k] - 1:  # no path goes through it any more
-            before[path[k] // 2] = after[path[k] // 2] = -1
-    return depth > 0
+            following = state - 1
+            while came[following] >= 0 and arc[i] < ends[i]:
+                following = 2 * near[arc[i]]
+                arc[i] += 1
+        if came[following] < 0:
+            came[following], state = state, following
+        else:
+            state = came[state]
+    reached = state < outside
+    while state < outside:
+        if state % 2 == 0:  # no path goes through a vertex that was left before it was entered
+            before[state // 2] = -1 if came[state] == state + 1 else came[state] // 2
+        state = came[state]
+    return reached

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.linalg.analysis import Panels
-from modalshell.linalg.blas import GEMM, GEMV, POTRF, SYRK, TRSM, TRSV, address, call
+from modalshell.linalg.blas import Blas, address, call
 
 _CACHED = 2**17
 """Numbers of the widest update that is formed in a buffer of its own: 1 MB, what a second cache holds."""
@@ -17,167 +17,198 @@ PANEL = 96
 """Unknowns of a panel, a multiple of 3: wider supernodes are several panels, each without the rows above it."""
 
 
+class Supernodes(NamedTuple):
+    """Columns, rows, tree and panels of a factor's supernodes, in blocks.
+
+    Attributes
+    ----------
+    block : int
+        Unknowns of a block.
+    first : ndarray of int64, shape (s + 1,)
+        First column of each supernode.
+    row_starts : ndarray of int64, shape (s + 1,)
+        Where the rows of each begin, its own columns first.
+    relative : ndarray of int64
+        Where each of these rows stands among those of the parent.
+    parent : ndarray of int64, shape (s,)
+        The supernode that takes the update of each, -1 at roots.
+    first_panel : ndarray of int64, shape (s + 1,)
+        First panel of each.
+    panels : ndarray of int64, shape (p + 1,)
+        Where the numbers of each panel begin.
+    """
+
+    block: int
+    first: Index
+    row_starts: Index
+    relative: Index
+    parent: Index
+    first_panel: Index
+    panels: Index
+
+
+class Entries(NamedTuple):
+    """Which entries of a matrix go where in the panels, and where those of each supernode (s + 1,) begin."""
+
+    sources: Any
+    places: Any
+    begins: Index
+
+
 @njit
 def factorise(
-    data: Array,
-    sources: Any,
-    places: Any,
-    entries: Index,
-    block: int,
-    first: Index,
-    row_starts: Index,
-    relative: Index,
-    parent: Index,
-    first_panel: Index,
-    panels: Index,
-    values: Array,
-    work: Array,
-    numbers: Any,
-    addresses: Index,
-    letters: Any,
-    scalars: Array,
+    data: Array, entries: Entries, supernodes: Supernodes, values: Array, buffer: int, numbers: Any, blas: Blas
 ) -> int:
     """Factorise into ``values``; returns -1, or the first unknown, in elimination order, whose pivot is not positive.
 
-    A supernode's panels, from ``first_panel[s]`` on, hold its columns of L, column-major; its entries of the matrix are
-    ``data[sources]`` from ``entries[s]`` on. Its update matrix is formed in ``work``, which stays in the processor's
-    cache, or where that is too small behind the panels. It waits for its parent, the lower triangle packed, on a stack
-    that grows down from the end of ``values``, where no panel is yet: children are contiguous in postorder, so that a
-    supernode finds theirs on top.
+    A supernode's panels hold its columns of L, column-major. Its update matrix is formed from ``values[buffer]`` on,
+    which stays in the processor's cache, or where the room is too small behind the panels. It waits for its parent, the
+    lower triangle packed, on a stack that grows down from there, where no panel is yet: children are contiguous in
+    postorder, so that a supernode finds theirs on top. ``numbers`` (6,) has room for the sizes that the BLAS reads.
     """
-    lower, no = address(letters), address(letters) + 1
-    transposed, right = address(letters) + 2, address(letters) + 3
-    p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
-    p_info, p_rest, p_columns = (address(numbers) + 12, address(numbers) + 16, address(numbers) + 20)
-    p_one, p_minus, p_zero = (address(scalars), address(scalars) + 8, address(scalars) + 16)
-    base, cached = address(values), address(work)
-    count = len(parent)
-    begins = np.empty(count, np.int64)  # of the updates on the stack
-    waiting = np.empty(count, np.int64)
-    runs, targets = np.empty(len(relative) + 1, np.int64), np.empty(len(relative), np.int64)
-    depth, top = 0, len(values)
-    for s in range(count):
-        width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
-        below = height - width
+    block, first, row_starts, relative, parent, first_panel, panels = supernodes
+    sources, places, entry_begins = entries
+    begins = np.empty(len(parent), np.int64)  # of the updates on the stack
+    waiting = np.empty(len(parent), np.int64)
+    runs = np.empty((len(relative) + 1, 2), np.int64)
+    depth, top = 0, buffer
+    for s in range(len(parent)):
+        width = (first[s + 1] - first[s]) * block
+        below = (row_starts[s + 1] - row_starts[s]) * block - width
         panel, behind = panels[first_panel[s]], panels[first_panel[s + 1]]
         values[panel:behind] = 0.0
-        for e in range(entries[s], entries[s + 1]):
+        for e in range(entry_begins[s], entry_begins[s + 1]):
             values[places[e]] = data[sources[e]]
-        small = below * below <= len(work)
-        update = 0 if small else behind
+        update = buffer if below * below <= len(values) - buffer else behind
         has_children = depth > 0 and parent[waiting[depth - 1]] == s
         if has_children:
             for j in range(below):
                 begin = update + j * below
-                if small:
-                    work[begin + j : begin + below] = 0.0
-                else:
-                    values[begin + j : begin + below] = 0.0
+                values[begin + j : begin + below] = 0.0
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
-            child, source = waiting[depth], begins[depth]
-            rows = row_starts[child] + first[child + 1] - first[child]
-            size = (row_starts[child + 1] - rows) * block
-            found = _runs(relative, rows, row_starts[child + 1], block, runs, targets)
-            run = 0
-            for j in range(size):
-                run += j == runs[run + 1]
-                column = targets[run] + j - runs[run]
-                if column < width:
-                    above = column // PANEL * PANEL
-                    begin = panels[first_panel[s] + column // PANEL] + (column - above) * (height - above) - above
-                    _add_column(values, source - j, j, run, found, runs, targets, values, begin)
-                elif small:
-                    begin = (column - width) * below - width
-                    _add_column(values, source - j, j, run, found, runs, targets, work, begin)
-                else:
-                    begin = update + (column - width) * below - width
-                    _add_column(values, source - j, j, run, found, runs, targets, values, begin)
-                source += size - j
-            top = source
+            top = _gather(supernodes, waiting[depth], values, begins[depth], update, runs)
         if width == 1:  # arithmetic that calls would cost more than
             if not values[panel] > 0.0:
                 return int(first[s] * block)
             top -= below * (below + 1) // 2
-            if small:
-                _eliminate_one(values, panel, below, work, 0, has_children, top)
-            else:
-                _eliminate_one(values, panel, below, values, update, has_children, top)
-            if below > 0:
-                waiting[depth], begins[depth] = s, top
-                depth += 1
-            continue
-        own = cached if small else base + 8 * update
-        beta = p_one if has_children else p_zero
-        for p in range(first_panel[s], first_panel[s + 1]):
-            above = (p - first_panel[s]) * PANEL
-            columns, rows = min(PANEL, width - above), height - above
-            numbers[0], numbers[1], numbers[2], numbers[4] = columns, rows, below, rows - columns
-            at = base + 8 * panels[p]
-            under = at + 8 * columns
-            call(addresses[POTRF], (lower, p_width, at, p_height, p_info))
-            if numbers[3] != 0:
-                return int(first[s] * block + above + numbers[3] - 1)
-            if rows == columns:
-                continue
-            call(addresses[TRSM], (right, lower, transposed, no, p_rest, p_width, p_one, at, p_height, under, p_height))
-            for q in range(p + 1, first_panel[s + 1]):
-                numbers[4], numbers[5] = rows - (q - p) * PANEL, min(PANEL, width - above - (q - p) * PANEL)
-                factors = (under, p_height, under, p_height, p_one, base + 8 * panels[q], p_rest)
-                call(addresses[GEMM], (no, transposed, p_rest, p_columns, p_width, p_minus, *factors))
-                under += 8 * PANEL
-            if below > 0:
-                under = at + 8 * (rows - below)
-                call(addresses[SYRK], (lower, no, p_below, p_width, p_minus, under, p_height, beta, own, p_below))
-                beta = p_one
+            _eliminate_one(values, panel, below, update, has_children, top)
+        else:
+            wrong = _eliminate(supernodes, s, values, update, has_children, numbers, blas)
+            if wrong >= 0:
+                return wrong
+            top = _stack(values, top, update, below)
         if below > 0:
-            top -= below * (below + 1) // 2
             waiting[depth], begins[depth] = s, top
             depth += 1
-            target = top
-            for j in range(below):
-                begin = update + j * below
-                if small:
-                    values[target : target + below - j] = work[begin + j : begin + below]
-                else:
-                    values[target : target + below - j] = values[begin + j : begin + below]
-                target += below - j
     return -1
 
 
 @njit
-def _runs(relative: Index, begin: int, end: int, block: int, runs: Index, targets: Index) -> int:
+def _gather(supernodes: Supernodes, child: int, values: Array, source: int, update: int, runs: Index) -> int:
+    """Add a child's update, packed from ``values[source]`` on, to its parent's panels and update; returns its end."""
+    block, first, row_starts, relative, parent, first_panel, panels = supernodes
+    s = parent[child]
+    width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
+    below = height - width
+    rows = row_starts[child] + first[child + 1] - first[child]
+    size = (row_starts[child + 1] - rows) * block
+    found = _runs(relative, rows, row_starts[child + 1], block, runs)
+    run = 0
+    for j in range(size):
+        run += j == runs[run + 1, 0]
+        column = runs[run, 1] + j - runs[run, 0]
+        if column < width:
+            above = column // PANEL * PANEL
+            begin = panels[first_panel[s] + column // PANEL] + (column - above) * (height - above) - above
+        else:
+            begin = update + (column - width) * below - width
+        _add_column(values, source - j, j, run, found, runs, begin)
+        source += size - j
+    return source
+
+
+@njit
+def _eliminate(
+    supernodes: Supernodes, s: int, values: Array, update: int, has_children: bool, numbers: Any, blas: Blas
+) -> int:
+    """Factorise the panels of a supernode, and subtract their products from its update.
+
+    Returns -1, or the first unknown whose pivot is not positive. What children left in the update is kept.
+    """
+    block, first, row_starts, _, _, first_panel, panels = supernodes
+    width, height = (first[s + 1] - first[s]) * block, (row_starts[s + 1] - row_starts[s]) * block
+    below = height - width
+    base, sizes = address(values), address(numbers)
+    p_width, p_height, p_below = sizes, sizes + 4, sizes + 8
+    p_info, p_rest, p_columns = sizes + 12, sizes + 16, sizes + 20
+    lower, no, transposed, one, minus = blas.lower, blas.no, blas.transposed, blas.one, blas.minus
+    beta = one if has_children else blas.zero
+    for p in range(first_panel[s], first_panel[s + 1]):
+        above = (p - first_panel[s]) * PANEL
+        columns, rows = min(PANEL, width - above), height - above
+        numbers[0], numbers[1], numbers[2], numbers[4] = columns, rows, below, rows - columns
+        at = base + 8 * panels[p]
+        under = at + 8 * columns
+        call(blas.potrf, (lower, p_width, at, p_height, p_info))
+        if numbers[3] != 0:
+            return int(first[s] * block + above + numbers[3] - 1)
+        if rows == columns:
+            continue
+        call(blas.trsm, (blas.right, lower, transposed, no, p_rest, p_width, one, at, p_height, under, p_height))
+        for q in range(p + 1, first_panel[s + 1]):
+            numbers[4], numbers[5] = rows - (q - p) * PANEL, min(PANEL, width - above - (q - p) * PANEL)
+            factors = (under, p_height, under, p_height, one, base + 8 * panels[q], p_rest)
+            call(blas.gemm, (no, transposed, p_rest, p_columns, p_width, minus, *factors))
+            under += 8 * PANEL
+        if below > 0:
+            under = at + 8 * (rows - below)
+            call(blas.syrk, (lower, no, p_below, p_width, minus, under, p_height, beta, base + 8 * update, p_below))
+            beta = one
+    return -1
+
+
+@njit
+def _stack(values: Array, top: int, update: int, below: int) -> int:
+    """Pack the lower triangle of an update before ``values[top]``; returns where it begins."""
+    top -= below * (below + 1) // 2
+    target = top
+    for j in range(below):
+        begin = update + j * below
+        values[target : target + below - j] = values[begin + j : begin + below]
+        target += below - j
+    return top
+
+
+@njit
+def _runs(relative: Index, begin: int, end: int, block: int, runs: Index) -> int:
     """Part rows of unknowns where those of the parent are not contiguous; returns the number of runs.
 
-    ``runs`` receives where each begins, and the end of the last, ``targets`` the first row of each in the parent.
+    ``runs`` receives where each begins, and its first row in the parent; then the end of the last.
     """
     found = 0
     for e in range(begin, end):
         if e == begin or relative[e] != relative[e - 1] + 1:
-            runs[found], targets[found] = (e - begin) * block, relative[e] * block
+            runs[found, 0], runs[found, 1] = (e - begin) * block, relative[e] * block
             found += 1
-    runs[found] = (end - begin) * block
+    runs[found, 0] = (end - begin) * block
     return found
 
 
 @njit
-def _add_column(
-    values: Array, source: int, j: int, run: int, found: int, runs: Index, targets: Index, out: Array, column: int
-) -> None:
-    """Add rows from ``j`` on of the column whose row 0 would be at ``values[source]`` to that at ``out[column]``."""
+def _add_column(values: Array, source: int, j: int, run: int, found: int, runs: Index, column: int) -> None:
+    """Add rows from ``j`` on of the column whose row 0 would be at ``values[source]`` to that at ``values[column]``."""
     begin = j
     for k in range(run, found):
-        start, shift = np.uintp(source + begin), np.uintp(column + targets[k] + begin - runs[k])
-        for i in range(np.uintp(runs[k + 1] - begin)):
-            out[shift + i] += values[start + i]
-        begin = runs[k + 1]
+        start, shift = np.uintp(source + begin), np.uintp(column + runs[k, 1] + begin - runs[k, 0])
+        for i in range(np.uintp(runs[k + 1, 0] - begin)):
+            values[shift + i] += values[start + i]
+        begin = runs[k + 1, 0]
 
 
 @njit
-def _eliminate_one(
-    values: Array, panel: int, below: int, work: Array, update: int, has_children: bool, top: int
-) -> None:
-    """Eliminate one unknown, and put its packed update at ``top``: what it adds to that of children in ``work``."""
+def _eliminate_one(values: Array, panel: int, below: int, update: int, has_children: bool, top: int) -> None:
+    """Eliminate one unknown, and put its packed update at ``top``: what it adds to that of children at ``update``."""
     values[panel] = np.sqrt(values[panel])
     inverse = 1.0 / values[panel]
     column = np.uintp(panel + 1)
@@ -189,7 +220,7 @@ def _eliminate_one(
         if has_children:
             own = np.uintp(update + j * below + j)
             for i in range(size):
-                values[target + i] = work[own + i] + entry * values[under + i]
+                values[target + i] = values[own + i] + entry * values[under + i]
         else:
             for i in range(size):
                 values[target + i] = 0.0 + entry * values[under + i]
@@ -197,23 +228,14 @@ def _eliminate_one(
 
 
 @njit
-def solve(
-    values: Array,
-    panels: Panels,
-    right_sides: Array,
-    work: Array,
-    numbers: Any,
-    addresses: Index,
-    letters: Any,
-    scalars: Array,
-) -> None:
+def solve(values: Array, panels: Panels, right_sides: Array, work: Array, numbers: Any, blas: Blas) -> None:
     """Solve ``L L^T x = b`` in place for permuted right sides (r, N), each a row; ``work`` has room for (r, rows)."""
     block, first, row_starts, row_ends, rows, begins = panels
-    lower, no = address(letters), address(letters) + 1
-    transposed, left = address(letters) + 2, address(letters)
-    p_width, p_height, p_below = (address(numbers), address(numbers) + 4, address(numbers) + 8)
-    p_count, p_size, p_unit = (address(numbers) + 12, address(numbers) + 16, address(numbers) + 20)
-    p_one, p_minus, p_zero = (address(scalars), address(scalars) + 8, address(scalars) + 16)
+    left, lower, no, transposed = blas.left, blas.lower, blas.no, blas.transposed
+    one, minus, zero = blas.one, blas.minus, blas.zero
+    sizes = address(numbers)
+    p_width, p_height, p_below = sizes, sizes + 4, sizes + 8
+    p_count, p_size, p_unit = sizes + 12, sizes + 16, sizes + 20
     count, size = right_sides.shape
     numbers[3], numbers[4], numbers[5] = count, size, 1
     base, x, w = address(values), address(right_sides), address(work)
@@ -225,17 +247,17 @@ def solve(
         at, own = base + 8 * begins[s], x + 8 * first[s] * block
         under = at + 8 * width
         if count == 1:
-            call(addresses[TRSV], (lower, no, no, p_width, at, p_height, own, p_unit))
+            call(blas.trsv, (lower, no, no, p_width, at, p_height, own, p_unit))
         else:
-            call(addresses[TRSM], (left, lower, no, no, p_width, p_count, p_one, at, p_height, own, p_size))
+            call(blas.trsm, (left, lower, no, no, p_width, p_count, one, at, p_height, own, p_size))
         if below == 0:
             continue
         if count == 1:
-            call(addresses[GEMV], (no, p_below, p_width, p_one, under, p_height, own, p_unit, p_zero, w, p_unit))
+            call(blas.gemv, (no, p_below, p_width, one, under, p_height, own, p_unit, zero, w, p_unit))
         else:
             call(
-                addresses[GEMM],
-                (no, no, p_below, p_count, p_width, p_one, under, p_height, own, p_size, p_zero, w, p_below),
+                blas.gemm,
+                (no, no, p_below, p_count, p_width, one, under, p_height, own, p_size, zero, w, p_below),
             )
         entries = row_starts[s] + first[s + 1] - first[s]
         flat = work.reshape(-1)
@@ -260,33 +282,33 @@ def solve(
                         flat[r * below + ib * block + di] = right_sides[r, row + di]
             if count == 1:
                 call(
-                    addresses[GEMV],
-                    (transposed, p_below, p_width, p_minus, under, p_height, w, p_unit, p_one, own, p_unit),
+                    blas.gemv,
+                    (transposed, p_below, p_width, minus, under, p_height, w, p_unit, one, own, p_unit),
                 )
             else:
-                sizes = (transposed, no, p_width, p_count, p_below)
-                call(addresses[GEMM], (*sizes, p_minus, under, p_height, w, p_below, p_one, own, p_size))
+                call(
+                    blas.gemm,
+                    (transposed, no, p_width, p_count, p_below, minus, under, p_height, w, p_below, one, own, p_size),
+                )
         if count == 1:
-            call(addresses[TRSV], (lower, transposed, no, p_width, at, p_height, own, p_unit))
+            call(blas.trsv, (lower, transposed, no, p_width, at, p_height, own, p_unit))
         else:
-            call(addresses[TRSM], (left, lower, transposed, no, p_width, p_count, p_one, at, p_height, own, p_size))
+            call(blas.trsm, (left, lower, transposed, no, p_width, p_count, one, at, p_height, own, p_size))
 
 
 @njit
-def storage(first: Index, row_starts: Index, parent: Index, ends: Index, block: int) -> tuple[int, int]:
-    """How many numbers :func:`factorise` needs for panels, updates and those that wait, and as ``work``.
-
-    ``ends`` (s,) is where the panels of each supernode end.
-    """
+def storage(supernodes: Supernodes) -> tuple[int, int]:
+    """How many numbers :func:`factorise` needs for panels, updates and those that wait, and in its buffer."""
+    block, first, row_starts, _, parent, first_panel, panels = supernodes
     most, widest, top, depth = 0, 0, 0, 0
     sizes = np.empty(len(parent), np.int64)
     waiting = np.empty(len(parent), np.int64)
     for s in range(len(parent)):
         below = (row_starts[s + 1] - row_starts[s] - (first[s + 1] - first[s])) * block
         if below * below <= _CACHED:
-            widest, behind = max(widest, below), ends[s]
+            widest, behind = max(widest, below), panels[first_panel[s + 1]]
         else:
-            behind = ends[s] + below * below
+            behind = panels[first_panel[s + 1]] + below * below
         most = max(most, behind + top)
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1

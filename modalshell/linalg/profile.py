@@ -19,7 +19,7 @@ from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.packed import BYTES, load, spread, store, total
-from modalshell.linalg.cholesky import block_graph
+from modalshell.linalg.cholesky import symmetric_block_graph
 
 LANES = BYTES // 8
 """Numbers in a packed register: rows start, and are padded with zeros, at multiples of it."""
@@ -193,7 +193,7 @@ class ProfileAnalysis:
 
     def __init__(self, matrix: sps.csc_array, points: Array | None = None) -> None:
         self.size = matrix.shape[0]
-        self.block, graph = block_graph(matrix)
+        self.block, graph = symmetric_block_graph(matrix)
         orders = [np.asarray(reverse_cuthill_mckee(sps.csr_matrix(graph), symmetric_mode=True), dtype=np.int64)]
         for axis in () if points is None or self.block == 1 else points.T:
             orders.append(np.argsort(axis, kind="stable").astype(np.int64))

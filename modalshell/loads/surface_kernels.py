@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from modalshell.core.typing import Array, Index
 from modalshell.kernels.compiler import njit
 from modalshell.kernels.rotations import coefficients
 
@@ -17,9 +19,44 @@ APART, LINEAR, TURNED = 0, 1, 2
 """Ways to modal forces: elsewhere, by the modes as they are, or by modes that turn."""
 
 
+class Points(NamedTuple):
+    """Where loads are taken: each of k points stands for an area.
+
+    Attributes
+    ----------
+    kinds : ndarray of int64, shape (k, 2)
+        SURFACE, TURNING or BODY, and the number of the load.
+    faces : ndarray of int64, shape (k, 3)
+        The triangle that each is on.
+    sizes : ndarray, shape (k, 3)
+        For SURFACE the pressure, and half the density times the coefficients of wind across and along, each times the
+        number of triangles that one stands for; for TURNING the force in the triangle's frame; for BODY first the mass.
+    air : ndarray, shape (k, 3)
+        For SURFACE the velocity of the air, for BODY where its centre is from the triangle's.
+    bodies : ndarray, shape (loads, 3, 7)
+        For BODY the c, X and V of forces ``m (c - X x - V v)``.
+    factors : ndarray, shape (loads,)
+        Factors on the loads at the time.
+    forces : ndarray, shape (k, 3)
+        Receives the forces.
+    modes, turns : ndarray, shape (k, 3, m)
+        Modes and modal rotations of the area around.
+    """
+
+    kinds: Index
+    faces: Index
+    sizes: Array
+    air: Array
+    bodies: Array
+    factors: Array
+    forces: Array
+    modes: Array
+    turns: Array
+
+
 @njit(error_model="numpy", fastmath=False, forceinline=True)
 def _loaded(x, before, rate, a, b, c, air, size):  # type: ignore[no-untyped-def]
-    """Force, unit normal, slip t, area, velocity across and slip's size of a triangle; see :func:`point_forces`."""
+    """Force, unit normal, slip t, area, velocity across and slip's size of a triangle; see :class:`Points`."""
     px, py, pz = x[b, 0] - x[a, 0], x[b, 1] - x[a, 1], x[b, 2] - x[a, 2]
     rx, ry, rz = x[c, 0] - x[a, 0], x[c, 1] - x[a, 1], x[c, 2] - x[a, 2]
     ax, ay, az = 0.5 * (py * rz - pz * ry), 0.5 * (pz * rx - px * rz), 0.5 * (px * ry - py * rx)
@@ -52,7 +89,10 @@ def _turned_back(w, linear, quadratic, f):  # type: ignore[no-untyped-def]
 
 @njit(error_model="numpy", fastmath=False)
 def surface_forces(x, before, rate, faces, size, air, out):  # type: ignore[no-untyped-def]
-    """Add a third of the force of every triangle (T, 3) to each corner of ``out`` (n, 3); see :func:`point_forces`."""
+    """Add a third of the force of every triangle (T, 3) to each corner of ``out`` (n, 3); see :class:`Points`.
+
+    There is one ``size`` (3,) and the velocity of the ``air`` (T, 3) or (1, 3).
+    """
     for e in range(len(faces)):
         a, b, c = faces[e, 0], faces[e, 1], faces[e, 2]
         force = _loaded(x, before, rate, a, b, c, air[e % len(air)], size)[0]
@@ -93,53 +133,65 @@ def _add_drag(block, rows, drag):  # type: ignore[no-untyped-def]
             drag[i, j] += rows[0, i] * sx + rows[1, i] * sy + rows[2, i] * sz
 
 
-@njit(error_model="numpy", fastmath=False)
-def point_forces(  # type: ignore[no-untyped-def]
-    x, before, rate, points, faces, sizes, air, bodies, factors, modes, turns, q, way, forces, push, drag
-):
-    """Forces (k, 3) at points into ``forces``, their modal forces (m,) and drag (m, m) added to ``push`` and ``drag``.
+@njit(error_model="numpy", fastmath=False, forceinline=True)
+def _pressed(points, e, x, before, rate, block):  # type: ignore[no-untyped-def]
+    """Force of pressure and wind at a point without its factor, and whether ``block`` (3, 3) received its drag."""
+    a, b, c = points.faces[e, 0], points.faces[e, 1], points.faces[e, 2]
+    count, size = len(points.faces), points.sizes[e]
+    force, normal, tangent, area, across, slip = _loaded(x, before, rate, a, b, c, points.air[e], size)
+    if (size[1] == 0.0 and size[2] == 0.0) or e % _DRAG_STRIDE != 0:
+        return force, False
+    # Minus the derivative is out n n + along (1 - n n) + along t t / t^2.
+    share = points.factors[points.kinds[e, 1]] * min(_DRAG_STRIDE, count - e)
+    out, along = share * 2.0 * size[1] * abs(across) * area, share * size[2] * area * slip
+    twice = along / (slip * slip) if slip > 0.0 else 0.0
+    for i in range(3):
+        for j in range(3):
+            block[i, j] = (out - along) * normal[i] * normal[j] + twice * tangent[i] * tangent[j]
+        block[i, i] += along
+    return force, True
 
-    At positions x (n, 3) and velocities ``rate (x - before)``. Each of ``points`` (k, 2), a kind and a load, is on one
-    of triangles ``faces`` (k, 3) and has ``sizes`` (k, 3). For SURFACE these are the pressure, and half the density
-    times the coefficients of wind across and along, each times the number of triangles that one stands for, in ``air``
-    (k, 3) or (1, 3) of that velocity; for TURNING the force in the triangle's frame; for BODY first the mass, in
-    ``bodies`` (loads, 3, 7) with c, X and V of forces ``m (c - X x - V v)``, ``air`` being where its centre is from the
-    triangle's. ``factors`` (loads,) are those at the
-    time. ``modes`` and ``turns`` (k, 3, m) are those of the area around; ``drag`` is minus the derivatives of the
-    modal forces by the modal rates, with modes turned unless ``way`` is LINEAR.
+
+@njit(error_model="numpy", fastmath=False, forceinline=True)
+def _felt(points, e, x, before, rate, block, work):  # type: ignore[no-untyped-def]
+    """Force by mass at a point without its factor, and whether ``block`` (3, 3) received drag; ``work`` is (3, 3)."""
+    load, mass = points.kinds[e, 1], points.sizes[e, 0]
+    a, b, c = points.faces[e, 0], points.faces[e, 1], points.faces[e, 2]
+    body, dragging = points.bodies[load], False
+    centre, speed, force = work[0], work[1], work[2]
+    for i in range(3):
+        centre[i] = (x[a, i] + x[b, i] + x[c, i]) / 3.0
+        speed[i] = rate * (centre[i] - (before[a, i] + before[b, i] + before[c, i]) / 3.0)
+        centre[i] += points.air[e, i]
+    for i in range(3):
+        felt = body[i, 0]
+        for j in range(3):
+            felt -= body[i, 1 + j] * centre[j] + body[i, 4 + j] * speed[j]
+            block[i, j] = points.factors[load] * mass * body[i, 4 + j]
+            dragging = dragging or block[i, j] != 0.0
+        force[i] = mass * felt
+    return (force[0], force[1], force[2]), dragging
+
+
+@njit(error_model="numpy", fastmath=False)
+def point_forces(points, x, before, rate, q, way, push, drag):  # type: ignore[no-untyped-def]
+    """Forces at points into ``points.forces``, their modal forces (m,) and drag (m, m) added to ``push`` and ``drag``.
+
+    At positions x (n, 3) and velocities ``rate (x - before)``. The drag is minus the derivatives of the modal forces by
+    the modal rates, with modes turned by the coordinates ``q`` (m,) unless ``way`` is LINEAR.
     """
+    faces, factors, forces, modes, turns = points.faces, points.factors, points.forces, points.modes, points.turns
     count, _, size = modes.shape
-    block, rows, centre, speed = np.empty((3, 3)), np.empty((3, size)), np.empty(3), np.empty(3)
+    block, work, rows = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, size))
     for e in range(count):
-        a, b, c, load = faces[e, 0], faces[e, 1], faces[e, 2], points[e, 1]
+        kind, load = points.kinds[e, 0], points.kinds[e, 1]
         dragging = False
-        if points[e, 0] == SURFACE:
-            force, normal, tangent, area, across, slip = _loaded(x, before, rate, a, b, c, air[e], sizes[e])
-            if (sizes[e, 1] != 0.0 or sizes[e, 2] != 0.0) and e % _DRAG_STRIDE == 0:
-                # Minus the derivative is out n n + along (1 - n n) + along t t / t^2.
-                dragging, share = True, factors[load] * min(_DRAG_STRIDE, count - e)
-                out, along = share * 2.0 * sizes[e, 1] * abs(across) * area, share * sizes[e, 2] * area * slip
-                twice = along / (slip * slip) if slip > 0.0 else 0.0
-                for i in range(3):
-                    for j in range(3):
-                        block[i, j] = (out - along) * normal[i] * normal[j] + twice * tangent[i] * tangent[j]
-                    block[i, i] += along
-        elif points[e, 0] == TURNING:
-            force = _turning(x, a, b, c, sizes[e])
+        if kind == SURFACE:
+            force, dragging = _pressed(points, e, x, before, rate, block)
+        elif kind == TURNING:
+            force = _turning(x, faces[e, 0], faces[e, 1], faces[e, 2], points.sizes[e])
         else:
-            mass, body = sizes[e, 0], bodies[load]
-            for i in range(3):
-                centre[i] = (x[a, i] + x[b, i] + x[c, i]) / 3.0
-                speed[i] = rate * (centre[i] - (before[a, i] + before[b, i] + before[c, i]) / 3.0)
-                centre[i] += air[e, i]
-            for i in range(3):
-                felt = body[i, 0]
-                for j in range(3):
-                    felt -= body[i, 1 + j] * centre[j] + body[i, 4 + j] * speed[j]
-                    block[i, j] = factors[load] * mass * body[i, 4 + j]
-                    dragging = dragging or block[i, j] != 0.0
-                forces[e, i] = mass * felt
-            force = (forces[e, 0], forces[e, 1], forces[e, 2])
+            force, dragging = _felt(points, e, x, before, rate, block, work)
         force = (factors[load] * force[0], factors[load] * force[1], factors[load] * force[2])
         forces[e, 0], forces[e, 1], forces[e, 2] = force
         if way == APART and not dragging:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,13 @@ _END = 0.04
 """Share by which the stiffness of a strip may change with the end that is clamped, each way."""
 
 
+class Doubt(NamedTuple):
+    """A known error of the calibration: whether it is one on this mesh, and what is said then."""
+
+    when: bool
+    text: str
+
+
 def calibration_doubts(
     mesh: TriangleMesh,
     orientation: Orientation,
@@ -53,56 +61,54 @@ def calibration_doubts(
     Bending in two directions and twist are off on every mesh, and said where supports are known:
     :func:`warn_of_two_way_bending`.
     """
-    doubts = []
-    equilateral = is_equilateral(mesh)
-    if orientation.elongated and not orientation.flat and poisson < _POISSON and not equilateral:
-        doubts.append(
-            f"bending in the plane of the sheet is up to 18 % off at Poisson's ratio {poisson:g} on triangles that are "
-            "not equilateral"
-        )
+    equilateral, quality = is_equilateral(mesh), _quality(mesh)
     slack = 2.0 * mesh.area / len(mesh.faces) / (thickness * orientation.length)
-    if narrow and orientation.flat and slack > _DIMPLE and not equilateral:
-        doubts.append(
+    first, last = constants.ends if len(constants.ends) == 2 else (1.0, 1.0)
+    spread = abs(first - last) / (first + last)
+    cells = mesh.area / orientation.length / float(mesh.edge_lengths.mean())
+    slivers, across = constants.wide / constants.narrow, constants.across / constants.wide
+    doubts = [
+        Doubt(
+            orientation.elongated and not orientation.flat and poisson < _POISSON and not equilateral,
+            f"bending in the plane of the sheet is up to 18 % off at Poisson's ratio {poisson:g} on triangles that are "
+            "not equilateral",
+        ),
+        Doubt(
+            narrow and orientation.flat and slack > _DIMPLE and not equilateral,
             f"the sheet is so thin (length over thickness {orientation.length / thickness:.0f}) that its facets cannot "
             f"dimple as it does, and it bends 5 to 15 % too stiffly; it takes at least "
-            f"{int(np.ceil(len(mesh.faces) * slack / _DIMPLE))} triangles (got {len(mesh.faces)}), or equilateral ones"
-        )
-    if (
-        orientation.elongated
-        and orientation.flat
-        and slack > _STRETCHED_DIMPLE
-        and _is_stretched_across(mesh, orientation.axis)
-    ):
-        doubts.append(
+            f"{np.ceil(len(mesh.faces) * slack / _DIMPLE):.0f} triangles (got {len(mesh.faces)}), or equilateral ones",
+        ),
+        Doubt(
+            orientation.elongated
+            and orientation.flat
+            and slack > _STRETCHED_DIMPLE
+            and _is_stretched_across(mesh, orientation.axis),
             "the triangles of an 'equilateral' lattice are stretched across the strip, which then bends up to 17 % too "
-            f"stiffly (quality {_quality(mesh):.2f}, 1 is equilateral); take more cells across, or fewer along"
-        )
-    if narrow and len(constants.ends) == 2:
-        spread = abs(constants.ends[0] - constants.ends[1]) / sum(constants.ends)
-        if spread > _END:
-            doubts.append(
-                f"the rows at the ends are not straight, so that a clamp at one end or the other makes the strip "
-                f"{100.0 * spread:.0f} % too soft or too stiff"
-            )
-    across = mesh.area / orientation.length / float(mesh.edge_lengths.mean())
-    if narrow and orientation.flat and across < _FEW and not _has_equal_cells(mesh):
-        doubts.append(
-            f"a strip of unequal triangles with {across:.1f} of them across is up to 12 % too soft or stiff; take at "
-            f"least {_FEW:g} across, or a structured mesh"
-        )
-    if constants.wide > _SLIVERS * constants.narrow:
-        doubts.append(
+            f"stiffly (quality {quality:.2f}, 1 is equilateral); take more cells across, or fewer along",
+        ),
+        Doubt(
+            narrow and spread > _END,
+            f"the rows at the ends are not straight, so that a clamp at one end or the other makes the strip "
+            f"{100.0 * spread:.0f} % too soft or too stiff",
+        ),
+        Doubt(
+            narrow and orientation.flat and cells < _FEW and not _has_equal_cells(mesh),
+            f"a strip of unequal triangles with {cells:.1f} of them across is up to 12 % too soft or stiff; take at "
+            f"least {_FEW:g} across, or a structured mesh",
+        ),
+        Doubt(
+            slivers > _SLIVERS,
             "triangles that are long and low have hinges so stiff that they rule the mean: a plate would be "
-            f"{constants.wide / constants.narrow:.2g} times as stiff as a narrow strip; take them away ({REPAIR} does "
-            "from an aspect of 1e4)"
-        )
-    ratio = constants.across / constants.wide
-    if not narrow and not 1.0 / _ACROSS <= ratio <= _ACROSS and np.isfinite(ratio):
-        doubts.append(
+            f"{slivers:.2g} times as stiff as a narrow strip; take them away ({REPAIR} does from an aspect of 1e4)",
+        ),
+        Doubt(
+            not narrow and np.isfinite(across) and not 1.0 / _ACROSS <= across <= _ACROSS,
             f"the cells are longer one way than the other, and the stiffness across the calibrated direction is "
-            f"{ratio:.2f} times that along it"
-        )
-    return doubts
+            f"{across:.2f} times that along it",
+        ),
+    ]
+    return [doubt.text for doubt in doubts if doubt.when]
 
 
 def is_equilateral(mesh: TriangleMesh) -> bool:

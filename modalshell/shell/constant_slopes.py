@@ -73,8 +73,7 @@ class SlopesByPoisson:
         With moments ``K gamma``, ``gamma = P delta + S f``: the shares move by ``-(S^T K S)^-1 S^T K' gamma``.
         """
         folds = self._folds
-        least = -shares.solve(shares.coupling @ delta)
-        gamma = np.append(delta, 0.0)[folds.folds] + folds.shares * np.append(least, 0.0)[folds.share_index]
+        gamma = folds.parts_of_folds(delta, -shares.solve(shares.coupling @ delta))
         moments = np.einsum("tkl,tl->tk", self._moments, gamma)
         pushed, couples = np.zeros(folds.share_count + 1), np.zeros(delta.size + 1)
         np.add.at(pushed, folds.share_index, folds.shares * moments)

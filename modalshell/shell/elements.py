@@ -148,61 +148,6 @@ def _view(array: Array) -> Array:
     return view
 
 
-def _size(elements: Sequence[ElementSet]) -> int:
-    return sum(e.rest.size for e in elements)
-
-
-def energy(elements: Sequence[ElementSet], x: Array) -> float:
-    """Energy [J] of all sets at positions ``x`` (n, 3); not finite at collapsed elements."""
-    count_elements(_size(elements))
-    x = _view(x)
-    return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in elements))
-
-
-def energy_gradient(elements: Sequence[ElementSet], x: Array) -> tuple[float, Array]:
-    """Energy [J] and gradient (n, 3) [N] in one pass."""
-    count_elements(_size(elements))
-    x, gradient = _view(x), np.zeros_like(x)
-    total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in elements)
-    return float(total), gradient
-
-
-def energy_gradient_hessian(
-    elements: Sequence[ElementSet],
-    slots: Sequence[Index],
-    pattern: SparsePattern,
-    x: Array,
-    geometric: int,
-    stresses: Sequence[Array] | None = None,
-) -> tuple[float, Array, Array]:
-    """Energy, gradient (n, 3) and Hessian values on a ``pattern``, at the ``slots`` of each set, in one pass.
-
-    ``geometric`` is one of GAUSS_NEWTON, EXACT, MIXED (with ``stresses``, one array an element set) and PROJECTED.
-    """
-    count_elements(_size(elements))
-    x, gradient = _view(x), np.zeros_like(x)
-    data = np.zeros(pattern.size)
-    total = 0.0
-    none = np.empty(0)
-    for index, e in enumerate(elements):
-        stress = none if stresses is None else stresses[index]
-        place = (slots[index], pattern.strides, data, gradient)
-        total += e.kernel.add_stiffness(x, e.stencils, e.rest, e.weight, stress, geometric, *place)
-    return float(total), gradient, data
-
-
-def linear_stresses(elements: Sequence[ElementSet], x: Array, step: Array) -> list[Array]:
-    """Stress of every element after ``step`` (n, 3) by the measures linearised at ``x``."""
-    count_elements(_size(elements))
-    stresses = []
-    x, step = _view(x), _view(step)
-    for e in elements:
-        stress = np.empty(e.rest.size)
-        e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
-        stresses.append(stress)
-    return stresses
-
-
 @final
 class ElementSum(ElasticEnergy):
     """Sum of element sets, such as the stretch, shear and flexure of a discrete shell.
@@ -233,9 +178,15 @@ class ElementSum(ElasticEnergy):
         mirrored = [e.stencils[:, :2] for e in self.elements if isinstance(e.kernel, MirroredFlexure)]
         return np.concatenate([np.empty((0, 2), dtype=np.int64), *mirrored])
 
+    def _counted(self) -> list[ElementSet]:
+        """The sets, about to be evaluated."""
+        count_elements(sum(e.rest.size for e in self.elements))
+        return self.elements
+
     def energy(self, x: Array) -> float:
         """Energy [J]."""
-        return energy(self.elements, x)
+        x = _view(x)
+        return float(sum(e.kernel.energy(x, e.stencils, e.rest, e.weight) for e in self._counted()))
 
     def face_energies(self, mesh: TriangleMesh, x: Array) -> Array:
         """Energy of every triangle (T,) [J]: an element's goes to the triangles that share most of its vertices."""
@@ -243,7 +194,7 @@ class ElementSum(ElasticEnergy):
         corners = np.asarray(mesh.faces).ravel(), np.repeat(np.arange(face_count), 3)
         incidence = sps.csr_array((np.ones(3 * face_count), corners), shape=(vertex_count, face_count))
         energies = np.zeros(face_count)
-        for e, stress in zip(self.elements, linear_stresses(self.elements, x, np.zeros_like(x)), strict=True):
+        for e, stress in zip(self.elements, self.linear_stresses(x, np.zeros_like(x)), strict=True):
             count, size = e.stencils.shape
             entries = np.ones(count * size), (np.repeat(np.arange(count), size), e.stencils.ravel())
             shared = sps.csr_array(sps.csr_array(entries, shape=(count, vertex_count)) @ incidence)
@@ -255,20 +206,29 @@ class ElementSum(ElasticEnergy):
 
     def energy_gradient(self, x: Array) -> tuple[float, Array]:
         """Energy [J] and gradient (n, 3) [N]."""
-        return energy_gradient(self.elements, x)
+        x, gradient = _view(x), np.zeros_like(x)
+        total = sum(e.kernel.add_gradient(x, e.stencils, e.rest, e.weight, gradient) for e in self._counted())
+        return float(total), gradient
 
     def energy_gradient_hessian(
         self, slots: list[Index], pattern: SparsePattern, x: Array, geometric: int, stresses: list[Array] | None
     ) -> tuple[float, Array, Array]:
         """Energy, gradient and Hessian values."""
-        return energy_gradient_hessian(self.elements, slots, pattern, x, geometric, stresses)
+        x, gradient = _view(x), np.zeros_like(x)
+        data, none, total = np.zeros(pattern.size), np.empty(0), 0.0
+        for index, e in enumerate(self._counted()):
+            stress = none if stresses is None else stresses[index]
+            place = (slots[index], pattern.strides, data, gradient)
+            total += e.kernel.add_stiffness(x, e.stencils, e.rest, e.weight, stress, geometric, *place)
+        return float(total), gradient, data
 
     def pulled_by_rest_angles(self, x: Array, weights: Array) -> Array:
         """Derivative (H,) of ``weights . gradient`` at ``x`` by the rest angles of the hinges, the third set."""
         hinges = self.elements[2:3]
         if not hinges or hinges[0].name != "flexure":
             raise OptionError("springs have no rest angles: take a model of the shell's own energies, such as DS")
-        ahead, here = (linear_stresses(hinges, x, step)[0] for step in (weights, np.zeros_like(x)))
+        bending = ElementSum(hinges, self._vertex_count)
+        ahead, here = (bending.linear_stresses(x, step)[0] for step in (weights, np.zeros_like(x)))
         return here - ahead
 
     def extended_gradient(self, rest: Array, displacement: Extended) -> Extended:
@@ -303,12 +263,18 @@ class ElementSum(ElasticEnergy):
 
     def linear_stresses(self, x: Array, step: Array) -> list[Array]:
         """Stresses after ``step`` by the linearised measures."""
-        return linear_stresses(self.elements, x, step)
+        stresses = []
+        x, step = _view(x), _view(step)
+        for e in self._counted():
+            stress = np.empty(e.rest.size)
+            e.kernel.linear_stress(x, step, e.stencils, e.rest, e.weight, stress)
+            stresses.append(stress)
+        return stresses
 
     def linear_energy(self, x: Array, step: Array) -> float:
         """Energy [J] of the measures' rates along ``step``."""
         # A sum of squares keeps the digits that step . K step loses where stiffnesses are many decades apart.
-        zero, stresses = (linear_stresses(self.elements, x, moved) for moved in (np.zeros_like(x), step))
+        zero, stresses = (self.linear_stresses(x, moved) for moved in (np.zeros_like(x), step))
         return sum(
             float(np.sum((stress - offset)[e.weight != 0] ** 2 / (4.0 * e.weight[e.weight != 0])))
             for stress, offset, e in zip(stresses, zero, self.elements, strict=True)

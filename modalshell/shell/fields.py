@@ -16,6 +16,7 @@ from modalshell.mesh import TriangleMesh
 from modalshell.shell.isotropic import Isotropic
 from modalshell.shell.material import Material
 from modalshell.shell.smoothed_membrane import strain_of_lengths
+from modalshell.shell.triangle_pairs import moment_tensors
 
 FIELDS: Final[dict[str, str]] = {
     "membrane_strain": "",
@@ -161,15 +162,9 @@ def membrane_strain(mesh: TriangleMesh, x: Array) -> Array:
 
 def moment_of_folds(mesh: TriangleMesh, fold_moments: Array) -> Array:
     """Moment tensor M (T, 3) [N] with ``l_k n_k . M n_k`` the moment (T, 3) [N m] at the edge opposite corner k."""
-    x = mesh.vertices[mesh.faces]
-    edges = np.roll(x, -2, axis=1) - np.roll(x, -1, axis=1)
-    along = edges[:, 2] / np.linalg.norm(edges[:, 2], axis=1)[:, None]
-    across = np.cross(mesh.face_normals, along)
-    # An edge with components (s, t) has the normal (t, -s): its square is (t^2, s^2, -2 s t) over the length squared.
-    s, t = np.einsum("tki,ti->tk", edges, along), np.einsum("tki,ti->tk", edges, across)
-    length = np.hypot(s, t)
-    rows = np.stack([t * t, s * s, -2.0 * s * t], axis=2) / length[:, :, None]
-    return np.linalg.solve(rows, fold_moments[:, :, None])[:, :, 0]
+    every = np.arange(len(mesh.faces))
+    units = moment_tensors(mesh, every, np.full_like(every, 2))  # axis 1 is along the edge opposite corner 2
+    return np.asarray(np.einsum("tik,tk->ti", units, fold_moments[:, [2, 0, 1]]))
 
 
 def resultants(stiffness: Array, poisson: Array, strain: Array) -> Array:

@@ -14,10 +14,10 @@ from modalshell.core.short_repr import short_repr
 from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
-from modalshell.shell.bending import bending_constants
+from modalshell.shell.bending import BendingConstants, bending_constants
 from modalshell.shell.calibration_range import calibration_doubts
 from modalshell.shell.membrane import lowest_stable_stretch, membrane_stiffness
-from modalshell.shell.orientation import orient
+from modalshell.shell.orientation import Orientation, orient
 
 
 @short_repr
@@ -133,7 +133,6 @@ class Material(ReadOnlyArrays):
         poisson = checked_number("poisson", poisson, MaterialError, above=-1.0, at_most=0.5)
         orientation = orient(mesh, direction)
         stretch, shear = membrane_stiffness(mesh, young * thickness, poisson, orientation)
-        rigidity = young * thickness**3 / 12.0
         constants = bending_constants(mesh, direction)
         if narrow is None:
             narrow = orientation.elongated
@@ -145,14 +144,7 @@ class Material(ReadOnlyArrays):
                 ModalShellWarning,
                 stacklevel=2,
             )
-        if narrow:
-            # As a wide, thin strip bends further its membrane takes the curvature across away (Searle), and the hinges'
-            # own Poisson effect with it: their constant rises from b towards c. The share of that is split between
-            # small and large deflection: 2.5 % at most.
-            searle = orientation.width**2 / (thickness * orientation.length)
-            flexure = rigidity / (2.0 * constants.narrow * (1.0 + 0.025 * searle / (searle + 5.0)))
-        else:
-            flexure = rigidity / (1.0 - poisson**2) / (2.0 * constants.wide)
+        flexure = _flexure(constants, orientation, young, poisson, thickness, narrow)
         return cls(stretch, shear, flexure, density * thickness, correct_clamp=True)
 
     def per_element(self, mesh: TriangleMesh) -> tuple[Array, Array, Array]:
@@ -173,6 +165,25 @@ class Material(ReadOnlyArrays):
     def area_density(self, mesh: TriangleMesh) -> Array:
         """Mass per area of every triangle (T,) [kg/m^2]."""
         return _spread("density", self.density, len(mesh.faces))
+
+
+def _flexure(
+    constants: BendingConstants,
+    orientation: Orientation,
+    young: float,
+    poisson: float,
+    thickness: float,
+    narrow: bool,
+) -> float:
+    """k_f [N m] of a strip, or of a plate."""
+    rigidity = young * thickness**3 / 12.0
+    if not narrow:
+        return rigidity / (1.0 - poisson**2) / (2.0 * constants.wide)
+    # As a wide, thin strip bends further its membrane takes the curvature across away (Searle), and the hinges' own
+    # Poisson effect with it: their constant rises from b towards c. The share of that is split between small and large
+    # deflection: 2.5 % at most.
+    searle = orientation.width**2 / (thickness * orientation.length)
+    return rigidity / (2.0 * constants.narrow * (1.0 + 0.025 * searle / (searle + 5.0)))
 
 
 def _spread(name: str, value: float | Array, count: int) -> Array:

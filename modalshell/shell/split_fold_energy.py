@@ -179,9 +179,7 @@ class SplitFoldEnergy(ElasticEnergy):
         Zero in triangles whose vertices are all held; the energy of a pair is shared by area.
         """
         folds, delta = self._folds, self._measured(x).folds
-        shares = -self._shares.solve(self._shares.coupling @ delta)
-        gamma = np.append(delta, 0.0)[folds.folds]
-        gamma += folds.shares * np.append(shares, 0.0)[folds.share_index]
+        gamma = folds.parts_of_folds(delta, -self._shares.solve(self._shares.coupling @ delta))
         moments = np.einsum("tkl,tl->tk", folds.moments, gamma)
         mesh = self._parts[0]
         areas = np.append(mesh.face_areas, 0.0)
@@ -229,8 +227,7 @@ class SplitFoldEnergy(ElasticEnergy):
         """
         state, folds = self._measured(x), self._folds
         fold_rates, square_rates = self._all_rates(state, steps)
-        least = np.append(self.least_shares(x), 0.0)
-        gamma = np.append(state.folds, 0.0)[folds.folds] + folds.shares * least[folds.share_index]
+        gamma = folds.parts_of_folds(state.folds, -self._shares.solve(self._shares.coupling @ state.folds))
         moments = np.einsum("tkl,tl->tk", folds.moments, gamma)[chosen[0]]
         none = np.zeros((1, steps.shape[2])), np.zeros((1, shares.shape[1]))
         along = np.vstack([fold_rates, none[0]])[folds.folds[chosen[0]]]

@@ -26,7 +26,8 @@ belongs to the one triangle, against the mirror image of its opposite vertex, wh
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import final
+from enum import IntEnum
+from typing import NamedTuple, final
 
 import numpy as np
 import scipy.sparse as sps
@@ -40,6 +41,18 @@ from modalshell.shell.triangle_pairs import fold_moments, paired_triangles
 
 _ALONG = np.array([[1, 2, 0, 3], [2, 0, 1, 4], [0, 1, 2, 5], [1, 3, 2, 6], [3, 2, 1, 7]])
 """Vertices of the hinge at each edge among a pair's eight, where the pair's own triangle is left of the edge."""
+
+
+class EdgeKind(IntEnum):
+    """What is across an edge of a triangle that bends, and so how much of its fold counts in the pair."""
+
+    ABSENT = 0  # an edge of the second triangle, where one bends alone
+    INNER = 1  # the other triangle of the pair: the whole fold
+    SPLIT = 2  # another pair: its part of the fold
+    HELD = 3  # a held triangle: the whole fold
+    CLAMPED = 4  # a clamp: the whole fold against a ghost vertex
+    MIRRORED = 5  # a plane of symmetry: half of the fold against the mirror image
+    FREE = 6  # nothing: none
 
 
 @final
@@ -109,6 +122,10 @@ class SplitFolds:
             sps.csr_array(by_share.T @ blocks @ by_share),
         )
 
+    def parts_of_folds(self, angles: Array, shares: Array) -> Array:
+        """Gamma (B, 5) of fold angles (H,) and fold shares (m,): the part of each fold that every pair has."""
+        return np.append(angles, 0.0)[self.folds] + self.shares * np.append(shares, 0.0)[self.share_index]
+
     def of_hinges(self, mesh: TriangleMesh, values: Array) -> Array:
         """Values (H,) of folds at the hinges of the mesh; zero at those between held triangles."""
         real = self.hinges[:, 3] < len(mesh.vertices)
@@ -164,6 +181,21 @@ class SplitFolds:
         return part, hinges, shares
 
 
+class _Pairs(NamedTuple):
+    """Pairs of triangles and their edges: the common one and the two after it of either triangle.
+
+    Faces and corners (B, 2) are those of :class:`SplitFolds`. Each edge (B, 5) of the mesh has its :class:`EdgeKind`,
+    the pair's own triangle on its ``left`` or not, and across split ones there is the pair ``neighbours``, else -1.
+    """
+
+    faces: Index
+    corners: Index
+    edges: Index
+    kinds: Index
+    left: NDArray[np.bool_]
+    neighbours: Index
+
+
 def split_folds(
     mesh: TriangleMesh,
     rigidity: Array,
@@ -192,92 +224,98 @@ def split_folds(
         Whether each fold counts by half in both of its pairs, and the shares are what one has more and the other less
         than that. The energy is the same, but every pair couples all the vertices around it.
     """
-    clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
-    loose = (mesh.edge_faces[:, 1] < 0) & ~clamped
-    held: NDArray[np.bool_] = held_vertices[mesh.faces].all(axis=1) & ~_at_pinned_corners(mesh, loose, held_vertices)
-    plane = np.full(len(mesh.edges), -1)
-    plane[slopes.mirrored] = np.arange(slopes.mirrored.size)
-    # Of the last side, which stands for none, nothing bends.
-    bends = np.append(~held, False)[mesh.edge_faces]
-    meeting = bends.all(axis=1) & ~clamped & (plane < 0)
-    faces, corners = paired_triangles(mesh, rigidity, poisson, ~held, meeting)
-    pair = np.full(len(mesh.faces) + 1, -1)
-    pair[faces[:, 0]], paired = np.arange(len(faces)), faces[:, 1] >= 0
-    pair[faces[paired, 1]] = np.flatnonzero(paired)
-
-    # Edges of every pair, the common one and the two after it of either triangle, and what lies on their other sides.
-    own = faces[:, [0, 0, 0, 1, 1]]
-    exists = own >= 0
-    turned = (corners[:, [0, 0, 0, 1, 1]] + np.array([1, 2, 3, 2, 3])) % 3
-    edges = np.where(exists, mesh.face_edges[own, turned], -1)
-    sides = mesh.edge_faces[edges]
-    left = sides[:, :, 0] == own
-    across = np.where(left, sides[:, :, 1], sides[:, :, 0])
-    first = mesh.faces[faces[:, 0, None], (corners[:, 0, None] + np.arange(3)) % 3]
-    inner = np.full((len(first), 1), -1)
-    inner[paired, 0] = mesh.faces[faces[paired, 1], corners[paired, 1]]
-    stencils = np.hstack([first, inner, np.full((len(first), 4), -1)])
-
-    common = paired[:, None] & (np.arange(5) == 0)
-    against_held = exists & (across >= 0) & held[across]
-    mirrored = exists & (plane[edges] >= 0)
-    ghost = (exists & clamped[edges] & ~against_held) | mirrored
-    free = exists & (across < 0) & ~ghost
-    split = exists & ~free & ~ghost & ~against_held & ~common
-    neighbours = np.where(split, pair[across], -1)
-    whole = _takes_fold(neighbours, left)
-
-    number = np.full(len(mesh.edges), -1)
-    used = np.unique(edges[split | against_held | common])
-    number[used] = np.arange(used.size)
+    pairs = _bending_pairs(mesh, rigidity, poisson, slopes, held_vertices)
+    split, takes_fold = pairs.kinds == EdgeKind.SPLIT, _takes_fold(pairs)
+    inner, folds = _numbered(pairs.edges, np.isin(pairs.kinds, (EdgeKind.INNER, EdgeKind.SPLIT, EdgeKind.HELD)))
+    if not halved:
+        folds[split & ~takes_fold] = -1
+    row, k = np.hstack([np.nonzero(pairs.kinds == kind) for kind in (EdgeKind.CLAMPED, EdgeKind.MIRRORED)])
+    folds[row, k] = inner.size + np.arange(row.size)
+    stencils = _corners(mesh, pairs)
+    start, end, apex = stencils[row[:, None], _ALONG[k, :3]].T
+    ghost_index = len(mesh.vertices) + np.arange(row.size)
     hinge_of_edge = np.full(len(mesh.edges), -1)
     hinge_of_edge[mesh.hinge_edges] = np.arange(len(mesh.hinges))
-    real = mesh.hinges[hinge_of_edge[used]]
+    hinges = np.vstack([mesh.hinges[hinge_of_edge[inner]], np.column_stack([start, end, apex, ghost_index])])
 
-    row, k = np.hstack([np.nonzero(ghost & ~mirrored), np.nonzero(mirrored)])
-    start, end, apex = (stencils[row, _ALONG[k, place]] for place in range(3))
-    ghosts = _mirror_images(mesh.vertices, start, end, apex)
-    reflections = slopes.reflections()[plane[edges][mirrored]]
-    ghost_index = len(mesh.vertices) + np.arange(row.size)
-    hinges = np.vstack([real, np.column_stack([start, end, apex, ghost_index])]).astype(np.int64)
+    # A triangle on the right runs against its edge, and is the second of the hinge's triangles.
+    left = pairs.left.copy()
+    left[row, k] = True
+    places = np.where(left[:, :, None], _ALONG, _ALONG[:, [1, 0, 3, 2]])
+    folded = np.nonzero(folds >= 0)
+    stencils[folded[0], _ALONG[folded[1], 3]] = hinges[folds[folded], np.where(left[folded], 3, 2)]
 
-    folds = np.where((split & (whole | halved)) | against_held | common, number[edges], -1)
-    folds[row, k] = used.size + np.arange(row.size)
-    # One on the right runs against its edge, and is the second of the hinge's triangles.
-    own_left = left | ghost
-    places = np.where(own_left[:, :, None], _ALONG, _ALONG[:, [1, 0, 3, 2]])
-    row, k = np.nonzero(folds >= 0)
-    stencils[row, _ALONG[k, 3]] = hinges[folds[row, k], np.where(own_left[row, k], 3, 2)]
-    share_number = np.full(len(mesh.edges), -1)
-    shared = np.unique(edges[split])
-    share_number[shared] = np.arange(shared.size)
-    share_index = np.where(split, share_number[edges], -1)
-
-    moments = fold_moments(mesh, faces, corners, rigidity, poisson, free)
-    diagonal = np.zeros(shared.size)
-    np.add.at(diagonal, share_index[split], np.einsum("tkk->tk", moments)[split])
-    shares = np.zeros(split.shape)
-    shares[split] = np.where(left if halved else ~whole, 1.0, -1.0)[split] * np.sqrt(
-        scale / diagonal[share_index[split]]
-    )
+    moments = fold_moments(mesh, pairs.faces, pairs.corners, rigidity, poisson, pairs.kinds == EdgeKind.FREE)
+    shared, share_index = _numbered(pairs.edges, split)
+    shares = _share_factors(share_index, pairs.left if halved else ~takes_fold, moments, scale)
     if halved:
         weight = np.where(split, 0.5, 1.0)
         shares /= weight
         moments = weight[:, :, None] * moments * weight[:, None, :]
+    mirrored = pairs.edges[pairs.kinds == EdgeKind.MIRRORED]
     return SplitFolds(
-        ghosts=ghosts,
-        reflections=reflections,
+        ghosts=_mirror_images(mesh.vertices, start, end, apex),
+        reflections=slopes.reflections()[np.searchsorted(slopes.mirrored, mirrored)],
         hinges=np.ascontiguousarray(hinges),
-        faces=faces,
-        corners=corners,
+        faces=pairs.faces,
+        corners=pairs.corners,
         stencils=np.ascontiguousarray(stencils),
-        folds=np.ascontiguousarray(folds),
+        folds=folds,
         places=np.ascontiguousarray(places),
         shares=shares,
-        share_index=np.ascontiguousarray(share_index),
+        share_index=share_index,
         moments=moments,
         share_count=int(shared.size),
     )
+
+
+def _bending_pairs(
+    mesh: TriangleMesh, rigidity: Array, poisson: Array, slopes: HeldSlopes, held_vertices: NDArray[np.bool_]
+) -> _Pairs:
+    """Pairs of the triangles that bend, and what their edges are."""
+    clamped: NDArray[np.bool_] = np.asarray(slopes.clamped[mesh.edges].all(axis=1))
+    loose = (mesh.edge_faces[:, 1] < 0) & ~clamped
+    held: NDArray[np.bool_] = held_vertices[mesh.faces].all(axis=1) & ~_at_pinned_corners(mesh, loose, held_vertices)
+    # Of the last side, which stands for none, nothing bends.
+    meeting = np.append(~held, False)[mesh.edge_faces].all(axis=1) & ~clamped
+    faces, corners = paired_triangles(mesh, rigidity, poisson, ~held, meeting)
+    own = faces[:, [0, 0, 0, 1, 1]]
+    turned = (corners[:, [0, 0, 0, 1, 1]] + np.array([1, 2, 3, 2, 3])) % 3
+    edges = np.where(own >= 0, mesh.face_edges[own, turned], -1)
+    sides = mesh.edge_faces[edges]
+    left = sides[:, :, 0] == own
+    across = np.where(left, sides[:, :, 1], sides[:, :, 0])
+    mirrored = np.zeros(len(mesh.edges), dtype=bool)
+    mirrored[slopes.mirrored] = True
+    cases = {
+        EdgeKind.ABSENT: own < 0,
+        EdgeKind.INNER: (faces[:, 1:] >= 0) & (np.arange(5) == 0),
+        EdgeKind.MIRRORED: mirrored[edges],
+        EdgeKind.HELD: (across >= 0) & held[across],
+        EdgeKind.CLAMPED: clamped[edges],
+        EdgeKind.FREE: across < 0,
+    }
+    kinds = np.select([*cases.values()], [*cases], EdgeKind.SPLIT)
+    pair = np.empty(len(mesh.faces) + 1, dtype=np.int64)  # the last, which stands for no triangle, is not read
+    pair[faces] = np.arange(len(faces))[:, None]
+    return _Pairs(faces, corners, edges, kinds, left, np.where(kinds == EdgeKind.SPLIT, pair[across], -1))
+
+
+def _corners(mesh: TriangleMesh, pairs: _Pairs) -> Index:
+    """Stencils (B, 8) of the corners of each pair, without the vertices across its edges."""
+    faces, corners = pairs.faces, pairs.corners
+    paired = faces[:, 1] >= 0
+    stencils = np.full((len(faces), 8), -1)
+    stencils[:, :3] = mesh.faces[faces[:, 0, None], (corners[:, 0, None] + np.arange(3)) % 3]
+    stencils[paired, 3] = mesh.faces[faces[paired, 1], corners[paired, 1]]
+    return stencils
+
+
+def _numbered(edges: Index, chosen: NDArray[np.bool_]) -> tuple[Index, Index]:
+    """The edges among the ``chosen`` (B, 5), and which of them each is (B, 5); -1 of others."""
+    numbers = np.full(edges.shape, -1)
+    found, numbers[chosen] = np.unique(edges[chosen], return_inverse=True)
+    return found, numbers
 
 
 def _at_pinned_corners(mesh: TriangleMesh, edges: NDArray[np.bool_], held: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -290,12 +328,21 @@ def _at_pinned_corners(mesh: TriangleMesh, edges: NDArray[np.bool_], held: NDArr
     return np.asarray((edges[mesh.face_edges].sum(axis=1) == 2) & within[mesh.faces].all(axis=1))
 
 
-def _takes_fold(neighbours: Index, left: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _takes_fold(pairs: _Pairs) -> NDArray[np.bool_]:
     """Whether each fold angle counts in this pair (B, 5), and not in its neighbour, whose is the share."""
-    colours = np.full(len(neighbours), -1)
-    colour_triangles(neighbours, colours)
-    own, other = colours[:, None], colours[neighbours]
-    return np.where(own == other, left, own > other)
+    colours = np.full(len(pairs.faces), -1)
+    colour_triangles(pairs.neighbours, colours)
+    own, other = colours[:, None], colours[pairs.neighbours]
+    return np.where(own == other, pairs.left, own > other)
+
+
+def _share_factors(share_index: Index, gains: NDArray[np.bool_], moments: Array, scale: float) -> Array:
+    """Factors (B, 5) of the shares in gamma, positive where a pair ``gains`` by them, that scale their stiffness."""
+    split = share_index >= 0
+    diagonal = np.bincount(share_index[split], np.einsum("tkk->tk", moments)[split])
+    factors = np.zeros(split.shape)
+    factors[split] = np.where(gains, 1.0, -1.0)[split] * np.sqrt(scale / diagonal[share_index[split]])
+    return factors
 
 
 def _mirror_images(points: Array, first: Index, second: Index, apex: Index) -> Array:

@@ -156,11 +156,11 @@ def _pair_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> tuple[Arr
     """Moment tensors (2, P, 3, 5) in both triangles of pairs, of unit moments at the five edges, and areas (2, P)."""
     unit = np.zeros((2, len(faces), 3, 5))
     for side, slots in enumerate(_SLOTS):
-        unit[side][:, :, slots] = _tensors(mesh, faces[:, side], corners[:, side])
+        unit[side][:, :, slots] = moment_tensors(mesh, faces[:, side], corners[:, side])
     return unit, mesh.face_areas[faces].T
 
 
-def _tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> Array:
+def moment_tensors(mesh: TriangleMesh, faces: Index, corners: Index) -> Array:
     """Moment tensors (P, 3, 3), components 11, 22 and 12, of unit moments at the edges opposite each corner.
 
     Axis 1 is along the edge opposite the corner ``corners`` (P,), the first of the three; seen from the triangle across

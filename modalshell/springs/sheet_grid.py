@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from modalshell.core.checks import checked_count, checked_number, checked_vectors, shown, vector_count
 from modalshell.core.errors import LoadError, MaterialError, MeshError, OptionError, SupportError
 from modalshell.core.short_repr import short_repr
+from modalshell.mesh import sheet
 from modalshell.page import Page
-from modalshell.springs.page import sheet_page
+from modalshell.page.html import filled_page
 from modalshell.springs.springs import Springs
 
 FAMILIES = {"structural": ((0, 1), (1, 0)), "shear": ((1, 1), (1, -1)), "flexion": ((0, 2), (2, 0))}
@@ -25,6 +26,10 @@ _COINCIDENT = 1e-12
 _AXES = ("rows", "columns")
 _MOST = 100_000_000
 """Masses; more do not fit the memory of a common machine."""
+_MOST_STEPS = 40
+"""Steps of a page's frame at most."""
+_PICTURE = 48
+"""Cells along each side of a page's picture of the sheet at rest."""
 _WAVES = 96
 """Wave numbers along each axis among which the fastest wave is looked for."""
 
@@ -112,7 +117,7 @@ class SheetGrid:
     def page(
         self, path: str | os.PathLike[str] | None = None, *, dt: float | None = None, title: str = "modalshell"
     ) -> Page:
-        """A self-contained web page that steps the sheet on the browser's GPU by Verlet's method.
+        """A self-contained web page that steps the sheet on the browser's GPU by Verlet's method, in single precision.
 
         Parameters
         ----------
@@ -133,18 +138,27 @@ class SheetGrid:
                 f"a page steps no dashpots (got spring_damping={self.spring_damping:g} N s/m): set it to 0"
             )
         stable = self.stable_step()
-        page = sheet_page(
-            shape=self.shape,
-            spacing=self.spacing,
-            accelerations=[k / self.particle_mass for k in (self.structural, self.shear, self.flexion)],
-            drag=self.drag,
-            pinned=self.pinned,
-            gravity=self.gravity,
-            dt=0.5 * stable if dt is None else dt,
-            stable_step=stable,
-            tiny=self.tiny,
-            title=title,
-        )
+        dt = 0.5 * stable if dt is None else checked_number("dt", dt, above=0.0, unit="s")
+        if dt > stable:
+            raise OptionError(f"Verlet needs a step of at most {stable:.3g} s on this sheet (got {dt:.3g} s)")
+        rows, columns = self.shape
+        middle = [0.5 * self.spacing * (columns - 1), 0.5 * self.spacing * (rows - 1)]
+        data = {
+            "rows": rows,
+            "columns": columns,
+            "spacing": self.spacing,
+            "stiffness": [k / self.particle_mass for k in (self.structural, self.shear, self.flexion)],
+            "drag": self.drag,
+            "pinned": np.flatnonzero(self.pinned).tolist(),
+            "gravity": self.gravity.tolist(),
+            "dt": dt,
+            "tiny": self.tiny,
+            "most": _MOST_STEPS,
+            "size": 2.0 * max(middle),
+            "middle": middle,
+        }
+        picture = sheet(length=2.0 * middle[0], width=2.0 * middle[1], cells=(_PICTURE, _PICTURE))
+        page = filled_page("sheet", title, data, picture.vertices, picture.faces, __package__)
         if path is not None:
             page.save(path)
         return page

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_precision, checked_vectors
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.typing import Array
-from modalshell.shell.elements import energy_gradient
+from modalshell.shell.elements import ElementSum
 from modalshell.springs.sheet_grid import SheetGrid
 
 Which = Literal["now", "before"]
@@ -49,7 +49,7 @@ class VerletSheet(ABC):
         self._write("before", self._on_grid(np.zeros_like(first)))
         self._rates = np.where(grid.pinned.ravel()[:, None], 0.0, rates)
         self._dt = 0.0
-        self._springs = grid.springs().element_set()
+        self._springs = ElementSum([grid.springs().element_set()], grid.count)
 
     @abstractmethod
     def _read(self, which: Which) -> NDArray[Any]:
@@ -82,7 +82,7 @@ class VerletSheet(ABC):
 
     def _acceleration(self) -> Array:
         """Of springs and gravity (rows * columns, 3) [m/s^2]."""
-        _, gradient = energy_gradient([self._springs], self.positions.astype(np.float64))
+        _, gradient = self._springs.energy_gradient(self.positions.astype(np.float64))
         return np.asarray(self.grid.gravity - gradient / self.grid.particle_mass)
 
     def _set_step(self, dt: float) -> None:

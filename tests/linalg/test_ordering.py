@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.sparse.csgraph import maximum_flow
 
 import modalshell as ms
-from modalshell.linalg import CholeskyAnalysis, block_graph
+from modalshell.linalg import CholeskyAnalysis, ProfileAnalysis, block_graph
+from modalshell.linalg.analysis import unsymmetric
 from modalshell.linalg.dissection import dissect, minimum_separator
 from modalshell.linalg.ordering import best_elimination, eliminated, minimum_degree, nested_dissection, row_lists
 
@@ -76,11 +77,41 @@ def test_the_cheaper_order_is_taken():
     assert best_elimination(graph).products == min(both)
 
 
+@pytest.mark.parametrize("analysis", [CholeskyAnalysis, ProfileAnalysis])
 @pytest.mark.parametrize("triangle", [sps.tril, sps.triu], ids=["lower", "upper"])
-def test_a_matrix_with_one_triangle_is_refused(triangle):
+def test_a_matrix_with_one_triangle_is_refused(triangle, analysis):
     matrix = sps.csc_array(triangle(sps.csc_array(np.ones((9, 9)) + 9.0 * np.eye(9))))
     with pytest.raises(ValueError, match="both triangles"):
-        CholeskyAnalysis(matrix)
+        analysis(matrix)
+
+
+@pytest.mark.parametrize("analysis", [CholeskyAnalysis, ProfileAnalysis])
+@pytest.mark.parametrize("block", [1, 3])
+@pytest.mark.parametrize("size", [40, 2000])
+def test_a_matrix_with_an_unsymmetric_pattern_is_refused(size, block, analysis):
+    """As many entries above the diagonal as below it, in other places; the larger one would be dissected."""
+    pattern = sps.diags_array([np.ones(size), np.ones(size - 1), np.ones(size - 7)], offsets=[0, 1, -7], dtype=float)
+    pattern = sps.lil_array(pattern)
+    pattern[np.arange(6), np.arange(6) + 9] = 1.0
+    with pytest.raises(ValueError, match=r"symmetric pattern.*row \d+ than in column \d+"):
+        analysis(sps.csc_array(sps.kron(pattern, np.ones((block, block)))))
+
+
+@pytest.mark.parametrize("analysis", [CholeskyAnalysis, ProfileAnalysis])
+def test_a_matrix_that_is_not_square_is_refused(analysis):
+    with pytest.raises(ValueError, match=r"square .got 6 rows and 9 columns"):
+        analysis(sps.csc_array(np.ones((6, 9))))
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(1, 12), st.integers(0, 40), st.integers(0, 2**32 - 1))
+def test_symmetry_of_a_pattern_is_found(size, edges, seed):
+    ends = np.random.default_rng(seed).integers(size, size=(2, edges))
+    graph = sps.csr_array(sps.coo_array((np.ones(edges, dtype=np.int32), ends), shape=(size, size)))
+    graph.sum_duplicates()
+    dense = graph.toarray() != 0
+    wrong = np.flatnonzero((dense != dense.T).any(axis=1))
+    assert unsymmetric(*row_lists(graph)) in (wrong if wrong.size else [-1])
 
 
 def test_a_matrix_with_an_entry_twice_is_refused():

@@ -10,7 +10,7 @@ import scipy.sparse as sps
 from modalshell.core.typing import Array, Index
 from modalshell.loads import AppliedLoad
 from modalshell.loads.applied import BodyForm, SurfaceForm, TurningForm
-from modalshell.loads.surface_kernels import BODY, SURFACE, TURNING, point_forces
+from modalshell.loads.surface_kernels import BODY, SURFACE, TURNING, Points, point_forces
 from modalshell.loads.turning import triangle_frames
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.area_vectors import area_vectors
@@ -68,28 +68,28 @@ class LoadPoints:
         self.modes = self.mean(basis.modes)
         self.turns = _product(sps.csr_array(sps.vstack([part.turns for part in parts])), basis.rotations)
         kinds = np.repeat([part.kind for part in parts], counts)
-        self._points = np.column_stack([kinds, np.repeat(np.arange(len(parts)), counts)])
-        self._faces = np.concatenate([part.faces for part in parts])
-        self._sizes = np.concatenate([part.sizes for part in parts])
-        self._air, self._bodies = np.zeros((ends[-1], 3)), np.zeros((len(loads), 3, 7))
-        self._factors, self._forces = np.ones(len(loads)), np.empty((ends[-1], 3))
+        faces, sizes = (np.concatenate(of) for of in zip(*((part.faces, part.sizes) for part in parts), strict=True))
+        air, bodies = np.zeros((ends[-1], 3)), np.zeros((len(loads), 3, 7))
+        self._points = Points(
+            np.column_stack([kinds, np.repeat(np.arange(len(parts)), counts)]), faces, sizes, air, bodies,
+            np.ones(len(loads)), np.empty((ends[-1], 3)), self.modes, self.turns,
+        )  # fmt: skip
         self._changing = [(index, load) for index, load in enumerate(loads) if load.factor is not None]
         self._fields: list[tuple[slice, SurfaceForm]] = []
         for index, load in enumerate(loads):
             form, own = load.form, slice(ends[index], ends[index + 1])
             if isinstance(form, BodyForm):
-                self._bodies[index] = np.column_stack([form.constant, form.by_position, form.by_velocity])
-                corners = mesh.vertices[self._faces[own]]
-                self._air[own] = parts[index].means @ mesh.vertices - corners.mean(axis=1)
+                bodies[index] = np.column_stack([form.constant, form.by_position, form.by_velocity])
+                air[own] = parts[index].means @ mesh.vertices - mesh.vertices[faces[own]].mean(axis=1)
             elif isinstance(form, SurfaceForm) and callable(form.velocity):
                 self._fields.append((own, form))
             elif isinstance(form, SurfaceForm) and form.velocity is not None:
-                self._air[own] = form.velocity
+                air[own] = form.velocity
 
     @property
     def count(self) -> int:
         """Number of points k."""
-        return len(self._faces)
+        return len(self._points.faces)
 
     def mean(self, matrix: Array) -> Array:
         """Mean displacements (k, 3, c) at the points of displacements (3n, c)."""
@@ -99,15 +99,13 @@ class LoadPoints:
         self, q: Array, x: Array, before: Array, rate: float, time: float, way: int, push: Array, drag: Array
     ) -> Array:
         """Forces (k, 3) [N] at the points; see :func:`modalshell.loads.surface_kernels.point_forces`."""
+        points = self._points
         for index, load in self._changing:
-            self._factors[index] = load.factor_at(time)
+            points.factors[index] = load.factor_at(time)
         for own, form in self._fields:
-            self._air[own] = form.air(x, self._faces[own], time)
-        point_forces(
-            x, before, rate, self._points, self._faces, self._sizes, self._air, self._bodies, self._factors,
-            self.modes, self.turns, q, way, self._forces, push, drag,
-        )  # fmt: skip
-        return self._forces
+            points.air[own] = form.air(x, points.faces[own], time)
+        point_forces(points, x, before, rate, q, way, push, drag)
+        return points.forces
 
 
 def _product(weights: sps.csr_array, matrix: Array) -> Array:
