@@ -124,33 +124,39 @@ def buckling_factors(
         return np.asarray(unknowns.restrict(pattern.product(stiffness, unknowns.prolong(values))))
 
     wanted = min(count, size)
-    if not loading.conservative:
-        inverses, vectors = _general_inverses(softening, resisting, factor, size, wanted)
-    elif size <= max(_DENSE_BELOW, 3 * wanted):
-        identity = np.eye(size)
-        left, right = softening(identity), resisting(identity)
-        inverses, vectors = scipy.linalg.eigh(0.5 * (left + left.T), 0.5 * (right + right.T))
-    else:
-        operator, mass, inverse = (
-            spla.LinearOperator((size, size), matvec=product, dtype=np.float64)
-            for product in (softening, resisting, factor.solve)
-        )
-        start = np.random.default_rng(0).standard_normal(size)
-        try:
-            inverses, vectors = spla.eigsh(
-                operator, k=wanted, M=mass, Minv=inverse, which="LA", v0=start, ncv=min(size, 2 * wanted + 20),
-                maxiter=_RESTARTS,
-            )  # fmt: skip
-        except spla.ArpackNoConvergence as error:
-            # Shapes that the load does not soften crowd about zero, which Lanczos does not tell apart.
-            inverses, vectors = np.real(error.eigenvalues), np.real(error.eigenvectors).reshape(size, -1)
-        except spla.ArpackError as error:
-            raise SolverError(f"the buckling factors did not converge: {error}") from error
+    find = _inverses if loading.conservative else _general_inverses
+    inverses, vectors = find(softening, resisting, factor, size, wanted)
     order = np.argsort(-inverses)[:wanted]
     order = order[inverses[order] > _NONE * np.abs(inverses).max(initial=0.0)]
     modes = np.asarray(unknowns.prolong(vectors[:, order]))
     modes /= np.linalg.norm(modes.reshape(len(rest), 3, order.size), axis=1).max(axis=0, initial=1e-300)
     return Buckling(read_only(1.0 / inverses[order]), read_only(modes), loading.conservative)
+
+
+def _inverses(
+    softening: Callable[[Array], Array], resisting: Callable[[Array], Array], factor: Factor, size: int, wanted: int
+) -> tuple[Array, Array]:
+    """Largest ``1 / lambda``, and vectors, of a load with a potential: the problem is symmetric."""
+    if size <= max(_DENSE_BELOW, 3 * wanted):
+        identity = np.eye(size)
+        left, right = softening(identity), resisting(identity)
+        values, vectors = scipy.linalg.eigh(0.5 * (left + left.T), 0.5 * (right + right.T))
+        return np.asarray(values), np.asarray(vectors)
+    operator, mass, inverse = (
+        spla.LinearOperator((size, size), matvec=product, dtype=np.float64)
+        for product in (softening, resisting, factor.solve)
+    )
+    start = np.random.default_rng(0).standard_normal(size)
+    try:
+        return spla.eigsh(
+            operator, k=wanted, M=mass, Minv=inverse, which="LA", v0=start, ncv=min(size, 2 * wanted + 20),
+            maxiter=_RESTARTS,
+        )  # fmt: skip
+    except spla.ArpackNoConvergence as error:
+        # Shapes that the load does not soften crowd about zero, which Lanczos does not tell apart.
+        return np.real(error.eigenvalues), np.real(error.eigenvectors).reshape(size, -1)
+    except spla.ArpackError as error:
+        raise SolverError(f"the buckling factors did not converge: {error}") from error
 
 
 def _general_inverses(
