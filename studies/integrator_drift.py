@@ -85,7 +85,6 @@ class SummedWarp(ModalModel):
     """
 
     name = "MWTS, summed warp"
-    takes_constraints = False
     conservative = False
 
     def __init__(self, basis: ms.Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:

@@ -13,7 +13,6 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind, checked_vectors, shortened
 from modalshell.core.cost import count_elements, count_products, count_read, count_solves
 from modalshell.core.errors import FileFormatError, OptionError, SupportError
@@ -24,7 +23,7 @@ from modalshell.integrators.state import Damping, MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model
+from modalshell.models.base.model import FrameModel
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, reduce_energy
@@ -57,7 +56,7 @@ class _LastLoad:
 
 
 @final
-class HybridStress(Model):
+class HybridStress(FrameModel):
     """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
@@ -86,7 +85,6 @@ class HybridStress(Model):
     """
 
     name = "hybrid"
-    in_shell_frame = True
 
     def __init__(self, shell: Shell, coarse: Shell, trained: Trained) -> None:
         self.shell = checked_kind("shell", shell, Shell)
@@ -240,7 +238,7 @@ class HybridStress(Model):
         rest = self.coarse.coarse.shell.rest_positions
         return np.asarray(self._weighted @ (coarse_positions - rest).ravel())
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         down = self.coarse.restrict(load)
         if reason := self.refusal(down):
             return self._handed_over(load, start, reason)

@@ -147,3 +147,10 @@ class RigidFreeSolver:
         solution = np.zeros_like(balanced)
         solution[self._kept] = self.factor.solve(balanced[self._kept])
         return solution - self._rigid @ (self._rigid.T @ (self._mass * solution))
+
+
+def rigid_share(shell: Shell, load: Array) -> float:
+    """Share of a load (n, 3), in the norm of the inverse mass, along the rigid motions that the supports leave free."""
+    free = shell.unknowns.restrict(load.ravel())
+    pushed = rigid_motions(shell).T @ free
+    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.unknowns.masses(shell.mass))))

@@ -17,8 +17,8 @@ from modalshell.models import Model
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.stepping import Motion, checked_step
-from modalshell.motion.supports import SupportPath
 from modalshell.motion.trajectory import Trajectory
+from modalshell.supports import SupportPath
 
 
 def simulate(

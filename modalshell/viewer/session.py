@@ -16,7 +16,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.models import Model
-from modalshell.models.base.modal import ModalModel, as_modal
+from modalshell.models.base.modal import ModalModel
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
@@ -107,8 +107,7 @@ class ViewSession:
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
         self.gravity_limit = gravity_limit(self.gravity)
         model = self._built.model
-        modal = as_modal(model)
-        self._basis: Basis | None = None if modal is None else modal.basis
+        self._basis: Basis | None = model.basis if isinstance(model, ModalModel) else None
         self._models: dict[str, tuple[int, Model]] = {self.name: (self.modes, model)}
         self.playing, self.frame_milliseconds, self._owed = False, 0.0, 0.0
         self._begin(self._new_motion(model, None))
@@ -186,10 +185,10 @@ class ViewSession:
         self._owed += checked_number("seconds", seconds, at_least=0.0, unit="s")
         self.late = False
         motion = self._motion
-        end = motion.count + int(self._owed / motion.dt + 1e-6)  # thirty frames of 1/30 s shall be thirty steps
+        end = motion.count + int(self._owed / motion.setup.dt + 1e-6)  # thirty frames of 1/30 s shall be thirty steps
         try:
             for _ in take_steps(motion, end):
-                self._owed -= motion.dt
+                self._owed -= motion.setup.dt
                 self.late = motion.count < end and watch() > limit
                 if self.late:
                     self._owed = 0.0
@@ -277,12 +276,7 @@ class ViewSession:
 
     def _new_motion(self, model: Model, before: Motion | None) -> Motion:
         """A motion of ``model`` from rest at time 0, or from the shape and time of the one ``before``."""
-        start, rates, path = None, None, self._built.path
-        if before is not None and model.in_shell_frame:
-            start = self.positions if path is None else path.at(before.time).to_shell(self.positions)
-            if (modal := as_modal(model)) is not None:
-                coordinates, rates = hand_over(None if self.diverged else before, start, modal)
-                start = self.shell.rest_positions + (modal.basis.modes @ coordinates).reshape(-1, 3)
+        path = self._built.path
         motion = Motion(
             model,
             dt=self._table.dt,
@@ -290,16 +284,16 @@ class ViewSession:
             force=self._built.force,
             loads=self._built.loads,
             damping=build_damping(self._table),
-            start=start,
             supports=path,
             constraints=self._built.constraints,
         )
         if before is not None:
             motion.count = before.count
-            if not model.in_shell_frame:  # its start would put what is held back to time 0
-                motion.place(self.positions)
-        if rates is not None:
-            motion.state.rates = rates
+            motion.place(self.positions)
+            if isinstance(model, ModalModel):
+                own = self.positions if path is None else path.at(before.time).to_shell(self.positions)
+                state = hand_over(None if self.diverged else before, own, model)
+                motion.state.coordinates, motion.state.rates = state
         return motion
 
 
@@ -316,8 +310,8 @@ def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tup
     model : ModalModel
         The model that continues.
     """
-    last = None if before is None else as_modal(before.model)
-    if before is not None and last is not None and type(last) is type(model):
+    last = None if before is None else before.model
+    if before is not None and isinstance(last, ModalModel) and type(last) is type(model):
         mass = np.repeat(model.shell.mass, 3)
         transfer = model.basis.modes.T @ (mass[:, None] * last.basis.modes)
         return transfer @ before.state.coordinates, transfer @ before.state.rates
