@@ -116,8 +116,8 @@ def follow(
     """A run of ``count`` steps; aborted once a few steps have not converged. ModalShellError where it is refused."""
     damping = scene.rayleigh
     spins = row.kind == "rigid"
-    gravity = None if spins else scene.gravity
-    motion = Motion(model, dt=dt, gravity=gravity, damping=(damping.mass_factor, damping.stiffness_factor))
+    loading = model.shell.loading(None if spins else scene.gravity)
+    motion = Motion(model, loading, dt=dt, damping=(damping.mass_factor, damping.stiffness_factor))
     if spins:
         motion.state.rates[3:] = spin_of(scene)
     recorder = Recorder(motion, count, patience=PATIENCE)

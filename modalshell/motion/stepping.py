@@ -15,7 +15,7 @@ from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.integrators.state import Damping, MotionState
-from modalshell.loads import Load
+from modalshell.loads import Loading
 from modalshell.models import Model
 from modalshell.models.base.motion_setup import MotionSetup
 from modalshell.shell import Shell
@@ -57,11 +57,9 @@ class Motion:
     def __init__(
         self,
         model: Model,
+        loading: Loading,
         *,
         dt: float,
-        gravity: ArrayLike | None = None,
-        force: ArrayLike | None = None,
-        loads: Sequence[Load] | None = None,
         damping: tuple[float, float] | Damping = (0.0, 0.0),
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
@@ -70,7 +68,6 @@ class Motion:
         if not isinstance(damping, Damping):
             damping = Damping(*checked_vectors("damping", damping, (2,), OptionError).tolist())
         shell = model.shell
-        loading = shell.loading(gravity, force, loads)
         model.check_step(checked_step(dt), damping)
         if supports is not None:
             checked_kind("supports", supports, SupportPath)

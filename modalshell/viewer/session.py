@@ -279,10 +279,8 @@ class ViewSession:
         path = self._built.path
         motion = Motion(
             model,
+            model.shell.loading(self.gravity, self._built.force, self._built.loads),
             dt=self._table.dt,
-            gravity=self.gravity,
-            force=self._built.force,
-            loads=self._built.loads,
             damping=build_damping(self._table),
             supports=path,
             constraints=self._built.constraints,
