@@ -36,7 +36,7 @@ from modalshell.files.provenance import run_record
 from modalshell.files.study_result import StudyResult, Table
 from modalshell.integrators.modal import ImplicitEuler, ImplicitMidpoint
 from modalshell.models.base.full import FullModel
-from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.modal import ModalModel, as_modal
 from modalshell.modes import largest_eigenvalue
 from modalshell.motion import Motion
 from modalshell.motion.recorder import Recorder
@@ -176,13 +176,13 @@ def excess(row: models.IntegratedModel, scene: models.StripScene) -> float | Non
     if row.kind == "rigid":
         slowed = scene.step * np.linalg.norm(spin_of(scene)) / (1.0 + scene.step * scene.rayleigh.mass_factor)
         return float(np.log(slowed))
-    if row.kind != "modal" or not isinstance(model, ModalModel):
+    if row.kind != "modal" or (modal := as_modal(model)) is None:
         return None
     slope = _equilibrium(row.coordinates or row.name, scene.ratio, scene.gamma, scene.aspect, scene.fold)
     if slope is None:
         return 1.0
-    load = model.shell.gravity_force(scene.gravity)  # 1e-3: undamped motion neither grows nor falls, but for rounding
-    return float(np.log(modal_steps.step_radius(model, slope, load, scene.step, scene.rayleigh)) / scene.step - 1e-3)
+    load = modal.shell.gravity_force(scene.gravity)  # 1e-3: undamped motion neither grows nor falls, but for rounding
+    return float(np.log(modal_steps.step_radius(modal, slope, load, scene.step, scene.rayleigh)) / scene.step - 1e-3)
 
 
 @cache

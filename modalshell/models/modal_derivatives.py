@@ -18,7 +18,7 @@ from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import FrameModel
-from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, pulled_by_rest_angles
+from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, gradients_by_rest_angles
 from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
@@ -144,7 +144,7 @@ class ModalDerivatives(FrameModel):
 
         def by_rest_angles() -> Array:
             self._refuse_cubature("rest_angles")
-            return -pulled_by_rest_angles(self.shell, x, vectors)
+            return -gradients_by_rest_angles(self.shell, x, vectors)
 
         tangent = LinearTangent(self.shell, state, hessian, vectors, vectors, by_constant, by_rest_angles)
         return tangent.derivative(wrt, of)

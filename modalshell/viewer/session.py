@@ -16,7 +16,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array
 from modalshell.models import Model
-from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.modal import ModalModel, as_modal
 from modalshell.modes import Basis, solve_modes
 from modalshell.motion import Motion
 from modalshell.motion.recorder import take_steps
@@ -107,7 +107,8 @@ class ViewSession:
         self.gravity = np.array(self._built.gravity or (0.0, 0.0, 0.0), dtype=np.float64)
         self.gravity_limit = gravity_limit(self.gravity)
         model = self._built.model
-        self._basis: Basis | None = model.basis if isinstance(model, ModalModel) else None
+        modal = as_modal(model)
+        self._basis: Basis | None = None if modal is None else modal.basis
         self._models: dict[str, tuple[int, Model]] = {self.name: (self.modes, model)}
         self.playing, self.frame_milliseconds, self._owed = False, 0.0, 0.0
         self._begin(self._new_motion(model, None))
@@ -288,9 +289,9 @@ class ViewSession:
         if before is not None:
             motion.count = before.count
             motion.place(self.positions)
-            if isinstance(model, ModalModel):
+            if (modal := as_modal(model)) is not None:
                 own = self.positions if path is None else path.at(before.time).to_shell(self.positions)
-                state = hand_over(None if self.diverged else before, own, model)
+                state = hand_over(None if self.diverged else before, own, modal)
                 motion.state.coordinates, motion.state.rates = state
         return motion
 
@@ -308,8 +309,8 @@ def hand_over(before: Motion | None, positions: Array, model: ModalModel) -> tup
     model : ModalModel
         The model that continues.
     """
-    last = None if before is None else before.model
-    if before is not None and isinstance(last, ModalModel) and type(last) is type(model):
+    last = None if before is None else as_modal(before.model)
+    if before is not None and last is not None and type(last) is type(model):
         mass = np.repeat(model.shell.mass, 3)
         transfer = model.basis.modes.T @ (mass[:, None] * last.basis.modes)
         return transfer @ before.state.coordinates, transfer @ before.state.rates

@@ -174,30 +174,10 @@ class FullModel(Model):
         With the out-of-balance force r(x, theta), ``dx/dtheta = -(dr/dx)^-1 dr/dtheta`` on the free unknowns: one
         factorisation of the tangent stiffness, and one solve for each of the k columns; or one solve alone with ``of``.
 
-        Parameters
-        ----------
-        state : Equilibrium
-            A converged answer of this model.
-        wrt : str or sequence of str
-            By what, k numbers in all: a constant of the material ("young", "poisson", "thickness", "density" of an
-            Isotropic; "stretch", "shear", "flexure", "density" of a Material) that is one number for the whole mesh;
-            "gravity" (k = 3); "load", a factor on the whole load; "force", that on every vertex (k = 3n);
-            "rest_angles", those of the mesh's hinges (k = H) [rad]; "supports", positions of the vertices that supports
-            hold (k = 3 each, in the order of their numbers, along what they leave free zero), clamped edges keeping
-            their slope.
-        of : array_like, shape (n, 3), optional
-            Derivative of a scalar by the positions: with it the scalar's derivatives are found, by one adjoint solve.
-
-        Returns
-        -------
-        ndarray, shape (n, 3, k), or (k,) with ``of``
-            Per unit of each.
-
-        Raises
-        ------
-        OptionError
-            For a state that has not converged or was not found by :meth:`equilibrium` without constraints, or a ``wrt``
-            that is none of these.
+        As :meth:`Model.sensitivity`, by every constant of the material that is one number for the whole mesh ("young",
+        "poisson", "thickness", "density" of an Isotropic; "stretch", "shear", "flexure", "density" of a Material), and
+        by "supports": positions of the vertices that supports hold (k = 3 each, in the order of their numbers, along
+        what they leave free zero), clamped edges keeping their slope.
         """
         loading = checked_state(state).loading
         assert loading is not None
@@ -207,9 +187,9 @@ class FullModel(Model):
         for name in names:
             tangent.check(name, adjoint=weights is not None)
         if weights is None:
-            return np.concatenate([tangent.moved(name) for name in names], axis=2)
-        adjoint = tangent.solve(weights)
-        return np.concatenate([tangent.pulled(name, adjoint, weights) for name in names])
+            return np.concatenate([tangent.forward(name) for name in names], axis=2)
+        solved = tangent.solve(weights)
+        return np.concatenate([tangent.adjoint(name, solved, weights) for name in names])
 
     def tangent(self, state: Equilibrium, loading: Loading, factor: Factored | None = None) -> Tangent:
         """The tangent at a state under a load, with the factor of its exact Hessian where that is known."""
@@ -377,11 +357,11 @@ def _reactions(
     if not patches:
         return np.empty((0, 3))
     held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
-    left = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
+    residual = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
     of_patch = {patch.position.vertices.tobytes(): patch.vertices for patch in patches}
     reactions = np.empty((len(constraints), 3))
     for reaction, constraint in zip(reactions, constraints, strict=True):
         vertices = of_patch[constraint.vertices.tobytes()]
-        forces, arms = left[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
+        forces, arms = residual[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
         reaction[:] = forces.sum(axis=0) if constraint.kind == "position" else np.cross(arms, forces).sum(axis=0)
     return reactions

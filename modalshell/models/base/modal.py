@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from modalshell.constraints.constraints import Constraint
 from modalshell.constraints.manipulation import PatchTargets, meet
-from modalshell.core.checks import checked_kind, checked_vectors
+from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
@@ -24,10 +24,11 @@ from modalshell.integrators.state import Damping, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import FrameModel, Stepper
+from modalshell.models.base.model import FrameModel, Model, Stepper
 from modalshell.models.base.motion_setup import MotionSetup
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import settled
+from modalshell.models.base.warp import Warp
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
 from modalshell.modes.rigid import rigid_share
@@ -48,7 +49,7 @@ _OUT_OF_REACH_LIMIT = 20
 """Number of iterations after which unreached targets are abandoned."""
 
 
-class ModalModel(FrameModel):
+class ModalModel(Warp, FrameModel):
     """A model whose unknowns are the m modal coordinates q.
 
     Parameters
@@ -59,9 +60,6 @@ class ModalModel(FrameModel):
         "implicit_euler" (first order, loses energy), "implicit_midpoint" (second order, keeps the energy of linear
         motion), the key of any other :class:`ModalIntegrator`, or a rule itself.
     """
-
-    conservative: bool = True
-    """Whether the modal force is the gradient of the load's work, so that equilibria are the minima of a potential."""
 
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         self.basis = checked_kind("basis", basis, Basis)
@@ -74,22 +72,6 @@ class ModalModel(FrameModel):
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
 
-    def displacement(self, q: ArrayLike) -> Array:
-        """Vertex displacements (n, 3) [m] at modal coordinates ``q`` (m,); OptionError if these are not finite."""
-        return self.raw_displacement(checked_vectors("q", q, (self.basis.count,), OptionError))
-
-    @abstractmethod
-    def raw_displacement(self, q: Array) -> Array:
-        """Displacements as of :meth:`displacement`, without input checks."""
-
-    @abstractmethod
-    def modal_force(self, q: Array, load: Array) -> Array:
-        """Modal force p (m,) of the load (n, 3) at q."""
-
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
-        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless overridden."""
-        return differences(lambda q: self.modal_force(q, load), q, self.basis.rotations)
-
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
 
@@ -101,10 +83,6 @@ class ModalModel(FrameModel):
     def on_basis(self, basis: Basis) -> ModalModel:
         """The same model on another basis of its shell."""
         return type(self)(basis)
-
-    def displacement_gradient(self, q: Array, weights: Array) -> Array:
-        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
-        raise OptionError(f"{self.name} has no derivatives: take LMA, MWTS or RSW")
 
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
@@ -127,12 +105,12 @@ class ModalModel(FrameModel):
         """Static answer under loads that change, by Newton on the modal balance."""
         begin, basis = self._first_coordinates(start), self.basis
 
-        def force(q: Array, share: float) -> Array:
+        def force(q: Array, factor: float) -> Array:
             positions = self.shell.rest_positions + self.raw_displacement(q)
-            return share * self.modal_force(q, loading.force(positions))
+            return factor * self.modal_force(q, loading.force(positions))
 
-        def slope(q: Array, share: float) -> Array:
-            return differences(lambda q: force(q, share), q, basis.rotations)
+        def slope(q: Array, factor: float) -> Array:
+            return differences(lambda q: force(q, factor), q, basis.rotations)
 
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as no fixed point
             found = balance(
@@ -206,17 +184,17 @@ class ModalModel(FrameModel):
             change = float(np.sqrt(np.sum(self.basis.eigenvalues * (q - before) ** 2) / work))
             if not load.any():  # no modal force that could still turn
                 change = 0.0
-        left = targets.lengths(residual)
+        missed = targets.lengths(residual)
         outcome, message = Outcome.CONVERGED, ""
         if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
             outcome, message = Outcome.NO_FIXED_POINT, "the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
-            outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {left.max():.2e} from its target"
+            outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {missed.max():.2e} from its target"
         # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
         out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
         multipliers = np.linalg.lstsq(targets(q)[1].T, out_of_balance, rcond=None)[0].reshape(-1, 3)
         answer = self._answer(Statics(q, change, iterations, outcome, message))
-        return replace(answer, constraint_residuals=left, constraint_reactions=multipliers / targets.units[:, None])
+        return replace(answer, constraint_residuals=missed, constraint_reactions=multipliers / targets.units[:, None])
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""
@@ -297,12 +275,12 @@ class ModalModel(FrameModel):
             eigenvalues = self.basis.eigenvalues
             rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)
             self._unit_step = (dt, damping), self.integrator.step(rest, rest, np.ones_like, eigenvalues, damp, dt)
-        moved, sped = self._unit_step[1]
+        by_position, by_rate = self._unit_step[1]
         # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
-        whole = self._identity + sped[:, None] * matrix
+        whole = self._identity + by_rate[:, None] * matrix
         gain = scipy.linalg.lapack.dgesv(whole, state.rates - before.rates)[2]
         force = -(matrix @ gain)
-        return MotionState(state.coordinates + moved * force, state.rates + sped * force)
+        return MotionState(state.coordinates + by_position * force, state.rates + by_rate * force)
 
     def turned_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
@@ -397,3 +375,8 @@ class ModalStepper(Stepper):
             targets = self.model.targets(self.setup.constraints, state.coordinates, time, pose)
             after, self.residuals = self.model.meet_constraints(after, dt, self.setup.damping, targets)
         return after, solved
+
+
+def as_modal(model: Model) -> ModalModel | None:
+    """``model`` if its unknowns are modal coordinates, else None."""
+    return model if isinstance(model, ModalModel) else None
