@@ -33,25 +33,9 @@ _STALLED = 0.7
 class PatchTargets:
     """Targets of constraints at one time as equations in modal coordinates; called, they :data:`Evaluate`.
 
-    Parameters
-    ----------
-    constraints : sequence of Constraint
-        The constraints.
-    time : float
-        Time [s].
-    pose : Pose or None
-        Of the supports, where coordinates are those in their frame.
-    values : mapping
-        For "position" and "orientation", what gives the mean (3,) of a patch at q, and its Jacobian (3, m).
-    size : float
-        Unit of positions [m].
-    present : ndarray, shape (m,)
-        Coordinates from which rotations are brought to their targets.
-
-    Attributes
-    ----------
-    units : ndarray, shape (k,)
-        Unit of each constraint: ``size`` [m], or 1 rad.
+    Targets are taken at ``time`` [s], into the frame of supports in a ``pose``, and rotations to the branch nearest to
+    the ``present`` coordinates (m,). For "position" and "orientation" ``values`` give the mean (3,) of a patch at q,
+    and its Jacobian (3, m). ``units`` (k,) are ``size`` [m] of positions, and 1 rad.
     """
 
     def __init__(

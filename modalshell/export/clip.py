@@ -20,6 +20,7 @@ from modalshell.core.outcome import Outcome
 from modalshell.export.compression import CompressedMotion, compress
 from modalshell.export.near_origin import demand_near_origin
 from modalshell.files.archive import Archive, Field
+from modalshell.files.atomic_io import write_npz
 from modalshell.motion import Trajectory
 
 _NAMES = {"rest": "rest_positions"}
@@ -45,7 +46,7 @@ def save_clip(run: Trajectory, path: Path) -> Path:
     demand_near_origin(run.rest_positions, run.units.length, "clips")
     motion = compress(run)
     values = {name: getattr(motion, _NAMES.get(name, name)) for name in _CLIP.fields}
-    return _CLIP.save(path, values, motion.units)
+    return write_npz(path, **_CLIP.arrays(values, motion.units))
 
 
 def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:

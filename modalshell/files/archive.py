@@ -7,7 +7,6 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple, final
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.core.checks import checked_folder, shortened
 from modalshell.core.errors import FileFormatError
 from modalshell.core.units import SI, UnitSystem
-from modalshell.files.atomic_io import read_npz, write_npz
+from modalshell.files.atomic_io import read_npz
 
 _KINDS = {"f": "finite numbers", "fiu": "finite numbers", "iu": "whole numbers", "U": "text", "b": "true or false"}
 """What the letters of NumPy's kinds stand for."""
@@ -43,12 +42,12 @@ class Field(NamedTuple):
 
 
 @contextmanager
-def readable(kind: str, place: str | os.PathLike[str]) -> Iterator[None]:
-    """FileFormatError for whatever is wrong with ``kind``, "a clip", while it is read from ``place``."""
+def readable(kind: str, path: str | os.PathLike[str]) -> Iterator[None]:
+    """FileFormatError for whatever is wrong with ``kind``, "a clip", while it is read from ``path``."""
     try:
         yield
     except Exception as error:  # zip, zlib, OS, JSON, key, type and value errors all mean the same to the user
-        raise FileFormatError(f"cannot read {kind} from {os.fspath(place)}: {shortened(str(error))}") from error
+        raise FileFormatError(f"cannot read {kind} from {os.fspath(path)}: {shortened(str(error))}") from error
 
 
 @final
@@ -79,22 +78,12 @@ class Archive:
     def arrays(
         self, values: Mapping[str, ArrayLike], units: UnitSystem = SI, further: Mapping[str, Field] | None = None
     ) -> dict[str, NDArray[Any]]:
-        """The arrays with the mark and the units, of ``further`` fields too."""
+        """What to write: the values of all fields, and of ``further`` ones, with the mark and the units."""
         known = {**self.fields, **(further or {})}
         named = {name: known[name].unit for name in values}
         whole = {self.mark: np.array(self.version)} | {name: np.asarray(value) for name, value in values.items()}
         labels = units.array({name: unit for name, unit in named.items() if unit is not None})
         return whole | dict(zip(UNITS, (labels, np.array(astuple(units))), strict=True))
-
-    def save(
-        self,
-        path: str | os.PathLike[str],
-        values: Mapping[str, ArrayLike],
-        units: UnitSystem = SI,
-        further: Mapping[str, Field] | None = None,
-    ) -> Path:
-        """Write the values of all fields, compressed, with a digest over them."""
-        return write_npz(path, **self.arrays(values, units, further))
 
     @contextmanager
     def read(self, path: str | os.PathLike[str]) -> Iterator[dict[str, NDArray[Any]]]:

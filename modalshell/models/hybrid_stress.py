@@ -19,6 +19,7 @@ from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
 from modalshell.files.archive import Archive, Field
+from modalshell.files.atomic_io import write_npz
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load
@@ -175,7 +176,7 @@ class HybridStress(FrameModel):
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the trained data to an ``.npz`` file (no pickle)."""
         values = {name: getattr(self._trained, name) for name in _HYBRID.fields if name != "rest"}
-        _HYBRID.save(path, values | {"rest": self.coarse.coarse.shell.rest_positions})
+        write_npz(path, **_HYBRID.arrays(values | {"rest": self.coarse.coarse.shell.rest_positions}))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], shell: Shell, coarse: Shell | None = None) -> HybridStress:
@@ -352,10 +353,10 @@ class HybridStress(FrameModel):
         if state.coordinates.ndim == 1:
             return state
         z, shell = self._coordinates_of(state.coordinates), self.coarse.coarse.shell
-        left = state.coordinates - self._coarse_positions(z)
-        moved = state.coordinates - shell.rest_positions
+        outside = state.coordinates - self._coarse_positions(z)
+        displacement = state.coordinates - shell.rest_positions
         mass = shell.mass[:, None]
-        if np.sum(mass * left**2) > _LEFT**2 * np.sum(mass * moved**2) or not self._sees_state(z):
+        if np.sum(mass * outside**2) > _LEFT**2 * np.sum(mass * displacement**2) or not self._sees_state(z):
             return None
         return MotionState(z, self._weighted @ state.rates.ravel())
 

@@ -167,10 +167,10 @@ class RigidShell(FrameModel):
                 c = c - np.linalg.solve(slope, momentum - impulse)
             except np.linalg.LinAlgError:
                 break
-        left = np.linalg.norm(_discrete_momentum(c, inertia, moments)[0] - impulse)
+        residual = np.linalg.norm(_discrete_momentum(c, inertia, moments)[0] - impulse)
         # Beyond about a radian a step there is no answer (about a principal axis the momentum is that of sin c): the
         # turn then is that of the angular velocity, and the step is not converged.
-        return (c, True) if left <= 1e-9 * size else (guess, False)
+        return (c, True) if residual <= 1e-9 * size else (guess, False)
 
 
 def _discrete_momentum(c: Array, inertia: Array, moments: Array) -> tuple[Array, Array]:

@@ -21,6 +21,7 @@ from modalshell.core.short_repr import brief
 from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
 from modalshell.core.typing import Array
 from modalshell.files.archive import Archive, Field
+from modalshell.files.atomic_io import write_npz
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
@@ -158,7 +159,7 @@ class Basis(ReadOnlyArrays, Drawn):
         values |= {"vertices": shell.mesh.vertices, "faces": shell.mesh.faces}
         values["supports"] = json.dumps([[support.key, support.plain()] for support in shell.supports])
         values["energies"] = json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])  # type: ignore[call-overload]
-        _BASIS.save(path, values, further=_CONSTANTS[type(material)])
+        write_npz(path, **_BASIS.arrays(values, further=_CONSTANTS[type(material)]))
 
     def page(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Any:
         """A self-contained :class:`modalshell.page.Page` that moves in a browser; ``path`` names a file to write it to.
@@ -318,5 +319,5 @@ def _demand_memory(shell: Shell, count: int) -> None:
     loose = 6 * (parts - np.unique(shell.mesh.components[shell.unknowns.supported]).size)
     columns = _COPIES * count + _RIGID_COPIES * loose
     size = 8.0 * 3 * vertices * columns + 8.0 * (3.0 * min(count, 3 * vertices)) ** 2
-    told = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")
-    demand_memory(told, size, "take fewer modes, a coarser mesh, or one part of it")
+    wanted = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")
+    demand_memory(wanted, size, "take fewer modes, a coarser mesh, or one part of it")

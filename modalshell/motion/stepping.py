@@ -14,10 +14,9 @@ from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models import Model
-from modalshell.models.base.motion_setup import MotionSetup
 from modalshell.shell import Shell
 from modalshell.supports import SupportPath
 

@@ -18,11 +18,10 @@ from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import Model, Stepper
-from modalshell.models.base.motion_setup import MotionSetup
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
 from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue

@@ -20,12 +20,11 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.model import FrameModel, Model, Stepper
-from modalshell.models.base.motion_setup import MotionSetup
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import settled
 from modalshell.models.base.warp import Warp
@@ -309,7 +308,7 @@ class ModalModel(Warp, FrameModel):
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
-        raise self._no_constraints()
+        raise self.no_constraints()
 
     def patch_rotation(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean rotation vector (3,) [rad] of a patch at q, and its Jacobian (3, m)."""

@@ -16,10 +16,9 @@ from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.motion_setup import MotionSetup
 from modalshell.models.base.settle import settled
 from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
@@ -108,9 +107,10 @@ class Model(ABC):
         self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]
     ) -> Equilibrium:
         """Equilibrium under constraints, of models that take these."""
-        raise self._no_constraints()
+        raise self.no_constraints()
 
-    def _no_constraints(self) -> OptionError:
+    def no_constraints(self) -> OptionError:
+        """The error of a model that takes no constraints."""
         return OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
@@ -179,8 +179,6 @@ class Model(ABC):
         OptionError
             For constraints of a model that takes none, or that contradict one another.
         """
-        if setup.constraints:
-            raise self._no_constraints()
         return DeadLoadStepper(self, setup)
 
     @abstractmethod
@@ -252,8 +250,6 @@ class FrameModel(Model):
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; see :meth:`Model.stepper`."""
-        if setup.constraints:
-            raise self._no_constraints()
         return DeadLoadStepper(self, setup, in_frame=True)
 
 
@@ -382,7 +378,12 @@ class Stepper(ABC):
 
 @final
 class DeadLoadStepper(Stepper):
-    """Steps under loads as they are at the beginning of each."""
+    """Steps under loads as they are at the beginning of each, without constraints."""
+
+    def __init__(self, model: Model, setup: MotionSetup, *, in_frame: bool = False) -> None:
+        if setup.constraints:
+            raise model.no_constraints()
+        super().__init__(model, setup, in_frame=in_frame)
 
     def _step(
         self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None

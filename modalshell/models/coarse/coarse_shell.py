@@ -158,17 +158,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
 
 @final
 class _Calibration:
-    """Coarse shells with scaled stiffnesses, each of which agrees with a fine one in something.
-
-    Parameters
-    ----------
-    shell : Shell
-        The fine shell.
-    mesh : TriangleMesh
-        The coarse mesh.
-    material : Material
-        Stiffnesses to scale.
-    """
+    """Coarse shells on a mesh, with stiffnesses scaled so that some of their modes agree with those of a fine shell."""
 
     def __init__(self, shell: Shell, mesh: TriangleMesh, material: Material) -> None:
         self._shell, self._mesh, self._material = shell, mesh, material
