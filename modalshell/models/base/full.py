@@ -299,7 +299,10 @@ class FullModel(Model):
 
 @final
 class FullStepper(Stepper):
-    """Steps that take loads as they change within them, and edges clamped to supports along with these."""
+    """Steps that take loads as they change within them, and edges clamped to supports along with these.
+
+    In the frame of supports that move, loads are those at a step's beginning: they act in the world.
+    """
 
     model: FullModel
 
@@ -324,12 +327,12 @@ class FullStepper(Stepper):
 
     @property
     def keeps_last(self) -> bool:
-        """Whether a step depends on the state before its first; those that end under their loads do not."""
+        """Whether a step depends on the state before its first."""
         return self._frame is not None
 
     @property
     def _lagging(self) -> bool:
-        return False
+        return self._frame is not None and super()._lagging
 
     def _step(
         self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
@@ -339,7 +342,7 @@ class FullStepper(Stepper):
         if self._path is not None and pose is not None:
             model = model.carried(self._path.at(count * dt), pose)
         held = self._held_positions(time, pose)
-        if not loading.live:
+        if not loading.live or self._lagging:
             return model.step(state, dt, load, damping, held)
         return model.step_live(state, dt, load, damping, held, LiveLoads(loading, time, self.origin))
 
