@@ -111,7 +111,6 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
             further = {name: field for name, field in _TRIANGLES.items() if name in stored}
             names = (_TRAJECTORY.mark, *_TRAJECTORY.fields, *further, *UNITS)
             data = {name: read_member(archive, name) for name in names}
-            _TRAJECTORY.check_version(data)
             positions = _mapped(file, archive, verify)
         if _verifies(verify, positions.nbytes) and not np.isfinite(positions).all():
             raise ValueError("positions must be finite numbers")

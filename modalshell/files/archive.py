@@ -19,6 +19,7 @@ from modalshell.files.atomic_io import read_npz
 
 _KINDS = {"f": "finite numbers", "fiu": "finite numbers", "iu": "whole numbers", "U": "text", "b": "true or false"}
 """What the letters of NumPy's kinds stand for."""
+LARGEST_FLOAT = float(np.finfo(np.float64).max)
 UNITS = ("units", "unit_system")
 """Names of the arrays with the unit of each other array, and with the units of length, mass and time."""
 
@@ -50,6 +51,30 @@ def readable(kind: str, path: str | os.PathLike[str]) -> Iterator[None]:
         raise FileFormatError(f"cannot read {kind} from {os.fspath(path)}: {shortened(str(error))}") from error
 
 
+def check_arrays(
+    fields: Mapping[str, Field], data: Mapping[str, NDArray[Any]], most: float = LARGEST_FLOAT, **sizes: int
+) -> dict[str, int]:
+    """Sizes that letters of shapes stand for, ``sizes`` of them known already.
+
+    ValueError where an array is not as its field says, or holds a number above ``most`` in size; KeyError where one is
+    missing.
+    """
+    for name, (kinds, shape, _) in fields.items():
+        array = data[name]
+        wanted = array.shape if shape is None else shape
+        for size, length in zip(wanted, array.shape, strict=False):
+            if isinstance(size, str):
+                sizes.setdefault(size, length)
+        expected = tuple(sizes.get(size, 0) if isinstance(size, str) else size for size in wanted)
+        sound = array.dtype.kind in kinds and array.shape == expected
+        if sound and array.dtype.kind == "f":
+            low, high = float(array.min(initial=0.0)), float(array.max(initial=0.0))  # NaN where there is one
+            sound = array.dtype.itemsize <= 8 and -most <= low and high <= most
+        if not sound:
+            raise ValueError(f"{name} must be {_KINDS[kinds]} {expected} (got {array.dtype} {array.shape})")
+    return sizes
+
+
 @final
 @dataclass(frozen=True)
 class Archive:
@@ -72,7 +97,7 @@ class Archive:
     kind: str
     mark: str
     fields: Mapping[str, Field] = field(default_factory=dict)
-    most: float = float(np.finfo(np.float64).max)
+    most: float = LARGEST_FLOAT
     version: int = 1
 
     def arrays(
@@ -91,41 +116,20 @@ class Archive:
         file = checked_folder("path", path)
         with readable(self.kind, file):
             data = read_npz(file)
-            self.check_version(data)
             self.check(data)
             yield data
-
-    def check_version(self, data: Mapping[str, NDArray[Any]]) -> None:
-        """ValueError for arrays of another version; KeyError for those of no such file."""
-        if (version := int(data[self.mark])) != self.version:
-            raise ValueError(f"format {version} (this version reads {self.version})")
 
     def check(
         self, data: Mapping[str, NDArray[Any]], further: Mapping[str, Field] | None = None, **sizes: int
     ) -> UnitSystem:
-        """The units of the arrays; ValueError or KeyError where one is not as its field says.
-
-        ``sizes`` are letters of shapes that are known already.
-        """
+        """The units of the arrays; ValueError or KeyError for another version or kind, or :func:`check_arrays`."""
+        if (version := int(data[self.mark])) != self.version:
+            raise ValueError(f"format {version} (this version reads {self.version})")
         fields = {**self.fields, **(further or {})}
-        for name, (kinds, shape, _) in fields.items():
-            array = data[name]
-            wanted = array.shape if shape is None else shape
-            for size, length in zip(wanted, array.shape, strict=False):
-                if isinstance(size, str):
-                    sizes.setdefault(size, length)
-            expected = tuple(sizes.get(size, 0) if isinstance(size, str) else size for size in wanted)
-            if not (array.dtype.kind in kinds and array.shape == expected and self._bounded(array)):
-                raise ValueError(f"{name} must be {_KINDS[kinds]} {expected} (got {array.dtype} {array.shape})")
+        check_arrays(fields, data, self.most, **sizes)
         units = UnitSystem.from_array(data[UNITS[1]])
         labels = json.loads(str(data[UNITS[0]]))
         named = units.labels({name: unit for name, (_, _, unit) in fields.items() if unit is not None})
         if {name: labels.get(name) for name in named} != named:
             raise ValueError(f"units are not those of {units.length}, {units.mass}, {units.time}")
         return units
-
-    def _bounded(self, array: NDArray[Any]) -> bool:
-        if array.dtype.kind != "f":
-            return True
-        low, high = float(array.min(initial=0.0)), float(array.max(initial=0.0))  # NaN where there is one
-        return array.dtype.itemsize <= 8 and -self.most <= low and high <= self.most
