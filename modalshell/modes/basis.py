@@ -18,7 +18,7 @@ from modalshell.core.errors import ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
 from modalshell.core.plugins import load_plugins
 from modalshell.core.short_repr import brief
-from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
+from modalshell.core.thread_safety import read_only, read_only_copy
 from modalshell.core.typing import Array
 from modalshell.files.archive import Archive, Field
 from modalshell.files.atomic_io import write_npz
@@ -26,7 +26,7 @@ from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.attachments import attached_forces, with_attachments
-from modalshell.modes.derivatives import BasisSensitivity, basis_sensitivity
+from modalshell.modes.derivatives import BasisSensitivity, VibrationModes, basis_sensitivity
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
@@ -74,7 +74,7 @@ _COPIES, _RIGID_COPIES = 6, 6
 
 @brief
 @dataclass(frozen=True)
-class Basis(ReadOnlyArrays, Drawn):
+class Basis(VibrationModes, Drawn):
     """What the modal models need of a shell.
 
     Attributes
@@ -106,16 +106,6 @@ class Basis(ReadOnlyArrays, Drawn):
     def __post_init__(self) -> None:
         for name in ("eigenvalues", "modes", "rotations"):
             object.__setattr__(self, name, read_only_copy(getattr(self, name)))
-
-    @property
-    def frequencies(self) -> Array:
-        """Natural frequencies (m,) [Hz]."""
-        return np.sqrt(self.eigenvalues) / (2.0 * np.pi)
-
-    @property
-    def count(self) -> int:
-        """Number of modes m."""
-        return int(self.eigenvalues.size)
 
     @property
     def participation_factors(self) -> Array:
