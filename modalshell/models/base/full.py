@@ -306,6 +306,10 @@ class FullStepper(Stepper):
 
     model: FullModel
 
+    def __init__(self, model: FullModel, setup: MotionSetup, patches: Sequence[HeldPatch], *, in_frame: bool) -> None:
+        super().__init__(model, setup, patches, in_frame=in_frame)
+        self._lagging &= self._frame is not None
+
     def start(self, positions: Array | None) -> MotionState:
         """State at rest, moved with the supports to where these are at time 0."""
         state = super().start(positions)
@@ -329,10 +333,6 @@ class FullStepper(Stepper):
     def keeps_last(self) -> bool:
         """Whether a step depends on the state before its first."""
         return self._frame is not None
-
-    @property
-    def _lagging(self) -> bool:
-        return self._frame is not None and super()._lagging
 
     def _step(
         self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None

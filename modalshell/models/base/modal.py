@@ -349,10 +349,7 @@ class ModalStepper(Stepper):
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
         self._quadrature = None if setup.supports is not None else self.model.load_quadrature(setup.loading)
-
-    @property
-    def _lagging(self) -> bool:
-        return self._quadrature is None and super()._lagging
+        self._lagging &= self._quadrature is None
 
     def _step(
         self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None

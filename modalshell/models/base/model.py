@@ -293,6 +293,8 @@ class Stepper(ABC):
         self._frame: SupportPath | None = path if in_frame else None
         self._path: SupportPath | None = None if in_frame else path
         self._patches = patches
+        self._lagging = bool(setup.loading.live)
+        """Whether loads that change are taken as they are at a step's beginning."""
         self._known: list[tuple[MotionState, Array]] = []
 
     def start(self, positions: Array | None) -> MotionState:
@@ -328,11 +330,6 @@ class Stepper(ABC):
     def keeps_last(self) -> bool:
         """Whether a step depends on the state before its first."""
         return self._frame is not None or self.setup.loading.by_velocity
-
-    @property
-    def _lagging(self) -> bool:
-        """Whether loads that change are taken as they are at a step's beginning."""
-        return bool(self.setup.loading.live)
 
     def advance(self, count: int, state: MotionState, before: MotionState, load: Array) -> tuple[MotionState, bool]:
         """The state a step after ``state``, that of step ``count``; also whether the model's own solver converged.
