@@ -73,7 +73,6 @@ class SummedWarp(ModalModel):
     """
 
     name = "MWTS, summed warp"
-    takes_constraints = False
     conservative = False
 
     def __init__(self, basis: ms.Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
@@ -197,7 +196,7 @@ def motion_findings(basis: ms.Basis, force: np.ndarray, refinements: tuple[int, 
     for refinement in refinements:
         row = {"step": MOTION_STEP / refinement}
         for warp, model in (("sum", SummedWarp(basis)), ("closed_form", ms.ModalWarping(basis))):
-            motion = Motion(model, dt=row["step"], force=force, damping=MOTION_DAMPING)
+            motion = Motion(model, basis.shell.loading(force=force), dt=row["step"], damping=MOTION_DAMPING)
             count = round(MOTION_TIME / row["step"])
             for _ in range(count):
                 motion.advance()

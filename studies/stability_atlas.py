@@ -130,7 +130,8 @@ def follow(row: IntegratedModel, model: ms.Model, scene: StripScene, dt: float, 
     """A run of ``count`` steps; aborted once a few steps have not converged. ModalShellError where it is refused."""
     damping, spins = scene.rayleigh, row.kind == "rigid"
     factors = (damping.mass_factor, damping.stiffness_factor)
-    motion = Motion(model, dt=dt, gravity=None if spins else scene.gravity, damping=factors)
+    loading = model.shell.loading(None if spins else scene.gravity)
+    motion = Motion(model, loading, dt=dt, damping=factors)
     if spins:
         motion.state.rates[3:] = spin_of(scene)
     recorder = Recorder(motion, count, patience=PATIENCE)

@@ -100,7 +100,7 @@ def snap_row(case: Case, candidate: Candidate) -> dict[str, Any]:
     model, preprocessing = candidate.build(case_factory(case))
     tries = [[model.equilibrium(force=share * case.load) for share in AFTER_SNAP] for _ in range(REPEATS)]
     answers = [min(same, key=lambda answer: answer.seconds) for same in zip(*tries, strict=True)]
-    motion = Motion(model, dt=case.dt, force=case.load, damping=SNAP_DAMPING)
+    motion = Motion(model, case.shell.loading(force=case.load), dt=case.dt, damping=SNAP_DAMPING)
     steps = round(SNAP_TIME / case.dt)
     watch = Stopwatch()
     for _ in take_steps(motion, steps):

@@ -66,7 +66,7 @@ class KnownEquilibrium:
         tangent = body.tangent(state, state.loading, factor)
         for name in names:
             tangent.check(name, adjoint=False)
-        rates = np.concatenate([tangent.moved(name) for name in names], axis=2)
+        rates = np.concatenate([tangent.forward(name) for name in names], axis=2)
         return cls(state, rates, problem.rounding(x, hessian, 0.0) / problem.scale_at(x))
 
     def near(

@@ -250,7 +250,7 @@ def timed_frames(model: Model, case: Case) -> tuple[float, Work, Outcome, str]:
     Also the outcome of that motion, and its message.
     """
     damping = case.damping.mass_factor, case.damping.stiffness_factor
-    motion = Motion(model, dt=case.dt, force=case.load, damping=damping)
+    motion = Motion(model, case.shell.loading(force=case.load), dt=case.dt, damping=damping)
     recorder = Recorder(motion, _UNTIMED + _FRAMES)
     times: list[float] = []
     with counted() as work:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from modalshell.core.typing import Array
+from modalshell.constraints.constraints import Constraint, nearest_branch
+from modalshell.core.typing import Array, Index
+from modalshell.supports import Pose
 
 Evaluate = Callable[[Array], tuple[Array, Array]]
 """Residual (k,), target less value, and Jacobian (k, m) of the constrained values at q."""
@@ -23,6 +27,50 @@ _MOST_STAGES = 200
 """Enough for 30 times the shell's size; modes do not reach farther targets."""
 _STALLED = 0.7
 """Share of the residual that a harder constraint must beat, or the target counts as out of reach."""
+
+
+@final
+class PatchTargets:
+    """Targets of constraints at one time as equations in modal coordinates; called, they :data:`Evaluate`.
+
+    Targets are taken at ``time`` [s], into the frame of supports in a ``pose``, and rotations to the branch nearest to
+    the ``present`` coordinates (m,). For "position" and "orientation" ``values`` give the mean (3,) of a patch at q,
+    and its Jacobian (3, m). ``units`` (k,) are ``size`` [m] of positions, and 1 rad.
+    """
+
+    def __init__(
+        self,
+        constraints: Sequence[Constraint],
+        time: float,
+        pose: Pose | None,
+        values: Mapping[str, Callable[[Array, Index], tuple[Array, Array]]],
+        size: float,
+        present: Array,
+    ) -> None:
+        self._parts = []
+        for constraint in constraints:
+            goal, value = constraint.at(time), values[constraint.kind]
+            if constraint.kind == "position":
+                goal = goal if pose is None else pose.to_shell(goal)
+            else:
+                if pose is not None:
+                    goal = (Rotation.from_matrix(pose.rotation).inv() * Rotation.from_rotvec(goal)).as_rotvec()
+                goal = nearest_branch(goal, value(present, constraint.vertices)[0])
+            self._parts.append((goal, value, constraint.vertices))
+        self.units = np.array([size if constraint.kind == "position" else 1.0 for constraint in constraints])
+
+    def __call__(self, q: Array) -> tuple[Array, Array]:
+        """Residuals (3 k,) in their units, and Jacobian (3 k, m)."""
+        residuals, jacobians = [], []
+        for (goal, value, vertices), unit in zip(self._parts, self.units, strict=True):
+            mean, jacobian = value(q, vertices)
+            residuals.append((goal - mean) / unit)
+            jacobians.append(jacobian / unit)
+        return np.concatenate(residuals), np.vstack(jacobians)
+
+    def lengths(self, residuals: Array) -> Array:
+        """Length of each constraint's residual (k,): [m] for positions, [rad] for orientations."""
+        return np.asarray(np.linalg.norm(residuals.reshape(-1, 3), axis=1) * self.units)
 
 
 def meet(evaluate: Evaluate, free: Array, compliance: Array, start: Array) -> tuple[Array, Array]:

@@ -5,25 +5,20 @@ from __future__ import annotations
 import os
 import struct
 import zipfile
-from dataclasses import astuple
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import checked_folder, shortened
-from modalshell.core.errors import FileFormatError
+from modalshell.core.checks import checked_folder
 from modalshell.core.outcome import Outcome
-from modalshell.core.units import UnitSystem
+from modalshell.files.archive import UNITS, Archive, Field, readable
 from modalshell.files.atomic_io import read_header, read_member, write_atomically
 from modalshell.files.regular import open_regular
 from modalshell.motion import Trajectory
 from modalshell.shell.fields import FIELDS, TENSORS
 
-_FORMAT = 1
-"""Version of the archive."""
-_MARK = "modalshell_trajectory"
 _ALIGNMENT = 64
 """Bytes to which arrays are aligned, so that they can be mapped."""
 _CHUNK = 1 << 24
@@ -40,32 +35,36 @@ _ZIP64_EXTRA = 20
 _STAMP = (1980, 1, 1, 0, 0, 0)
 """Of every member, so that equal trajectories make equal files."""
 
-_UNITS = {
-    "times": "s",
-    "positions": "m",
-    "rest": "m",
-    "energies": "J",
-    "constraint_residuals": "m or rad",
-    "seconds": "s of wall time",
-}
-"""Units of the arrays."""
-_SYSTEM = "unit_system"
-"""Names of the units of length, mass and time."""
-_NAMES = {"rest_positions": "rest"}
+_NAMES = {"rest": "rest_positions"}
 """Attributes of a trajectory that are named otherwise in the file."""
-_SMALL = ("times", "energies", "constraint_residuals", "faces", "rest_positions")
-_SCALARS = ("status", "message", "unconverged_steps", "seconds")
+_TRAJECTORY = Archive(
+    "a saved trajectory",
+    "modalshell_trajectory",
+    {
+        "times": Field("fiu", ("F",), "s"),
+        "energies": Field("fiu", ("F", 3), "J"),
+        "constraint_residuals": Field("fiu", ("F", "k"), "m or rad"),
+        "faces": Field("iu", ("T", 3)),
+        "rest": Field("fiu", ("n", 3), "m"),
+        "status": Field("U"),
+        "message": Field("U"),
+        "unconverged_steps": Field("iu"),
+        "seconds": Field("fiu", (), "s of wall time"),
+    },
+)
+_POSITIONS = {"positions": Field("f", ("F", "n", 3), "m")}
+_PARTS = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
+_TRIANGLES = {f"{_FIELD}{name}": Field("f", ("F", "T", *_PARTS.get(name, ())), unit) for name, unit in FIELDS.items()}
+"""Fields of the triangles."""
 
 
 def save_archive(run: Trajectory, path: str | os.PathLike[str]) -> Path:
     """Write a trajectory to an ``.npz`` file: plain arrays that ``numpy.load`` reads too."""
-    arrays: dict[str, NDArray[Any]] = {_MARK: np.array(_FORMAT)}
-    for name in (*_SMALL, *_SCALARS):
-        arrays[_NAMES.get(name, name)] = np.asarray(getattr(run, name))
-    arrays |= {f"{_FIELD}{name}": values for name, values in run.fields.items()}
-    arrays["units"] = run.units.array(_UNITS | {f"{_FIELD}{name}": FIELDS[name] for name in run.fields})
-    arrays[_SYSTEM] = np.array(astuple(run.units))
-    return write_atomically(path, lambda file: _write(file, arrays, run.positions))
+    values = {name: getattr(run, _NAMES.get(name, name)) for name in (*_TRAJECTORY.fields, *_POSITIONS)}
+    values |= {f"{_FIELD}{name}": field for name, field in run.fields.items()}
+    arrays = _TRAJECTORY.arrays(values, run.units, _POSITIONS | _TRIANGLES)
+    positions = arrays.pop("positions")
+    return write_atomically(path, lambda file: _write(file, arrays, positions))
 
 
 def _write(file: IO[bytes], arrays: dict[str, NDArray[Any]], positions: NDArray[np.floating]) -> None:
@@ -106,53 +105,25 @@ def load_trajectory(path: str | os.PathLike[str], *, verify: bool | None = None)
         If the file is missing, cut off, damaged, or not a saved trajectory.
     """
     file = checked_folder("path", path)
-    try:
+    with readable(_TRAJECTORY.kind, file):
         with open_regular(file) as whole, zipfile.ZipFile(whole) as archive:
-            mark = int(read_member(archive, _MARK))
-            if mark != _FORMAT:
-                raise ValueError(f"format {mark} (this version reads {_FORMAT})")
-            values = {name: read_member(archive, _NAMES.get(name, name)) for name in (*_SMALL, *_SCALARS)}
-            fields = {name: read_member(archive, f"{_FIELD}{name}") for name in FIELDS if _holds(archive, name)}
-            units = _system(archive)
+            stored = {name.removesuffix(".npy") for name in archive.namelist()}
+            further = {name: field for name, field in _TRIANGLES.items() if name in stored}
+            names = (_TRAJECTORY.mark, *_TRAJECTORY.fields, *further, *UNITS)
+            data = {name: read_member(archive, name) for name in names}
             positions = _mapped(file, archive, verify)
-            checked = positions if _verifies(verify, positions.nbytes) else positions[:0]
-        _check_shapes(values, positions)
-        _check_numbers(values, checked)
-        _check_fields(fields, len(positions), len(values["faces"]))
-        outcome, message = Outcome(str(values["status"])), str(values["message"])
-        unconverged, seconds = int(values["unconverged_steps"]), float(values["seconds"])
-    except Exception as error:  # zip, OS, key, type and value errors all mean the same to the user
-        raise FileFormatError(f"cannot read a saved trajectory from {file}: {shortened(str(error))}") from error
-    arrays: dict[str, Any] = {name: values[name] for name in _SMALL}
-    return Trajectory(
-        positions=positions,
-        outcome=outcome,
-        message=message,
-        unconverged_steps=unconverged,
-        seconds=seconds,
-        fields=fields,
-        units=units,
-        **arrays,
-    )
-
-
-def _holds(archive: zipfile.ZipFile, name: str) -> bool:
-    return f"{_FIELD}{name}.npy" in archive.namelist()
-
-
-def _system(archive: zipfile.ZipFile) -> UnitSystem:
-    """The units of an archive."""
-    read_member(archive, "units")  # damaged ones are refused
-    return UnitSystem.from_array(read_member(archive, _SYSTEM))
-
-
-def _check_fields(fields: dict[str, NDArray[Any]], frames: int, triangles: int) -> None:
-    """ValueError where a field holds no real, finite numbers, or not one entry a frame and triangle."""
-    for name, values in fields.items():
-        parts = {"von_mises_faces": (2,)} | dict.fromkeys(TENSORS, (3,))
-        expected = (frames, triangles, *parts.get(name, ()))
-        if values.dtype.kind != "f" or values.shape != expected or not np.isfinite(values).all():
-            raise ValueError(f"field {name} must be finite numbers {expected} (got {values.dtype} {values.shape})")
+        if _verifies(verify, positions.nbytes) and not np.isfinite(positions).all():
+            raise ValueError("positions must be finite numbers")
+        units = _TRAJECTORY.check(data, further, F=len(positions), n=positions.shape[1])
+        faces, vertices = data["faces"], positions.shape[1]
+        if faces.size and (faces.min() < 0 or faces.max() >= vertices):
+            raise ValueError(f"faces must name vertices 0 to {vertices - 1}")
+        values: dict[str, Any] = {_NAMES.get(name, name): data[name] for name in _TRAJECTORY.fields}
+        values["outcome"], values["message"] = Outcome(str(values.pop("status"))), str(values["message"])
+        for name, number in (("unconverged_steps", int), ("seconds", float)):
+            values[name] = number(values[name])
+        fields = {name.removeprefix(_FIELD): data[name] for name in further}
+        return Trajectory(positions=positions, fields=fields, units=units, **values)
 
 
 def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArray[np.floating]:
@@ -181,35 +152,3 @@ def _mapped(file: Path, archive: zipfile.ZipFile, verify: bool | None) -> NDArra
 def _verifies(verify: bool | None, size: int) -> bool:
     """Whether positions of ``size`` bytes are read once to be checked."""
     return size <= _VERIFIED if verify is None else verify
-
-
-def _check_numbers(values: dict[str, NDArray[Any]], positions: NDArray[np.floating]) -> None:
-    """ValueError where an array holds no real, finite numbers, or a triangle names no vertex."""
-    numbers = [(name, values[name]) for name in (*_SMALL, "seconds", "unconverged_steps")]
-    for name, array in (*numbers, ("positions", positions)):
-        if array.dtype.kind not in "iuf" or not np.isfinite(array).all():
-            raise ValueError(f"{name} must be finite numbers (dtype {array.dtype})")
-    faces = values["faces"]
-    if faces.size and (faces.dtype.kind == "f" or faces.min() < 0 or faces.max() >= len(values["rest_positions"])):
-        raise ValueError(f"faces must name vertices 0 to {len(values['rest_positions']) - 1}")
-
-
-def _check_shapes(values: dict[str, NDArray[Any]], positions: NDArray[np.floating]) -> None:
-    frames, vertices = positions.shape[:2]
-    expected: dict[str, tuple[int | None, ...]] = {
-        "times": (frames,),
-        "energies": (frames, 3),
-        "constraint_residuals": (frames, None),
-        "faces": (None, 3),
-        "rest_positions": (vertices, 3),
-        "status": (),
-        "message": (),
-        "unconverged_steps": (),
-        "seconds": (),
-    }
-    for name in values:
-        shape = expected[name]
-        got = values[name].shape
-        fits = len(got) == len(shape) and all(want in (None, size) for size, want in zip(got, shape, strict=True))
-        if not fits:
-            raise ValueError(f"{name} has shape {got}, which does not fit positions {positions.shape}")

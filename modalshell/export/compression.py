@@ -114,5 +114,5 @@ def _rounded(frames: Array, vectors: Array) -> tuple[NDArray[np.int16], Array, N
 
 def _error(frames: Array, shapes: NDArray[np.int16], scales: Array, amplitudes: NDArray[np.float32]) -> float:
     """Largest distance of a vertex from its place [m]."""
-    left = frames - amplitudes.astype(float) @ (shapes * scales[:, None])
-    return float(np.linalg.norm(left.reshape(len(frames), -1, 3), axis=2).max())
+    errors = frames - amplitudes.astype(float) @ (shapes * scales[:, None])
+    return float(np.linalg.norm(errors.reshape(len(frames), -1, 3), axis=2).max())

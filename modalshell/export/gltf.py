@@ -80,12 +80,12 @@ def _write(
         return len(accessors) - 1
 
     points = {"kind": gltf.VEC3, "component": gltf.FLOAT, "bounds": True, "target": gltf.ARRAY_BUFFER}
-    place = add(np.asarray(rest, np.float32), **points)
+    points_at = add(np.asarray(rest, np.float32), **points)
     triangles = np.asarray(faces, np.uint32).ravel()
     index = add(triangles, gltf.SCALAR, gltf.UNSIGNED_INT, target=gltf.ELEMENT_ARRAY_BUFFER)
     targets = [{"POSITION": add(np.asarray(shape, np.float32), **points)} for shape in shapes]
     primitive = gltf.Primitive(
-        attributes=gltf.Attributes(POSITION=place), indices=index, material=0, targets=targets or None
+        attributes=gltf.Attributes(POSITION=points_at), indices=index, material=0, targets=targets or None
     )
     mesh = gltf.Mesh(primitives=[primitive], weights=[0.0] * len(targets), extras={"targetNames": list(names)})
     colour = gltf.PbrMetallicRoughness(baseColorFactor=[0.36, 0.55, 0.78, 1.0], metallicFactor=0.0, roughnessFactor=0.8)

@@ -82,7 +82,7 @@ def save_modal_body(basis: Basis, path: str | os.PathLike[str]) -> list[Path]:
         "modes": basis.count,
         "rigid_modes": basis.rigid_modes,
         "mass": float(masses.sum()),
-        "arrays": {name: {"shape": list(arrays[name].shape), "is": told} for name, told in _ARRAYS.items()},
+        "arrays": {name: {"shape": list(arrays[name].shape), "is": meaning} for name, meaning in _ARRAYS.items()},
     }
     written = [write_npz(target, **arrays)]
     return [*written, write_text(target.with_suffix(".json"), json.dumps(document, indent=1) + "\n")]

@@ -82,16 +82,13 @@ def save_trajectory(
     return run.save(path, on_frame=on_frame)
 
 
-def _writer(suffix: str) -> Callable[[Trajectory, Path, Progress | None], Path]:
-    """What writes a format once all that it needs is there."""
-
-    def write(run: Trajectory, path: Path, on_frame: Progress | None) -> Path:
-        if suffix not in _WITHOUT_FACES and len(run.faces) == 0:
-            raise OptionError(f"{suffix} files need the triangles: give the trajectory its faces (simulate does)")
-        check_formats([suffix[1:]])
-        return _FORMATS[suffix](run, path, on_frame)
-
-    return write
+def _save(run: Trajectory, path: Path, on_frame: Progress | None) -> Path:
+    """Write a format once all that it needs is there."""
+    suffix = path.suffix
+    if suffix not in _WITHOUT_FACES and len(run.faces) == 0:
+        raise OptionError(f"{suffix} files need the triangles: give the trajectory its faces (simulate does)")
+    check_formats([suffix[1:]])
+    return _FORMATS[suffix](run, path, on_frame)
 
 
-WRITERS.update({suffix: _writer(suffix) for suffix in _FORMATS})
+WRITERS.update(dict.fromkeys(_FORMATS, _save))

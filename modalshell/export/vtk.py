@@ -128,13 +128,13 @@ def _fill_surface(surface: Any, cells: Any, run: Trajectory, index: int) -> None
     arrays += [
         (name, run.units.of(FIELDS[name]), run.fields[name][index], surface.GetCellData()) for name in run.fields
     ]
-    for name, unit, values, place in arrays:
+    for name, unit, values, attributes in arrays:
         array = _vtk_array(values)
         array.SetName(name)
         for number, component in enumerate(_COMPONENTS.get(name, ())):
             array.SetComponentName(number, component)
         array.GetInformation().Set(vtkDataArray.UNITS_LABEL(), unit)
-        place.AddArray(array)
+        attributes.AddArray(array)
         label = vtkStringArray()
         label.SetName(f"{name}_unit")
         label.InsertNextValue(unit or "1")

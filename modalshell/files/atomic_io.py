@@ -36,8 +36,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, target)
     except OSError as error:
-        place, reason = shortened(str(target)), error.strerror or shortened(str(error))
-        raise FileFormatError(f"{place}: cannot be written ({reason}); give another path or folder") from error
+        name, reason = shortened(str(target)), error.strerror or shortened(str(error))
+        raise FileFormatError(f"{name}: cannot be written ({reason}); give another path or folder") from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

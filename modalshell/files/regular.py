@@ -50,8 +50,8 @@ def open_regular(path: str | os.PathLike[str], most: int | None = None) -> Binar
             number = errno.EISDIR if stat.S_ISDIR(status.st_mode) else errno.EINVAL
             raise OSError(number, f"it is {kind}, not a regular file", str(path))
         if most is not None and status.st_size > most:
-            told = f"it has {gigabytes(status.st_size)}, above the {gigabytes(most)} that are read"
-            raise OSError(errno.EFBIG, told, str(path))
+            reason = f"it has {gigabytes(status.st_size)}, above the {gigabytes(most)} that are read"
+            raise OSError(errno.EFBIG, reason, str(path))
         return os.fdopen(descriptor, "rb")
     except BaseException:
         os.close(descriptor)

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modalshell.core.checks import shortened
-from modalshell.core.errors import FileFormatError
+from modalshell.files.archive import readable
 from modalshell.files.atomic_io import checked_record, digest, read_npz, write_npz, write_record
 
 _ARRAYS = "arrays"
@@ -54,7 +53,7 @@ class StudyResult:
     def load(cls, folder: str | os.PathLike[str], name: str) -> StudyResult:
         """Read a saved result; FileFormatError if it is missing, damaged, or JSON and NPZ are not of one run."""
         stem = Path(folder) / name
-        try:
+        with readable(f"a result of study {name!r}", Path(folder)):
             document = checked_record(stem.with_suffix(".json"))
             arrays = read_npz(stem.with_suffix(".npz"))
             if set(document) != {"study", "record", "findings", _ARRAYS}:
@@ -62,9 +61,6 @@ class StudyResult:
             if document[_ARRAYS] != digest(arrays):
                 raise ValueError("its JSON and NPZ are not those that were written together: the digest differs")
             return cls(name, document["findings"], arrays, document["record"])
-        except Exception as error:  # OS, JSON, zip and key errors all mean the same to the user
-            text = shortened(str(error))
-            raise FileFormatError(f"no readable result of study {name!r} in {Path(folder)}: {text}") from error
 
 
 def _plain(value: Any) -> Any:

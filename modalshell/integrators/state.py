@@ -1,15 +1,19 @@
-"""State of a motion: coordinates, rates, and what an integrator keeps from its last step."""
+"""What a motion is made of: its damping, its state, and its setup of step, loads, supports and constraints."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
 
+from modalshell.constraints import Constraint
 from modalshell.core.checks import checked_number, checked_vectors, shown
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.loads import Loading
+from modalshell.supports import SupportPath
 
 
 @final
@@ -120,3 +124,29 @@ class MotionState:
     def with_arrays(self, arrays: dict[str, Array]) -> MotionState:
         """A state of the same kind from the arrays of :meth:`arrays`."""
         return MotionState(arrays["coordinates"], arrays["rates"], {name: arrays[name] for name in self.memory})
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class MotionSetup:
+    """What decides a motion, but for its model and its start.
+
+    Attributes
+    ----------
+    dt : float
+        Step [s].
+    damping : Damping
+        Damping.
+    loading : Loading
+        The loads.
+    supports : SupportPath or None
+        Moves the supports.
+    constraints : sequence of Constraint
+        On patches of vertices.
+    """
+
+    dt: float
+    damping: Damping
+    loading: Loading
+    supports: SupportPath | None = None
+    constraints: Sequence[Constraint] = ()

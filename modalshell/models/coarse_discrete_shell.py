@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Self, final
 
@@ -11,13 +10,12 @@ import numpy as np
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import MeshError
 from modalshell.core.typing import Array
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model
+from modalshell.models.base.model import FrameModel
 from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse.prolongation import Prolongation, closest_points
 from modalshell.models.discrete_shell import DiscreteShell
@@ -28,7 +26,7 @@ _APART = 0.2
 
 
 @final
-class CoarseDiscreteShell(Model):
+class CoarseDiscreteShell(FrameModel):
     """DS on fewer vertices: it bends, stiffens and snaps as a shell does, a little too stiff and a little too coarse.
 
     Positions are prolonged to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
@@ -55,7 +53,6 @@ class CoarseDiscreteShell(Model):
     """
 
     name = "coarse DS"
-    in_shell_frame = True
 
     def __init__(self, shell: Shell, coarse: Shell, *, step_tolerance: float = 1e-3) -> None:
         self.shell = checked_kind("shell", shell, Shell)
@@ -78,7 +75,7 @@ class CoarseDiscreteShell(Model):
         """Weights (n, k) of :meth:`prolong`, and of :meth:`restrict`."""
         return self._prolongation.matrix
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Static equilibrium of the coarse shell, prolonged; a start (n, 3) is sampled to begin from."""
         begin = None if start is None else self.sampled(start)
         answer = self.coarse.equilibrium(force=self._prolongation.restrict(load), start=begin)

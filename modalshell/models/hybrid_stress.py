@@ -13,25 +13,25 @@ import scipy.linalg
 import scipy.sparse as sps
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
-from modalshell.core.checks import checked_kind, checked_vectors, shortened
+from modalshell.core.checks import LARGEST, checked_kind
 from modalshell.core.cost import count_elements, count_products, count_read, count_solves
-from modalshell.core.errors import FileFormatError, OptionError, SupportError
+from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
-from modalshell.files.atomic_io import read_npz, write_npz
+from modalshell.files.archive import Archive, Field
+from modalshell.files.atomic_io import write_npz
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model
+from modalshell.models.base.model import FrameModel
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, reduce_energy
 from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
 from modalshell.models.hybrid.stress_potential import StressPotential
-from modalshell.models.hybrid.training import Trained, train
+from modalshell.models.hybrid.training import Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.continuation import equilibrium
@@ -43,7 +43,21 @@ _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
 """Distance of a coarse state from the basis, over its displacement, from which the coarse shell goes on alone."""
-_FORMAT = 1
+_HYBRID = Archive(
+    "a trained hybrid",
+    "modalshell_hybrid",
+    {
+        "basis": Field("f", ("N", "m"), "1/sqrt(kg)"),
+        "stresses": Field("f", ("e", "K")),
+        "viscous": Field("f", ("e", "L")),
+        "held_out_error": Field("f", (), ""),
+        "strain_limit": Field("f", (), ""),
+        "energy": Field("f", (), "J"),
+        "description": Field("U"),
+        "rest": Field("f", ("n", 3), "m"),
+    },
+    most=LARGEST,
+)
 
 
 @final
@@ -57,7 +71,7 @@ class _LastLoad:
 
 
 @final
-class HybridStress(Model):
+class HybridStress(FrameModel):
     """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
@@ -86,7 +100,6 @@ class HybridStress(Model):
     """
 
     name = "hybrid"
-    in_shell_frame = True
 
     def __init__(self, shell: Shell, coarse: Shell, trained: Trained) -> None:
         self.shell = checked_kind("shell", shell, Shell)
@@ -158,41 +171,29 @@ class HybridStress(Model):
             For a load of zero, energies other than those of a :class:`Material`, or options out of range.
         """
         checked_kind("shell", shell, Shell)
-        load = shell.total_load(gravity, force, loads)
-        return trained_on_load(
-            shell, coarse or shell, load, modes=modes, motions=motions, seed=seed, error=error, on_step=on_step
-        )
+        load, small = shell.total_load(gravity, force, loads), trainable(coarse or shell)
+        training = Training(modes, motions, seed, error)
+        return cls(shell, small, train(small, CoarseDiscreteShell(shell, small).restrict(load), training, on_step))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the trained data to an ``.npz`` file (no pickle)."""
-        t = self._trained
-        write_npz(
-            path, modalshell_hybrid=np.array(_FORMAT), basis=t.basis, stresses=t.stresses, viscous=t.viscous,
-            numbers=np.array([t.held_out_error, t.strain_limit, t.energy]), description=np.array(t.description),
-            rest=self.coarse.coarse.shell.rest_positions,
-        )  # fmt: skip
+        values = {name: getattr(self._trained, name) for name in _HYBRID.fields if name != "rest"}
+        write_npz(path, **_HYBRID.arrays(values | {"rest": self.coarse.coarse.shell.rest_positions}))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], shell: Shell, coarse: Shell | None = None) -> HybridStress:
         """Read what :meth:`save` wrote, for the same shells; FileFormatError if it is damaged or of other shells."""
         small = coarse or shell
-        try:
-            data = read_npz(path)
-            if int(data["modalshell_hybrid"]) != _FORMAT:
-                raise ValueError(f"format {data['modalshell_hybrid']} (this version reads {_FORMAT})")
+        with _HYBRID.read(path) as data:
             if not np.array_equal(data["rest"], small.rest_positions):
                 raise ValueError("it was trained on another coarse shell")
-            size, elements = data["basis"].shape[1], sum(e.rest.size for e in trainable(small).elements[:2])
-            basis = checked_vectors("basis", data["basis"], (small.rest_positions.size, size))
-            stresses, viscous = (
-                checked_vectors(part, data[part], (elements, data[part].shape[1])) for part in ("stresses", "viscous")
-            )
-            error, limit, energy = checked_vectors("numbers", data["numbers"], (3,)).tolist()
-            found = Trained(basis, stresses, viscous, error, limit, energy, str(data["description"]))
-        except Exception as fault:  # zip, zlib, OS, key and value errors all mean the same to the user
-            text = shortened(str(fault))
-            raise FileFormatError(f"cannot read a trained hybrid from {os.fspath(path)}: {text}") from fault
-        return cls(shell, small, found)
+            elements = sum(e.rest.size for e in trainable(small).elements[:2])
+            if len(data["basis"]) != small.rest_positions.size or len(data["stresses"]) != elements:
+                raise ValueError(f"its stresses are those of {len(data['stresses'])} triangles and edges")
+            arrays = data["basis"], data["stresses"], data["viscous"]
+            numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
+            trained = Trained(*arrays, *numbers, str(data["description"]))
+        return cls(shell, small, trained)
 
     def centred(self) -> tuple[Self, Array]:
         """The same model about the origin, and where its origin was."""
@@ -242,7 +243,7 @@ class HybridStress(Model):
         rest = self.coarse.coarse.shell.rest_positions
         return np.asarray(self._weighted @ (coarse_positions - rest).ravel())
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         down = self.coarse.restrict(load)
         if reason := self.refusal(down):
             return self._handed_over(load, start, reason)
@@ -342,10 +343,10 @@ class HybridStress(Model):
         if state.coordinates.ndim == 1:
             return state
         z, shell = self._coordinates_of(state.coordinates), self.coarse.coarse.shell
-        left = state.coordinates - self._coarse_positions(z)
-        moved = state.coordinates - shell.rest_positions
+        outside = state.coordinates - self._coarse_positions(z)
+        displacement = state.coordinates - shell.rest_positions
         mass = shell.mass[:, None]
-        if np.sum(mass * left**2) > _LEFT**2 * np.sum(mass * moved**2) or not self._sees_state(z):
+        if np.sum(mass * outside**2) > _LEFT**2 * np.sum(mass * displacement**2) or not self._sees_state(z):
             return None
         return MotionState(z, self._weighted @ state.rates.ravel())
 
@@ -382,8 +383,7 @@ def trainable(coarse: Shell) -> Shell:
 
 def trained_on_load(
     shell: Shell, coarse: Shell, load: Array, *, modes: int | None = None, motions: int = 40, seed: int = 0,
-    error: float | None = None, on_step: Progress | None = None,
+    error: float | None = None,
 ) -> HybridStress:  # fmt: skip
     """The rung trained about a load (n, 3) [N]; see :meth:`HybridStress.trained`."""
-    down = CoarseDiscreteShell(shell, trainable(coarse)).restrict(load)
-    return HybridStress(shell, coarse, train(coarse, down, modes, motions, seed, on_step, error))
+    return HybridStress.trained(shell, force=load, coarse=coarse, modes=modes, motions=motions, seed=seed, error=error)

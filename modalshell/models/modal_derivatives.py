@@ -9,7 +9,6 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind
 from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
@@ -18,8 +17,8 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model
-from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, pulled_by_rest_angles
+from modalshell.models.base.model import FrameModel
+from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, gradients_by_rest_angles
 from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
 from modalshell.models.reduction.reduced_energy import ReducedEnergy
@@ -36,7 +35,7 @@ _STEP_GOAL = 1e-6
 
 
 @final
-class ModalDerivatives(Model):
+class ModalDerivatives(FrameModel):
     """MD-ROM: ``x = X + U z``, U of modes and modal derivatives, under the shell's own energy of x.
 
     Stiffening, twist and couplings of modes come from the energy itself, and a linear basis with derivatives holds
@@ -79,7 +78,6 @@ class ModalDerivatives(Model):
     """
 
     name = "MD-ROM"
-    in_shell_frame = True
 
     def __init__(
         self,
@@ -108,7 +106,7 @@ class ModalDerivatives(Model):
         displacement = self.shell.checked_positions(positions) - self.shell.rest_positions
         return (self.shell.mass[:, None] * displacement).ravel() @ self._vectors
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         problem = self._statics(load)
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as not converged
             found = equilibrium(problem, None if start is None else self.coordinates_of(start))
@@ -146,7 +144,7 @@ class ModalDerivatives(Model):
 
         def by_rest_angles() -> Array:
             self._refuse_cubature("rest_angles")
-            return -pulled_by_rest_angles(self.shell, x, vectors)
+            return -gradients_by_rest_angles(self.shell, x, vectors)
 
         tangent = LinearTangent(self.shell, state, hessian, vectors, vectors, by_constant, by_rest_angles)
         return tangent.derivative(wrt, of)

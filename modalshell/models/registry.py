@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from types import MappingProxyType
 from typing import Literal, final, get_args
 
@@ -70,6 +70,7 @@ class ModelSpec:
     builder: Callable[..., Model]
     needs: Needs
     cost: float
+    _: KW_ONLY
     quadratic: bool = False
     constraints: bool = False
     color: str = "0.5"
@@ -128,16 +129,20 @@ def models() -> Mapping[str, ModelSpec]:
 
 for _spec in (
     ModelSpec("rigid", "rigid", RigidShell, "shell", 0, color="#777777", marker="X", pictured=False, response="rigid"),
-    ModelSpec("lma", "LMA", LinearModal, "basis", 10, True, True, "#c8322b", "o", response="linear"),
-    ModelSpec("mwts", "MWTS", ModalWarping, "basis", 20, True, True, "#2b5fc8", "s"),
     ModelSpec(
-        "mwts-consistent", "MWTS, consistent", consistent_warping, "basis", 30, True, True, "#7fa8ee", "D",
-        pictured=False,
+        "lma", "LMA", LinearModal, "basis", 10, quadratic=True, constraints=True, color="#c8322b", marker="o",
+        response="linear",
+    ),
+    ModelSpec("mwts", "MWTS", ModalWarping, "basis", 20, quadratic=True, constraints=True, color="#2b5fc8", marker="s"),
+    ModelSpec(
+        "mwts-consistent", "MWTS, consistent", consistent_warping, "basis", 30, quadratic=True, constraints=True,
+        color="#7fa8ee", marker="D", pictured=False,
     ),
     ModelSpec(
-        "reduced-rsw", "reduced RSW", trained_on_loads, "training", 40, True, True, "#c77cd6", "v", pictured=False
+        "reduced-rsw", "reduced RSW", trained_on_loads, "training", 40, quadratic=True, constraints=True,
+        color="#c77cd6", marker="v", pictured=False,
     ),
-    ModelSpec("rsw", "RSW", RotationStrain, "basis", 50, True, True, "#7b2d8e", "^"),
+    ModelSpec("rsw", "RSW", RotationStrain, "basis", 50, quadratic=True, constraints=True, color="#7b2d8e", marker="^"),
     ModelSpec("md-rom", "MD-ROM", ModalDerivatives, "shell", 60, color="#d98200", marker="P", most_modes=8),
     ModelSpec("hybrid", "hybrid", trained_on_load, "coarse training", 65, color="#e7298a", marker="p"),
     ModelSpec("coarse-ds", "coarse DS", CoarseDiscreteShell, "coarse mesh", 70, color="#66c2a5"),

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from modalshell.constraints.constraints import Constraint
 from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model, rigid_share
+from modalshell.models.base.model import FrameModel
 from modalshell.modes.modal_rotation import cross_matrices
-from modalshell.modes.rigid import left_free, rigid_motions
+from modalshell.modes.rigid import left_free, rigid_motions, rigid_share
 from modalshell.shell import Shell
 
 _TOLERANCE = 1e-13
@@ -27,7 +25,7 @@ _NEWTON_LIMIT = 30
 
 
 @final
-class RigidShell(Model):
+class RigidShell(FrameModel):
     """A shell without deformation, the cheapest rung: its displacement is that of its supports, or of a rigid body.
 
     Held, it rests (moving supports carry it along exactly). Free, coordinates are the displacement of the centre of
@@ -49,7 +47,6 @@ class RigidShell(Model):
     """
 
     name = "rigid"
-    in_shell_frame = True
 
     def __init__(self, shell: Shell) -> None:
         self.shell = checked_kind("shell", shell, Shell)
@@ -67,7 +64,7 @@ class RigidShell(Model):
         """Second moments J = ``sum m r r^T`` [kg m^2] about the centre of mass at rest."""
         self._inertia = np.trace(self._moments) * np.eye(3) - self._moments
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Rest, the only answer."""
         stable = None if self._free else True
         return Equilibrium(
@@ -170,10 +167,10 @@ class RigidShell(Model):
                 c = c - np.linalg.solve(slope, momentum - impulse)
             except np.linalg.LinAlgError:
                 break
-        left = np.linalg.norm(_discrete_momentum(c, inertia, moments)[0] - impulse)
+        residual = np.linalg.norm(_discrete_momentum(c, inertia, moments)[0] - impulse)
         # Beyond about a radian a step there is no answer (about a principal axis the momentum is that of sin c): the
         # turn then is that of the angular velocity, and the step is not converged.
-        return (c, True) if left <= 1e-9 * size else (guess, False)
+        return (c, True) if residual <= 1e-9 * size else (guess, False)
 
 
 def _discrete_momentum(c: Array, inertia: Array, moments: Array) -> tuple[Array, Array]:

@@ -6,34 +6,27 @@ import json
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from modalshell.core.checks import (
-    checked_count,
-    checked_folder,
-    checked_kind,
-    checked_vectors,
-    finite_answer,
-    shortened,
-)
+from modalshell.core.checks import LARGEST, checked_count, checked_kind, finite_answer
 from modalshell.core.drawn import DRAWING, Drawn
-from modalshell.core.errors import FileFormatError, ModalShellWarning, OptionError, SupportError
+from modalshell.core.errors import ModalShellWarning, OptionError, SupportError
 from modalshell.core.memory import demand_memory
 from modalshell.core.plugins import load_plugins
 from modalshell.core.short_repr import short_repr
-from modalshell.core.thread_safety import ReadOnlyArrays, read_only, read_only_copy
+from modalshell.core.thread_safety import read_only, read_only_copy
 from modalshell.core.typing import Array
-from modalshell.core.units import SI
-from modalshell.files.atomic_io import read_npz, write_npz
+from modalshell.files.archive import Archive, Field
+from modalshell.files.atomic_io import write_npz
 from modalshell.loads import Load
 from modalshell.mesh import TriangleMesh
 from modalshell.mesh.parts import loose_parts_fault
 from modalshell.modes.attachments import attached_forces, with_attachments
-from modalshell.modes.derivatives import BasisSensitivity, basis_sensitivity
+from modalshell.modes.derivatives import BasisSensitivity, VibrationModes, basis_sensitivity
 from modalshell.modes.eigenpairs import eigenpairs
 from modalshell.modes.factorisation import Factoriser
 from modalshell.modes.loaded import LoadedModes, State, loaded_modes
@@ -42,21 +35,46 @@ from modalshell.shell import Isotropic, Material, Shell
 from modalshell.shell.elements import ENERGIES
 from modalshell.supports import SUPPORTS
 
-_FORMAT = 1
-"""Version of the saved file."""
-_UNITS = {"vertices": "m", "eigenvalues": "1/s^2", "modes": "1/sqrt(kg)", "rotations": "1/(m sqrt(kg))"}
-_CONSTANTS: dict[type, dict[str, str]] = {
-    Material: {"stretch": "N/m", "shear": "N", "flexure": "N m", "density": "kg/m^2"},
-    Isotropic: {"young": "Pa", "poisson": "", "thickness": "m", "density": "kg/m^3"},
+_BASIS = Archive(
+    "a saved basis",
+    "modalshell_basis",
+    {
+        "vertices": Field("f", ("n", 3), "m"),
+        "faces": Field("iu", ("T", 3)),
+        "supports": Field("U"),
+        "energies": Field("U"),
+        "eigenvalues": Field("f", ("m",), "1/s^2"),
+        "modes": Field("f", ("N", "m"), "1/sqrt(kg)"),
+        "rotations": Field("f", ("N", "m"), "1/(m sqrt(kg))"),
+        "rigid_modes": Field("iu"),
+        "residual": Field("f"),
+        "backend": Field("U"),
+    },
+    most=LARGEST,
+)
+_CONSTANTS: dict[type, dict[str, Field]] = {
+    Material: {
+        "stretch": Field("f", None, "N/m"),
+        "shear": Field("f", None, "N"),
+        "flexure": Field("f", None, "N m"),
+        "density": Field("f", None, "kg/m^2"),
+        "correct_clamp": Field("b"),
+    },
+    Isotropic: {
+        "young": Field("f", None, "Pa"),
+        "poisson": Field("f", None, ""),
+        "thickness": Field("f", None, "m"),
+        "density": Field("f", None, "kg/m^3"),
+    },
 }
-"""Units of the saved arrays, and of the constants of materials."""
+"""Constants of materials."""
 _COPIES, _RIGID_COPIES = 6, 6
 """Vectors of all unknowns that are held at once for a mode asked for, and for a rigid motion."""
 
 
 @short_repr
 @dataclass(frozen=True)
-class Basis(ReadOnlyArrays, Drawn):
+class Basis(VibrationModes, Drawn):
     """What the modal models need of a shell.
 
     Attributes
@@ -88,16 +106,6 @@ class Basis(ReadOnlyArrays, Drawn):
     def __post_init__(self) -> None:
         for name in ("eigenvalues", "modes", "rotations"):
             object.__setattr__(self, name, read_only_copy(getattr(self, name)))
-
-    @property
-    def frequencies(self) -> Array:
-        """Natural frequencies (m,) [Hz]."""
-        return np.sqrt(self.eigenvalues) / (2.0 * np.pi)
-
-    @property
-    def count(self) -> int:
-        """Number of modes m."""
-        return int(self.eigenvalues.size)
 
     @property
     def participation_factors(self) -> Array:
@@ -136,22 +144,12 @@ class Basis(ReadOnlyArrays, Drawn):
         shell, material = self.shell, self.shell.material
         if isinstance(material, Isotropic):  # functions cannot be stored, their values can
             material = material.on(shell.mesh)
-        write_npz(
-            path,
-            modalshell_basis=np.array(_FORMAT),
-            vertices=shell.mesh.vertices,
-            faces=shell.mesh.faces,
-            supports=np.array(json.dumps([[support.key, support.plain()] for support in shell.supports])),
-            **{field.name: np.asarray(getattr(material, field.name)) for field in fields(material)},
-            energies=np.array(json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])),  # type: ignore[call-overload]
-            eigenvalues=self.eigenvalues,
-            modes=self.modes,
-            rotations=self.rotations,
-            rigid_modes=np.array(self.rigid_modes),
-            residual=np.array(self.residual),
-            backend=np.array(self.backend),
-            units=SI.array(_UNITS | _CONSTANTS[type(material)]),
-        )
+        values = {name: getattr(material, name) for name in _CONSTANTS[type(material)]}
+        values |= {name: getattr(self, name) for name in _BASIS.fields if hasattr(self, name)}
+        values |= {"vertices": shell.mesh.vertices, "faces": shell.mesh.faces}
+        values["supports"] = json.dumps([[support.key, support.plain()] for support in shell.supports])
+        values["energies"] = json.dumps([[energy.key, asdict(energy)] for energy in shell.energies])  # type: ignore[call-overload]
+        write_npz(path, **_BASIS.arrays(values, further=_CONSTANTS[type(material)]))
 
     def page(self, path: str | os.PathLike[str] | None = None, **options: Any) -> Any:
         """A self-contained :class:`modalshell.page.Page` that moves in a browser; ``path`` names a file to write it to.
@@ -172,31 +170,22 @@ class Basis(ReadOnlyArrays, Drawn):
         FileFormatError
             If the file is missing, damaged, or not a saved basis.
         """
-        file = checked_folder("path", path)
         load_plugins()
-        try:
-            data = read_npz(file)
-            if int(data["modalshell_basis"]) != _FORMAT:
-                raise ValueError(f"format {data['modalshell_basis']} (this version reads {_FORMAT})")
+        with _BASIS.read(path) as data:
             kind = Isotropic if "young" in data else Material
-            constants: dict[str, Any] = {field.name: data[field.name] for field in fields(kind)}
+            _BASIS.check(data, _CONSTANTS[kind])
+            constants: dict[str, Any] = {name: data[name] for name in _CONSTANTS[kind]}
             if "correct_clamp" in constants:
                 constants["correct_clamp"] = bool(constants["correct_clamp"])
-            further = json.loads(str(data["energies"]))
-            energies = [ENERGIES[key](**fields) for key, fields in further]
-            mesh = TriangleMesh(data["vertices"], data["faces"])
+            energies = [ENERGIES[key](**parameters) for key, parameters in json.loads(str(data["energies"]))]
             supports = [SUPPORTS[key](**parameters) for key, parameters in json.loads(str(data["supports"]))]
+            mesh = TriangleMesh(data["vertices"], data["faces"])
             shell = Shell(mesh, kind(**constants), supports=supports, energies=energies)
-            values = checked_vectors("eigenvalues", data["eigenvalues"], data["eigenvalues"].shape)
-            shape = (shell.rest_positions.size, values.size)
-            modes = checked_vectors("modes", data["modes"], shape)
-            rotations = checked_vectors("rotations", data["rotations"], shape)
-            if values.ndim != 1 or not 0 <= int(data["rigid_modes"]) <= values.size:
-                raise ValueError(f"{data['rigid_modes']} rigid modes of {values.size}")
-            counts = (int(data["rigid_modes"]), float(data["residual"]), str(data["backend"]))
-        except Exception as error:  # zip, zlib, OS, key, mesh and value errors all mean the same to the user
-            raise FileFormatError(f"cannot read a saved basis from {file}: {shortened(str(error))}") from error
-        return cls(shell, values, modes, rotations, *counts)
+            count, rigid = len(data["eigenvalues"]), int(data["rigid_modes"])
+            if len(data["modes"]) != shell.rest_positions.size or not 0 <= rigid <= count:
+                raise ValueError(f"{count} modes of {len(data['modes'])} numbers each, {rigid} of them rigid")
+            counts = rigid, float(data["residual"]), str(data["backend"])
+            return cls(shell, data["eigenvalues"], data["modes"], data["rotations"], *counts)
 
 
 @overload
@@ -320,5 +309,5 @@ def _demand_memory(shell: Shell, count: int) -> None:
     loose = 6 * (parts - np.unique(shell.mesh.components[shell.unknowns.supported]).size)
     columns = _COPIES * count + _RIGID_COPIES * loose
     size = 8.0 * 3 * vertices * columns + 8.0 * (3.0 * min(count, 3 * vertices)) ** 2
-    told = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")
-    demand_memory(told, size, "take fewer modes, a coarser mesh, or one part of it")
+    wanted = f"{count} modes of {vertices} vertices" + (f" with {loose} rigid motions" if loose > 6 else "")
+    demand_memory(wanted, size, "take fewer modes, a coarser mesh, or one part of it")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from abc import ABC
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
 
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.short_repr import short_repr
+from modalshell.core.thread_safety import ReadOnlyArrays
 from modalshell.core.typing import Array
 from modalshell.modes.eigenpairs import mass_scaled
 from modalshell.modes.rigid import RigidFreeSolver, rigid_motions
@@ -28,28 +30,23 @@ _ROUNDING = 1e-9
 Product = Callable[[Array], Array]
 
 
-class Modes(Protocol):
-    """Modes of a shell, as a basis has them."""
+class VibrationModes(ReadOnlyArrays, ABC):
+    """Modes (3n, m) of a shell with their eigenvalues (m,) [1/s^2], the first ones rigid."""
+
+    shell: Shell
+    eigenvalues: Array
+    modes: Array
+    rigid_modes: int
 
     @property
-    def shell(self) -> Shell:
-        """The shell."""
-
-    @property
-    def eigenvalues(self) -> Array:
-        """Squared angular frequencies (m,) [1/s^2]."""
-
-    @property
-    def modes(self) -> Array:
-        """Mass-orthonormal modes (3n, m)."""
-
-    @property
-    def rigid_modes(self) -> int:
-        """Number of leading modes that are rigid."""
+    def frequencies(self) -> Array:
+        """Natural frequencies (m,) [Hz]."""
+        return np.sqrt(self.eigenvalues) / (2.0 * np.pi)
 
     @property
     def count(self) -> int:
         """Number of modes m."""
+        return int(self.eigenvalues.size)
 
 
 @final
@@ -90,7 +87,7 @@ class SpanSlope:
     stiffness: Array
 
 
-def span_slope(basis: Modes, name: str) -> SpanSlope:
+def span_slope(basis: VibrationModes, name: str) -> SpanSlope:
     """Derivative of the span of a basis by a constant.
 
     With ``dM = mu M``, the part outside the span solves ``(K - lambda_i M) y_i = -dK phi_i`` there, by conjugate
@@ -117,7 +114,7 @@ def span_slope(basis: Modes, name: str) -> SpanSlope:
     return SpanSlope(np.asarray(unknowns.prolong(outside - 0.5 * growth * modes)), stiffness)
 
 
-def basis_sensitivity(basis: Modes, name: str) -> BasisSensitivity:
+def basis_sensitivity(basis: VibrationModes, name: str) -> BasisSensitivity:
     """Derivatives of eigenvalues and modes by a constant; see :meth:`modalshell.Basis.sensitivity`."""
     values, rigid = basis.eigenvalues, basis.rigid_modes
     gaps = np.diff(values[rigid:]) / values[rigid + 1 :] if values.size > rigid + 1 else np.ones(1)
@@ -141,7 +138,7 @@ def basis_sensitivity(basis: Modes, name: str) -> BasisSensitivity:
     return BasisSensitivity(rates, rates / sizes, slope.modes + basis.modes @ turns)
 
 
-def _outside(basis: Modes, modes: Array, forces: Array, size: float) -> Array:
+def _outside(basis: VibrationModes, modes: Array, forces: Array, size: float) -> Array:
     """Solutions (N, m) of ``(K - lambda_i M) y_i = -forces_i`` that are mass-orthogonal to the modes (N, m)."""
     shell = basis.shell
     mass = shell.unknowns.masses(shell.mass)

@@ -124,8 +124,11 @@ class _Ordering:
         return sps.csc_matrix((matrix.data[pattern.data - 1], pattern.indices, pattern.indptr), shape=matrix.shape)
 
 
-def _symmetric_lu(matrix: sps.csc_matrix, order: Literal["MMD_AT_PLUS_A", "NATURAL"]) -> Any:
-    return spla.splu(matrix, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+def _lu(matrix: sps.csc_matrix, **options: Any) -> Any:
+    try:
+        return spla.splu(matrix, **options)
+    except RuntimeError as error:
+        raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
 
 
 class _SuperLU(Factor):
@@ -134,13 +137,9 @@ class _SuperLU(Factor):
     backend = "superlu"
 
     def __init__(self, matrix: sps.csc_array, ordering: _Ordering | None = None) -> None:
-        try:
-            if ordering is None:
-                self._factor = _symmetric_lu(sps.csc_matrix(matrix), "MMD_AT_PLUS_A")
-            else:
-                self._factor = _symmetric_lu(ordering.apply(matrix), "NATURAL")
-        except RuntimeError as error:
-            raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
+        order = "MMD_AT_PLUS_A" if ordering is None else "NATURAL"
+        permuted = sps.csc_matrix(matrix) if ordering is None else ordering.apply(matrix)
+        self._factor = _lu(permuted, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         self._order = None if ordering is None else ordering.order
 
     def _solve(self, right_side: Array) -> Array:
@@ -169,10 +168,7 @@ class _GeneralLU(Factor):
     backend = "superlu"
 
     def __init__(self, matrix: sps.csc_array) -> None:
-        try:
-            self._factor = spla.splu(sps.csc_matrix(matrix))
-        except RuntimeError as error:
-            raise SolverError(f"the matrix ({matrix.shape[0]} unknowns) is singular: {error}") from error
+        self._factor = _lu(sps.csc_matrix(matrix))
 
     def _solve(self, right_side: Array) -> Array:
         return self._factor.solve(np.ascontiguousarray(right_side))
@@ -216,7 +212,7 @@ class Factoriser:
     Parameters
     ----------
     backend : {"cholesky", "superlu"}, optional
-        Without it, Cholesky from 3,000 unknowns on and SuperLU below.
+        Without it, Cholesky from 2,000 unknowns on and SuperLU below.
     use : {"solve", "refactor"}
         Whether one factor serves many solves, or one pattern many factors.
 

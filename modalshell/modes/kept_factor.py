@@ -52,9 +52,9 @@ def solution_by_kept_factor(kept: Factor, matrix: sps.csc_array, right_side: Arr
             return None
         found += (slope / curvature) * direction
         residual -= (slope / curvature) * image
-        share = float(np.linalg.norm(residual)) / first
-        if share <= accuracy or (iteration == most and share <= _SERVES):
+        relative = float(np.linalg.norm(residual)) / first
+        if relative <= accuracy or (iteration == most and relative <= _SERVES):
             return found[: right_side.size]
-        if iteration == _JUDGED and share ** (most / iteration) > accuracy**0.5:
+        if iteration == _JUDGED and relative ** (most / iteration) > accuracy**0.5:
             break
     return None

@@ -13,8 +13,9 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import finite_answer
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.short_repr import short_repr
-from modalshell.core.thread_safety import ReadOnlyArrays, read_only
+from modalshell.core.thread_safety import read_only
 from modalshell.core.typing import Array
+from modalshell.modes.derivatives import VibrationModes
 from modalshell.modes.eigenpairs import canonical_pairs, dense_pairs, lanczos_pairs, mass_scaled
 from modalshell.modes.factorisation import Factoriser, condensed_factor
 from modalshell.modes.rigid import RigidFreeSolver
@@ -45,7 +46,7 @@ class State(Protocol):
 @final
 @short_repr
 @dataclass(frozen=True)
-class LoadedModes(ReadOnlyArrays):
+class LoadedModes(VibrationModes):
     """Small vibrations of a shell about a stable state.
 
     Attributes
@@ -61,6 +62,8 @@ class LoadedModes(ReadOnlyArrays):
         potential each is of length one in the norm of the mass, but they are not orthogonal.
     conservative : bool
         Whether the load has a potential.
+    rigid_modes : int
+        Zero: a stable state has no rigid motions.
     """
 
     shell: Shell
@@ -68,16 +71,7 @@ class LoadedModes(ReadOnlyArrays):
     eigenvalues: Array
     modes: Array
     conservative: bool = True
-
-    @property
-    def frequencies(self) -> Array:
-        """Natural frequencies (m,) [Hz]."""
-        return np.sqrt(self.eigenvalues) / (2.0 * np.pi)
-
-    @property
-    def count(self) -> int:
-        """Number of modes m."""
-        return int(self.eigenvalues.size)
+    rigid_modes: int = 0
 
 
 def loaded_modes(shell: Shell, about: State | ArrayLike, count: int, backend: str | None) -> tuple[LoadedModes, int]:

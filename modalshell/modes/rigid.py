@@ -26,7 +26,7 @@ def six_motions(points: Array) -> Array:
 
 def left_free(shell: Shell) -> str:
     """Description of the rigid motions that the supports leave free; "" if there are none."""
-    parts = [(vertices, left) for vertices, left in _free_motions(shell) if left.shape[1]]
+    parts = [(vertices, free) for vertices, free in _free_motions(shell) if free.shape[1]]
     if not parts:
         return ""
     words = _described(shell.rest_positions, *parts[0])
@@ -35,18 +35,18 @@ def left_free(shell: Shell) -> str:
     return f"the supports leave {len(parts)} parts of the shell free, that of vertex {parts[0][0][0]} by {words}"
 
 
-def _described(positions: Array, vertices: Index, left: Array) -> str:
+def _described(positions: Array, vertices: Index, free: Array) -> str:
     """Description of rigid motions, given by their coefficients (6, r) of :func:`six_motions`."""
-    if left.shape[1] == 6:
+    if free.shape[1] == 6:
         return "all translations and turns"
-    _, values, right = np.linalg.svd(left[3:])
+    _, values, right = np.linalg.svd(free[3:])
     turning = int(np.count_nonzero(values > 1e-6))
-    translations = left[:3] @ right[turning:].T
+    translations = free[:3] @ right[turning:].T
     words = [f"a translation along {_written(axis)}" for axis in _axes(translations)]
     points = positions[vertices]
     centre = points.mean(axis=0)
     size = np.linalg.norm(points - centre, axis=1).max()
-    turns = left @ right[:turning].T
+    turns = free @ right[:turning].T
     for axis in _axes(turns[3:]):
         motion = turns @ np.linalg.lstsq(turns[3:], axis, rcond=None)[0]
         speed = motion[:3]
@@ -59,12 +59,12 @@ def _described(positions: Array, vertices: Index, left: Array) -> str:
 
 def _axes(vectors: Array) -> list[Array]:
     """Directions that span the columns (3, k): coordinate axes as far as these lie among them."""
-    left, values, _ = np.linalg.svd(vectors, full_matrices=False)
-    basis = left[:, values > 1e-9]
+    columns, values, _ = np.linalg.svd(vectors, full_matrices=False)
+    basis = columns[:, values > 1e-9]
     found = [axis for axis in np.eye(3) if np.linalg.norm(basis.T @ axis) > 1.0 - 1e-9]
     known = np.array(found).reshape(-1, 3)
-    left, values, _ = np.linalg.svd(basis - known.T @ (known @ basis), full_matrices=False)
-    return [*found, *left[:, values > 0.5].T]
+    columns, values, _ = np.linalg.svd(basis - known.T @ (known @ basis), full_matrices=False)
+    return [*found, *columns[:, values > 0.5].T]
 
 
 def _written(vector: Array) -> str:
@@ -79,10 +79,10 @@ def rigid_motions(shell: Shell) -> Array:
     """
     unknowns, positions = shell.unknowns, shell.rest_positions
     columns = []
-    for vertices, left in _free_motions(shell):
-        if left.shape[1]:
-            whole = np.zeros((*positions.shape, left.shape[1]))
-            whole[vertices] = six_motions(positions[vertices]) @ left
+    for vertices, free in _free_motions(shell):
+        if free.shape[1]:
+            whole = np.zeros((*positions.shape, free.shape[1]))
+            whole[vertices] = six_motions(positions[vertices]) @ free
             columns.append(unknowns.values(whole.reshape(positions.size, -1)))
     if not columns:
         return np.empty((unknowns.count, 0))
@@ -147,3 +147,10 @@ class RigidFreeSolver:
         solution = np.zeros_like(balanced)
         solution[self._kept] = self.factor.solve(balanced[self._kept])
         return solution - self._rigid @ (self._rigid.T @ (self._mass * solution))
+
+
+def rigid_share(shell: Shell, load: Array) -> float:
+    """Share of a load (n, 3), in the norm of the inverse mass, along the rigid motions that the supports leave free."""
+    free = shell.unknowns.restrict(load.ravel())
+    pushed = rigid_motions(shell).T @ free
+    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.unknowns.masses(shell.mass))))

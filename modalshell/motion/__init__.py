@@ -2,7 +2,7 @@
 
 from modalshell.motion.simulate import simulate
 from modalshell.motion.stepping import Motion
-from modalshell.motion.supports import SupportPath
 from modalshell.motion.trajectory import Trajectory
+from modalshell.supports import SupportPath
 
 __all__ = ["Motion", "SupportPath", "Trajectory", "simulate"]

@@ -9,10 +9,10 @@ import numpy as np
 
 from modalshell.core.checks import checked_choice
 from modalshell.core.errors import OptionError
-from modalshell.motion.supports import SupportPath
 from modalshell.motion.trajectory import Trajectory
 from modalshell.shell import Isotropic, Shell
 from modalshell.shell.fields import FIELDS
+from modalshell.supports import SupportPath
 
 
 def checked_fields(names: Sequence[str], shell: Shell) -> tuple[str, ...]:

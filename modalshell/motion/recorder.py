@@ -171,18 +171,18 @@ class Recorder:
         if motion.unconverged:
             words = f"{motion.unconverged} of {motion.count} steps did not converge"
             found[Outcome.STEPS_NOT_CONVERGED] = words
-        if self._rests() and not motion.loading.live and motion.present_model.is_saddle(motion.state):
+        if self._rests() and not motion.setup.loading.live and motion.present_model.is_saddle(motion.state):
             found[Outcome.UNSTABLE] = "it ends at rest at a saddle, which the smallest push aside leaves"
-        flagged = [] if motion.loading.conservative else [NO_POTENTIAL]
+        flagged = [] if motion.setup.loading.conservative else [NO_POTENTIAL]
         return gravest(Outcome.COMPLETED, *found), "; ".join([*found.values(), *flagged, *motion.remarks])
 
     @property
     def _steady(self) -> bool:
         """Whether loads with a potential that stays alone do work."""
-        loading = self.motion.loading
+        loading = self.motion.setup.loading
         if not (loading.steady and loading.conservative):
             return False
-        return self.motion.supports is None and not self.motion.constraints
+        return self.motion.setup.supports is None and not self.motion.setup.constraints
 
     def _rests(self) -> bool:
         """Whether motion has died away under a load that does not change."""
@@ -204,10 +204,10 @@ class Recorder:
     def _cycles(self) -> bool:
         """Whether kinetic energy has stopped falling although damping, under a constant load, must have eaten it."""
         motion = self.motion
-        damped = motion.damping.any
+        damped = motion.setup.damping.any
         if not self._steady or not damped or len(self.times) < 40:
             return False
-        rate = motion.model.decay_rate(motion.dt, motion.damping)
+        rate = motion.model.decay_rate(motion.setup.dt, motion.setup.damping)
         if np.exp(-rate * self.times[-1] / 4.0) > _QUARTER_DECAY:
             return False
         energies = np.array(self.energies)

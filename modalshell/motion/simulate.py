@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from modalshell.constraints import Constraint
 from modalshell.core.checks import checked_count, checked_kind, checked_number, checked_precision
@@ -17,8 +18,8 @@ from modalshell.models import Model
 from modalshell.motion.fields import checked_fields, with_fields
 from modalshell.motion.recorder import Recorder, step_count
 from modalshell.motion.stepping import Motion, checked_step
-from modalshell.motion.supports import SupportPath
 from modalshell.motion.trajectory import Trajectory
+from modalshell.supports import SupportPath
 
 
 def simulate(
@@ -99,18 +100,22 @@ def simulate(
     chosen = checked_fields(fields, model.shell)
     motion = Motion(
         model,
+        model.shell.loading(gravity, force, loads),
         dt=dt,
-        gravity=gravity,
-        force=force,
-        loads=loads,
         damping=damping,
         start=start,
         supports=supports,
         constraints=constraints,
     )
     recorder = Recorder(motion, step_count(duration, dt), store_every=store_every)
-    stored = recorder.total // store_every + 2
-    shape = model.shell.rest_positions.shape
+    positions = _stored_frames(recorder, dtype, on_step)
+    return with_fields(recorder.trajectory(positions), model.shell, chosen, supports)
+
+
+def _stored_frames(recorder: Recorder, dtype: np.dtype[Any], on_step: Progress | None) -> NDArray[np.floating]:
+    """Take a motion to its end; positions (F, n, 3) [m] of its stored frames."""
+    motion, stored = recorder.motion, recorder.total // recorder.store_every + 2
+    shape = motion.shell.rest_positions.shape
     size = float(stored) * shape[0] * shape[1] * dtype.itemsize
     demand_memory(f"a trajectory of {stored} frames", size, "store fewer (store_every), or in float32 (dtype)")
     frames, count = np.empty((stored, *shape), dtype=dtype), 0
@@ -118,5 +123,4 @@ def simulate(
         frames[count] = motion.positions()
         count += 1
     # Of a motion that ended early the frames alone.
-    kept = frames[:count] if 2 * count > stored else frames[:count].copy()
-    return with_fields(recorder.trajectory(kept), model.shell, chosen, supports)
+    return frames[:count] if 2 * count > stored else frames[:count].copy()

@@ -16,11 +16,20 @@ from modalshell.core.errors import FileFormatError, OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
 from modalshell.export import load_trajectory
+from modalshell.files.archive import Field, check_arrays
 from modalshell.files.atomic_io import read_record
 from modalshell.run.frame_reader import FrameReader
 from modalshell.scene import load_scene
 
 _FRAMES = ".frames"
+_SHELL_FIELDS = {
+    "rest_positions": Field("f", ("n", 3)),
+    "faces": Field("iu", ("T", 3)),
+    "held": Field("b", ("n",)),
+    "gravity": Field("f", (3,)),
+}
+_FRAME_FIELDS = {"time": Field("f"), "positions": Field("f", ("n", 3))}
+"""What a followed run has stored of its shell, and of every frame."""
 _PAUSE = 0.05
 """Polling interval [s] before the first frame."""
 
@@ -217,27 +226,17 @@ class RunFollower:
 
 def _fault(constants: dict[str, NDArray[Any]], record: Any) -> str:
     """Reason why arrays with correct checksums are no shell with a frame of it; "" if they are."""
-    names = {"rest_positions": "f", "faces": "i", "held": "b", "gravity": "f"}
-    if constants.keys() != names.keys() or any(constants[name].dtype.kind != kind for name, kind in names.items()):
-        return f"its shell must be arrays named {', '.join(names)}"
-    count, triangles = (next(iter(constants[name].shape), 0) for name in ("rest_positions", "faces"))
-    shapes = {"rest_positions": (count, 3), "faces": (triangles, 3), "held": (count,), "gravity": (3,)}
-    for name, shape in shapes.items():
-        if constants[name].shape != shape or not np.isfinite(constants[name]).all():
-            return f"{name} must be finite and of shape {shape}"
+    if constants.keys() != _SHELL_FIELDS.keys():
+        return f"its shell must be arrays named {', '.join(_SHELL_FIELDS)}"
+    if not _FRAME_FIELDS.keys() <= set(record.dtype.names or ()):
+        return f"a frame must have {' and '.join(_FRAME_FIELDS)}"
+    try:
+        count = check_arrays(_SHELL_FIELDS, constants)["n"]
+        check_arrays(_FRAME_FIELDS, {name: np.asarray(record[name]) for name in _FRAME_FIELDS}, n=count)
+    except ValueError as error:
+        return str(error)
     faces = constants["faces"]
-    if faces.size and not (faces.min() >= 0 and faces.max() < count):
-        return f"faces must name vertices 0 to {count - 1}"
-    if not {"time", "positions"} <= set(record.dtype.names or ()) or record["positions"].shape != (count, 3):
-        return f"a frame must have a time and positions of shape {(count, 3)}"
-    kinds = {record["time"].dtype.kind, record["positions"].dtype.kind}
-    if (
-        kinds != {"f"}
-        or record["time"].shape
-        or not (np.isfinite(record["time"]) and np.isfinite(record["positions"]).all())
-    ):
-        return "a frame's time and positions must be finite numbers"
-    return ""
+    return f"faces must name vertices 0 to {count - 1}" if ((faces < 0) | (faces >= count)).any() else ""
 
 
 def _only_run(folder: Path) -> str | None:

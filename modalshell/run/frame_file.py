@@ -162,12 +162,12 @@ class FrameFile:
     def _end(self) -> int:
         return len(self._header) + self.count * self._dtype.itemsize
 
-    def _write(self, place: int, data: bytes) -> None:
-        os.lseek(self._descriptor, place, os.SEEK_SET)
-        left = memoryview(data)
+    def _write(self, offset: int, data: bytes) -> None:
+        os.lseek(self._descriptor, offset, os.SEEK_SET)
+        rest = memoryview(data)
         try:
-            while left:
-                left = left[os.write(self._descriptor, left) :]
+            while rest:
+                rest = rest[os.write(self._descriptor, rest) :]
         except OSError as error:  # a full disk: the system does not say of which file
             raise OSError(error.errno, error.strerror, str(self.path)) from error
 

@@ -130,8 +130,8 @@ class FrameReader:
             known = self._header = self._read_header()
         if known is None:
             return None, b""
-        place = known.start + known.dtype.itemsize - CHECKSUM_BYTES
-        return known, os.pread(self._descriptor, CHECKSUM_BYTES, place)
+        offset = known.start + known.dtype.itemsize - CHECKSUM_BYTES
+        return known, os.pread(self._descriptor, CHECKSUM_BYTES, offset)
 
     def _read_header(self) -> _Header | None:
         text = os.pread(self._descriptor, _LINE_LIMIT, 0)
@@ -156,11 +156,11 @@ class FrameReader:
             return None
         if any(kind.hasobject or not kind.itemsize for kind in (dtype, *(kind for _, kind, _ in arrays))):
             return None
-        constants, place = {}, 0
+        constants, offset = {}, 0
         for (name, kind, shape), size in zip(arrays, sizes, strict=True):
-            constants[name] = np.frombuffer(data[place : place + size], kind).reshape(shape)
-            place += size
-        return _Header(line, identity, constants, dtype, len(line) + place + -place % ALIGNMENT)
+            constants[name] = np.frombuffer(data[offset : offset + size], kind).reshape(shape)
+            offset += size
+        return _Header(line, identity, constants, dtype, len(line) + offset + -offset % ALIGNMENT)
 
     def _newest_sound(self, header: _Header, count: int) -> tuple[int, bytes]:
         """Number and bytes of the last complete record; (-1, b"") if there is none."""

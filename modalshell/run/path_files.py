@@ -28,8 +28,8 @@ def write_path(path: EquilibriumPath, folder: Path, name: str, units: UnitSystem
         arrays[f"{begin}event_kinds"] = np.array([event.kind for event in one.events], dtype="U16")
         arrays[f"{begin}event_points"] = np.array([event[1] for event in one.events], dtype=np.int64)
     quantities = {"displacements": "m", "positions": "m"}
-    told = units.array({key: quantities.get(key.rsplit("_", 1)[-1], "") for key in arrays})
-    written = [write_npz(folder / f"{name}_path.npz", units=told, **arrays)]
+    labels = units.array({key: quantities.get(key.rsplit("_", 1)[-1], "") for key in arrays})
+    written = [write_npz(folder / f"{name}_path.npz", units=labels, **arrays)]
     curves: list[Curve] = []
     for number, one in enumerate([path, *path.branches]):
         label = "path" if one is path else f"branch {number}"
@@ -38,8 +38,8 @@ def write_path(path: EquilibriumPath, folder: Path, name: str, units: UnitSystem
     seen = {event.kind for one in [path, *path.branches] for event in one.events}
     for kind, marker in MARKERS.items():  # to be named in the legend
         if kind in seen:
-            place = next((one, e[1]) for one in [path, *path.branches] for e in one.events if e.kind == kind)
-            x, y = place[0].displacements[place[1]], place[0].factors[place[1]]
+            first = next((one, e[1]) for one in [path, *path.branches] for e in one.events if e.kind == kind)
+            x, y = first[0].displacements[first[1]], first[0].factors[first[1]]
             curves.append(Curve([x], [y], kind, "black", marker=marker))
     panel = Panel(
         curves, f"{name}: stable parts solid, unstable ones dashed", f"displacement [{units.of('m')}]", "load factor"

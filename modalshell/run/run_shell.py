@@ -42,14 +42,10 @@ _SNAPSHOT = "snapshot_"
 @short_repr
 @dataclass(frozen=True)
 class SceneResult(RunResult):
-    """What running a scene of one shell gave.
+    """What running a scene of one shell gave; see also :class:`RunResult`.
 
     Attributes
     ----------
-    files : list of Path
-        The results' files.
-    resumed : int
-        Frames that an earlier, stopped run had left.
     trajectory : Trajectory
         The stored frames, mapped from the ``.npz`` file; one frame for an equilibrium.
     answer : Equilibrium or None
@@ -149,9 +145,9 @@ class ShellRun(SceneRun[SceneResult]):
     def record(self) -> dict[str, Any]:
         """How the motion ended, and its wall time."""
         run = self._trajectory
-        told: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
         units = {"seconds": "s of wall time"} | asdict(run.units)
-        return told | {"units": units, "look": self._look.plain()}
+        ended: dict[str, Any] = {"status": run.status, "message": run.message, "seconds": run.seconds}
+        return ended | {"units": units, "look": self._look.plain()}
 
     def result(self, files: list[Path], resumed: int) -> SceneResult:
         """The trajectory as it was written."""

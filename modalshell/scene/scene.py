@@ -308,10 +308,8 @@ class BuiltScene:
         with located(self.scene.file, "motion", table):
             return Motion(
                 self.model,
+                self.model.shell.loading(self.gravity, self.force, self.loads),
                 dt=table.dt,
-                gravity=self.gravity,
-                force=self.force,
-                loads=self.loads,
                 damping=build_damping(table),
                 supports=self.path,
                 constraints=self.constraints,

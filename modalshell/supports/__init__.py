@@ -2,6 +2,7 @@
 
 from modalshell.supports.base import SUPPORTS, Support
 from modalshell.supports.kinds import Clamp, Diaphragm, Fix, Pin, Roller, Symmetry, Tie
+from modalshell.supports.path import Pose, SupportPath
 from modalshell.supports.unknowns import Unknowns, VertexUnknowns, supported_unknowns
 
 __all__ = [
@@ -10,8 +11,10 @@ __all__ = [
     "Diaphragm",
     "Fix",
     "Pin",
+    "Pose",
     "Roller",
     "Support",
+    "SupportPath",
     "Symmetry",
     "Tie",
     "Unknowns",

@@ -201,10 +201,10 @@ class ViewSession:
         self._owed += checked_number("seconds", seconds, at_least=0.0, unit="s")
         self.late = False
         motion = self._motion
-        end = motion.count + int(self._owed / motion.dt + 1e-6)  # thirty frames of 1/30 s shall be thirty steps
+        end = motion.count + int(self._owed / motion.setup.dt + 1e-6)  # thirty frames of 1/30 s shall be thirty steps
         try:
             for _ in take_steps(motion, end):
-                self._owed -= motion.dt
+                self._owed -= motion.setup.dt
                 self.late = motion.count < end and watch() > limit
                 if self.late:
                     self._owed = 0.0
@@ -292,29 +292,22 @@ class ViewSession:
 
     def _new_motion(self, model: Model, before: Motion | None) -> Motion:
         """A motion of ``model`` from rest at time 0, or from the shape and time of the one ``before``."""
-        start, rates, path = None, None, self._built.path
-        if before is not None and model.in_shell_frame:
-            start = self.positions if path is None else path.at(before.time).to_shell(self.positions)
-            if (modal := as_modal(model)) is not None:
-                coordinates, rates = hand_over(None if self.diverged else before, start, modal)
-                start = self.shell.rest_positions + (modal.basis.modes @ coordinates).reshape(-1, 3)
+        path = self._built.path
         motion = Motion(
             model,
+            model.shell.loading(self.gravity, self._built.force, self._built.loads),
             dt=self._table.dt,
-            gravity=self.gravity,
-            force=self._built.force,
-            loads=self._built.loads,
             damping=build_damping(self._table),
-            start=start,
             supports=path,
             constraints=self._built.constraints,
         )
         if before is not None:
             motion.count = before.count
-            if not model.in_shell_frame:  # its start would put what is held back to time 0
-                motion.place(self.positions)
-        if rates is not None:
-            motion.state.rates = rates
+            motion.place(self.positions)
+            if (modal := as_modal(model)) is not None:
+                own = self.positions if path is None else path.at(before.time).to_shell(self.positions)
+                state = hand_over(None if self.diverged else before, own, modal)
+                motion.state.coordinates, motion.state.rates = state
         return motion
 
 

@@ -93,7 +93,7 @@ def test_large_positions_are_verified_on_request(run, tmp_path, monkeypatch):
     [
         ({"positions": np.zeros((3, 2))}, r"\(F, n, 3\)"),
         ({"positions": np.zeros((11, 45, 3), dtype=int)}, "float64 or float32"),
-        ({"times": np.zeros(3)}, "times has shape"),
+        ({"times": np.zeros(3)}, "times must be finite numbers"),
         ({"modalshell_trajectory": np.array(7)}, "format 7"),
         ({"status": np.array([{"a": 1}])}, "Python objects"),
         ({"status": np.array("never heard of")}, "'never heard of' is not a valid Outcome"),
@@ -163,7 +163,7 @@ def test_archives_keep_fields(fielded, tmp_path):
     for name, values in fielded.fields.items():
         np.testing.assert_array_equal(loaded.fields[name], values)
     broken = replace(fielded, fields={"curvature": fielded.fields["curvature"][1:]})
-    with pytest.raises(ms.FileFormatError, match="field curvature must be finite numbers"):
+    with pytest.raises(ms.FileFormatError, match="field_curvature must be finite numbers"):
         ms.load_trajectory(ms.save_trajectory(broken, tmp_path / "broken.npz"))
 
 

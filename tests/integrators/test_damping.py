@@ -64,7 +64,7 @@ def test_each_mode_decays_by_its_own_ratio():
 
 def test_scenes_declare_measured_damping(scene_file):
     def damping(keys):
-        return load_scene(scene_file(("duration = 1", f"duration = 1\n{keys}"))).build().start_motion().damping
+        return load_scene(scene_file(("duration = 1", f"duration = 1\n{keys}"))).build().start_motion().setup.damping
 
     assert damping("damping_ratios = [[1, 0.02], [10, 0.02]]") == Damping.from_ratios((1.0, 0.02), (10.0, 0.02))
     assert damping("modal_damping = [0.05]") == Damping(ratios=(0.05,))

@@ -45,9 +45,9 @@ SPREAD = {
 def test_patches_stand_for_all_triangles_of_a_fine_mesh(rung, name, fine):
     (load, bound), model = SPREAD[name], fine[rung]
     shell, mesh = model.shell, model.shell.mesh
-    motions = [Motion(model, dt=0.02, loads=[load], damping=(5.0, 0.0)) for _ in range(2)]
-    assert motions[0]._quadrature is not None
-    motions[1]._quadrature = None
+    motions = [Motion(model, shell.loading(loads=[load]), dt=0.02, damping=(5.0, 0.0)) for _ in range(2)]
+    assert motions[0].stepper._quadrature is not None
+    motions[1].stepper._quadrature, motions[1].stepper._lagging = None, True
     for motion in motions:
         for _ in range(25):
             motion.advance()
@@ -60,7 +60,9 @@ def test_loads_cost_rsw_no_further_solve(fine, monkeypatch):
     """A frame of it solves once for its positions, under loads that follow, too."""
     model, solved = fine["RSW"], []
     monkeypatch.setattr(model._fit, "factor", Counted(model._fit.factor, solved))
-    motion = Motion(model, dt=0.01, loads=[load for load, _ in SPREAD.values()], damping=(5.0, 0.0))
+    motion = Motion(
+        model, model.shell.loading(loads=[load for load, _ in SPREAD.values()]), dt=0.01, damping=(5.0, 0.0)
+    )
     motion.advance()
     motion.positions()
     solved.clear()

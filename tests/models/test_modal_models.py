@@ -1,20 +1,21 @@
 """What modal models have in common: free shells, no load at all, and what is refused."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from scenes import leaf
 
 from modalshell import (
+    CoarseDiscreteShell,
+    DiscreteShell,
     LinearModal,
     Material,
+    ModalDerivatives,
     ModalWarping,
     ReducedRotationStrain,
+    RigidShell,
     RotationStrain,
     Shell,
     flat_beam,
-    simulate,
     solve_modes,
 )
 from modalshell.core.errors import LoadError, SolverError
@@ -106,37 +107,24 @@ def test_statics_without_stiffness_is_refused(model):
         model(basis).equilibrium(gravity=(0, 0, -1))
 
 
-@pytest.mark.parametrize("kind", ["LMA", "MWTS", "RSW", "reduced RSW"])
-def test_positions_are_new_arrays_as_the_class_says(v_basis, kind):
-    full = RotationStrain(v_basis)
+@pytest.mark.parametrize("kind", ["LMA", "MWTS", "RSW", "reduced RSW", "MD-ROM", "DS", "coarse DS", "rigid"])
+def test_positions_are_new_arrays(v_basis, kind):
+    full, shell = RotationStrain(v_basis), v_basis.shell
     model = {
         "LMA": lambda: LinearModal(v_basis),
         "MWTS": lambda: ModalWarping(v_basis),
         "RSW": lambda: full,
         "reduced RSW": lambda: ReducedRotationStrain.trained(full, [(0.0, 0.0, -1.0)], rank=4, mixtures=8),
+        "MD-ROM": lambda: ModalDerivatives(shell, 2),
+        "DS": lambda: DiscreteShell(shell),
+        "coarse DS": lambda: CoarseDiscreteShell(shell, shell),
+        "rigid": lambda: RigidShell(shell),
     }[kind]()
-    assert model.new_positions
     state = model.start_motion()
     first, second = model.positions(state), model.positions(state)
     assert not np.shares_memory(first, second)
-    assert not np.shares_memory(first, v_basis.shell.rest_positions)
-
-
-def test_a_model_with_one_buffer_moves_as_one_with_new_arrays(v_basis, monkeypatch):
-    run = partial(simulate, duration=0.3, gravity=(0.0, 0.0, -4.0), damping=(0.1, 0.01))
-    wanted = run(ModalWarping(v_basis))
-    model, own = ModalWarping(v_basis), np.empty_like(v_basis.shell.rest_positions)
-    positions = ModalWarping.positions
-
-    def kept(self, state):
-        own[:] = positions(self, state)
-        return own
-
-    monkeypatch.setattr(ModalWarping, "positions", kept)
-    monkeypatch.setattr(ModalWarping, "new_positions", False)
-    found = run(model)
-    np.testing.assert_array_equal(found.positions, wanted.positions)
-    np.testing.assert_array_equal(found.energies, wanted.energies)
+    assert not np.shares_memory(first, state.coordinates)
+    assert not np.shares_memory(first, shell.rest_positions)
 
 
 def test_damping_may_change_from_step_to_step(v_basis):

@@ -51,10 +51,10 @@ def test_scenes_take_the_loads_that_python_does(scene_file):
     by_python = built.shell.loading(built.gravity, built.force, loads)
     x = mesh.vertices * 1.01
     for time in (0.0, 0.3, 2.0):
-        found, expected = motion.loading.force(x, 0.1 * x, time), by_python.force(x, 0.1 * x, time)
+        found, expected = motion.setup.loading.force(x, 0.1 * x, time), by_python.force(x, 0.1 * x, time)
         np.testing.assert_allclose(found, expected, atol=1e-15)
-    assert not motion.loading.conservative
-    assert not motion.loading.steady
+    assert not motion.setup.loading.conservative
+    assert not motion.setup.loading.steady
 
 
 @pytest.mark.parametrize(

@@ -110,14 +110,14 @@ def pull_rate(body: Body, x: Array, dt: float) -> Array | float:
     return body.start_shell.elastic_energy.pull(x, body.shell.elastic_energy) / dt
 
 
-def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping, pulled: Array | float = 0.0) -> Array:
+def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping, by_supports: Array | float = 0.0) -> Array:
     """Elastic force and the damping that follows strain rates (n, 3) [N].
 
-    ``pulled`` (n, 3) [N/s] is the :func:`pull_rate` of moving supports.
+    ``by_supports`` (n, 3) [N/s] is the :func:`pull_rate` of moving supports.
     """
     force: Array = -shell.energy_gradient(x)[1]
     if damping.stiffness_factor or shell.has_dashpots:
-        force += shell.damping_force(x, rates, damping.stiffness_factor) - damping.stiffness_factor * pulled
+        force += shell.damping_force(x, rates, damping.stiffness_factor) - damping.stiffness_factor * by_supports
     return force
 
 

@@ -29,15 +29,15 @@ class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
         """Solve one system of linear equations; a shell whose equations cannot be factored stays where it is."""
         x, shell = state.coordinates, body.shell
         if shell is not body.start_shell:  # linear in the way of what clamps the edges, too
-            pulled = pull_rate(body, x, dt)
-            load = load - (dt + damping.stiffness_factor) * pulled
+            by_supports = pull_rate(body, x, dt)
+            load = load - (dt + damping.stiffness_factor) * by_supports
             body, shell = copy.copy(body), body.start_shell
             body.shell = shell
         problem, _ = step_potential(body, state, dt, load, damping)
-        moved = hold(shell, x, held) - x
-        gradient, hessian = problem.linearise(x, PROJECTED, led=moved)
+        move = hold(shell, x, held) - x
+        gradient, hessian = problem.linearise(x, PROJECTED, led=move)
         factor = problem.definite_factor(hessian)
         if factor is None:
             return MotionState(x.copy(), np.zeros_like(x)), False
-        moved += shell.unknowns.prolong(problem.step(factor, gradient)).reshape(-1, 3)
-        return MotionState(x + moved, moved / dt), True
+        move += shell.unknowns.prolong(problem.step(factor, gradient)).reshape(-1, 3)
+        return MotionState(x + move, move / dt), True

@@ -33,12 +33,12 @@ class Verlet(FullIntegrator, key="verlet"):
         """Half a kick, a drift, and half a kick."""
         shell, x, inner = body.shell, state.coordinates, state.memory.get("force")
         drag, kick = 0.5 * dt * damping.mass_factor, 0.5 * dt / shell.mass[:, None]
-        pulled = pull_rate(body, x, dt)
-        inner = inner_force(body.start_shell, x, state.rates, damping, pulled) if inner is None else inner
+        by_supports = pull_rate(body, x, dt)
+        inner = inner_force(body.start_shell, x, state.rates, damping, by_supports) if inner is None else inner
         middle = state.rates * (1.0 - drag) + kick * (load + inner)
         middle = led_rates(shell, middle, x, dt, held)
         x = x + dt * middle
-        inner = inner_force(shell, x, middle, damping, pulled)
+        inner = inner_force(shell, x, middle, damping, by_supports)
         rates = shell.unknowns.project((middle + kick * (load + inner)) / (1.0 + drag), shell.mass)
         rates[shell.clamped] = middle[shell.clamped]
         return MotionState(x, rates, {"force": inner}), True

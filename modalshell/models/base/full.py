@@ -6,7 +6,7 @@ import copy
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Self
+from typing import Self, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,10 +18,10 @@ from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.full import ExplicitEuler, FullIntegrator
 from modalshell.integrators.full.base import hold
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model, Placement
+from modalshell.models.base.model import Model, Stepper
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
 from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
@@ -36,6 +36,7 @@ from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
+from modalshell.supports import Pose
 
 _ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
 _LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
@@ -69,9 +70,6 @@ class FullModel(Model):
         Seconds of assembly, factorisation and solution so far.
     """
 
-    takes_constraints = True
-    takes_live_loads = True
-    moves_patches = True
     of_material = True
     """Whether the energies are those of the shell's material."""
 
@@ -85,8 +83,6 @@ class FullModel(Model):
         backend: str | None = None,
     ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
-        # Supports of single components turn with the frame that they belong to.
-        self.in_shell_frame = shell.unknowns.matrix is not None
         self.integrator: FullIntegrator = FullIntegrator.chosen(integrator)
         self.allow_unstable_step = allow_unstable_step
         self._largest_eigenvalue: float | None = None
@@ -96,10 +92,15 @@ class FullModel(Model):
         self.live: LiveLoads | None = None
         self._start_shell: Shell | None = None
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
-        return self._solve_live(Loading(self.shell.rest_positions, load), start, constraints)
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
+        return self._solve_live(Loading(self.shell.rest_positions, load), start)
 
-    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
+        return self._solve_constrained(loading, start, ())
+
+    def _solve_constrained(
+        self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]
+    ) -> Equilibrium:
         load = loading.dead
         before = dict(self.costs)
         patches = held_patches(constraints, self.shell) if constraints else []
@@ -171,30 +172,10 @@ class FullModel(Model):
         With the out-of-balance force r(x, theta), ``dx/dtheta = -(dr/dx)^-1 dr/dtheta`` on the free unknowns: one
         factorisation of the tangent stiffness, and one solve for each of the k columns; or one solve alone with ``of``.
 
-        Parameters
-        ----------
-        state : Equilibrium
-            A converged answer of this model.
-        wrt : str or sequence of str
-            By what, k numbers in all: a constant of the material ("young", "poisson", "thickness", "density" of an
-            Isotropic; "stretch", "shear", "flexure", "density" of a Material) that is one number for the whole mesh;
-            "gravity" (k = 3); "load", a factor on the whole load; "force", that on every vertex (k = 3n);
-            "rest_angles", those of the mesh's hinges (k = H) [rad]; "supports", positions of the vertices that supports
-            hold (k = 3 each, in the order of their numbers, along what they leave free zero), clamped edges keeping
-            their slope.
-        of : array_like, shape (n, 3), optional
-            Derivative of a scalar by the positions: with it the scalar's derivatives are found, by one adjoint solve.
-
-        Returns
-        -------
-        ndarray, shape (n, 3, k), or (k,) with ``of``
-            Per unit of each.
-
-        Raises
-        ------
-        OptionError
-            For a state that has not converged or was not found by :meth:`equilibrium` without constraints, or a ``wrt``
-            that is none of these.
+        As :meth:`Model.sensitivity`, by every constant of the material that is one number for the whole mesh ("young",
+        "poisson", "thickness", "density" of an Isotropic; "stretch", "shear", "flexure", "density" of a Material), and
+        by "supports": positions of the vertices that supports hold (k = 3 each, in the order of their numbers, along
+        what they leave free zero), clamped edges keeping their slope.
         """
         loading = checked_state(state).loading
         assert loading is not None
@@ -204,9 +185,9 @@ class FullModel(Model):
         for name in names:
             tangent.check(name, adjoint=weights is not None)
         if weights is None:
-            return np.concatenate([tangent.moved(name) for name in names], axis=2)
-        adjoint = tangent.solve(weights)
-        return np.concatenate([tangent.pulled(name, adjoint, weights) for name in names])
+            return np.concatenate([tangent.forward(name) for name in names], axis=2)
+        solved = tangent.solve(weights)
+        return np.concatenate([tangent.adjoint(name, solved, weights) for name in names])
 
     def tangent(self, state: Equilibrium, loading: Loading, factor: Factored | None = None) -> Tangent:
         """The tangent at a state under a load, with the factor of its exact Hessian where that is known."""
@@ -268,15 +249,22 @@ class FullModel(Model):
         return self.integrator.start(self, hold(self.shell, x))
 
     def positions(self, state: MotionState) -> Array:
-        """Vertex positions (n, 3) [m]: the coordinates themselves."""
-        return state.coordinates
+        """Vertex positions (n, 3) [m]: the coordinates themselves, copied."""
+        return state.coordinates.copy()
+
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion; patches under constraints are moved as boundaries."""
+        patches = held_patches(setup.constraints, self.shell) if setup.constraints else []
+        model = self.holding(np.concatenate([patch.vertices for patch in patches])) if patches else self
+        # Supports of single components turn with the frame that they belong to.
+        return FullStepper(model, setup, patches, in_frame=self.shell.unknowns.matrix is not None)
 
     @property
     def start_shell(self) -> Shell:
         """The shell with what clamps its edges where it is at the beginning of a step."""
         return self._start_shell or self.shell
 
-    def carried(self, before: Placement, after: Placement) -> Self:
+    def carried(self, before: Pose, after: Pose) -> Self:
         """The model for a step of moving supports, which take along what clamps edges next to the held vertices."""
         if (end := self.shell.posed(after.to_world)) is self.shell:
             return self
@@ -284,10 +272,8 @@ class FullModel(Model):
         model.shell, model._start_shell = end, self.shell.posed(before.to_world)
         return model
 
-    def placed(self, state: MotionState, pose: Placement) -> MotionState:
+    def placed(self, state: MotionState, pose: Pose) -> MotionState:
         """``state`` moved with the supports: positions, rates and the integrator's memory."""
-        if self.in_shell_frame:
-            return state
         memory = {name: vectors @ pose.rotation.T for name, vectors in state.memory.items()}
         return MotionState(pose.to_world(state.coordinates), state.rates @ pose.rotation.T, memory)
 
@@ -310,6 +296,56 @@ class FullModel(Model):
         return self.integrator.step(body, state, dt, load, damping, held)
 
 
+@final
+class FullStepper(Stepper):
+    """Steps that take loads as they change within them, and edges clamped to supports along with these.
+
+    In the frame of supports that move, loads are those at a step's beginning: they act in the world.
+    """
+
+    model: FullModel
+
+    def __init__(self, model: FullModel, setup: MotionSetup, patches: Sequence[HeldPatch], *, in_frame: bool) -> None:
+        super().__init__(model, setup, patches, in_frame=in_frame)
+        self._lagging &= self._frame is not None
+
+    def start(self, positions: Array | None) -> MotionState:
+        """State at rest, moved with the supports to where these are at time 0."""
+        state = super().start(positions)
+        return state if self._path is None else self.model.placed(state, self._path.at(0.0))
+
+    def state_at(self, positions: Array, time: float) -> MotionState:
+        """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, held ones too."""
+        state = super().state_at(positions, time)
+        if self._frame is None:
+            state.coordinates = positions - self.origin
+        return state
+
+    def model_at(self, time: float) -> Model:
+        """The model with its supports where they are at ``time`` [s]."""
+        if self._path is None:
+            return self.model
+        pose = self._path.at(time)
+        return self.model.carried(pose, pose)
+
+    @property
+    def keeps_last(self) -> bool:
+        """Whether a step depends on the state before its first."""
+        return self._frame is not None
+
+    def _step(
+        self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
+    ) -> tuple[MotionState, bool]:
+        dt, damping, loading, model = self.setup.dt, self.setup.damping, self.setup.loading, self.model
+        time = (count + 1) * dt
+        if self._path is not None and pose is not None:
+            model = model.carried(self._path.at(count * dt), pose)
+        held = self._held_positions(time, pose)
+        if not loading.live or self._lagging:
+            return model.step(state, dt, load, damping, held)
+        return model.step_live(state, dt, load, damping, held, LiveLoads(loading, time, self.origin))
+
+
 def _reactions(
     shell: Shell,
     constraints: Sequence[Constraint],
@@ -322,11 +358,11 @@ def _reactions(
     if not patches:
         return np.empty((0, 3))
     held = shell.holding(np.concatenate([patch.vertices for patch in patches]))
-    left = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
+    residual = held.energy_gradient(x)[1] - (load if live is None else load + live.force(x))
     of_patch = {patch.position.vertices.tobytes(): patch.vertices for patch in patches}
     reactions = np.empty((len(constraints), 3))
     for reaction, constraint in zip(reactions, constraints, strict=True):
         vertices = of_patch[constraint.vertices.tobytes()]
-        forces, arms = left[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
+        forces, arms = residual[vertices], x[vertices] - x[constraint.vertices].mean(axis=0)
         reaction[:] = forces.sum(axis=0) if constraint.kind == "position" else np.cross(arms, forces).sum(axis=0)
     return reactions

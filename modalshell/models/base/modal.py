@@ -6,32 +6,36 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import cast
+from typing import cast, final
 
 import numpy as np
 import scipy.linalg.lapack
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from modalshell.constraints.constraints import Constraint, nearest_branch
-from modalshell.constraints.manipulation import Evaluate, meet
-from modalshell.core.checks import checked_kind, checked_vectors
+from modalshell.constraints.constraints import Constraint
+from modalshell.constraints.manipulation import PatchTargets, meet
+from modalshell.core.checks import checked_kind
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model, ResolvedTarget, rigid_share
+from modalshell.models.base.model import FrameModel, Model, Stepper
 from modalshell.models.base.reduced_sensitivity import ModalTangent
+from modalshell.models.base.settle import self_consistent
+from modalshell.models.base.warp import Warp
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
+from modalshell.modes.rigid import rigid_share
 from modalshell.statics.dense import WorkPotential
 from modalshell.statics.least_potential import WOUND_UP, Statics, Workable
 from modalshell.statics.modal_balance import balance, differences
 from modalshell.statics.path import Followable
+from modalshell.supports import Pose
 
 CONSTRAINT_MET = 1e-6
 """Residual of a constraint, as a share of the shell's size or in radians, above which it counts as not met."""
@@ -44,7 +48,7 @@ _OUT_OF_REACH_LIMIT = 20
 """Number of iterations after which unreached targets are abandoned."""
 
 
-class ModalModel(Model):
+class ModalModel(Warp, FrameModel):
     """A model whose unknowns are the m modal coordinates q.
 
     Parameters
@@ -56,12 +60,6 @@ class ModalModel(Model):
         motion), the key of any other :class:`ModalIntegrator`, or a rule itself.
     """
 
-    in_shell_frame = True
-    takes_constraints = True
-    new_positions = True
-    conservative: bool = True
-    """Whether the modal force is the gradient of the load's work, so that equilibria are the minima of a potential."""
-
     def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
@@ -72,22 +70,6 @@ class ModalModel(Model):
         self._unit_step: tuple[tuple[float, Damping], tuple[Array, Array]] | None = None
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
-
-    def displacement(self, q: ArrayLike) -> Array:
-        """Vertex displacements (n, 3) [m] at modal coordinates ``q`` (m,); OptionError if these are not finite."""
-        return self.raw_displacement(checked_vectors("q", q, (self.basis.count,), OptionError))
-
-    @abstractmethod
-    def raw_displacement(self, q: Array) -> Array:
-        """Displacements as of :meth:`displacement`, without input checks."""
-
-    @abstractmethod
-    def modal_force(self, q: Array, load: Array) -> Array:
-        """Modal force p (m,) of the load (n, 3) at q."""
-
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
-        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless overridden."""
-        return differences(lambda q: self.modal_force(q, load), q, self.basis.rotations)
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
@@ -101,38 +83,33 @@ class ModalModel(Model):
         """The same model on another basis of its shell."""
         return type(self)(basis)
 
-    def displacement_gradient(self, q: Array, weights: Array) -> Array:
-        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
-        raise OptionError(f"{self.name} has no derivatives: take LMA, MWTS or RSW")
-
     def coordinates_of(self, positions: ArrayLike) -> Array:
         """Modal coordinates (m,) of the mass-weighted projection of ``positions`` (n, 3)."""
         displacement = (self.shell.checked_positions(positions) - self.shell.rest_positions).ravel()
         return np.asarray(self.basis.modes.T @ (self._mass * displacement))
 
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
-        """Static answer, with or without constraints, from the model's own :meth:`_free_statics`."""
-        begin = None if start is None else self.coordinates_of(start)
-        self._refuse_slack()
-        if constraints:
-            return self._constrained_answer(load, begin, constraints)
-        return self._answer(self._free_statics(load, begin))
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
+        """Static answer from the model's own :meth:`_free_statics`."""
+        return self._answer(self._free_statics(load, self._first_coordinates(start)))
 
-    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve_constrained(
+        self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]
+    ) -> Equilibrium:
+        def solve(load: Array, start: Array | None) -> Equilibrium:
+            return self._constrained_answer(load, self._first_coordinates(start), constraints)
+
+        return self_consistent(solve, loading, start) if loading.live else solve(loading.dead, start)
+
+    def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
         """Static answer under loads that change, by Newton on the modal balance."""
-        if constraints:
-            return super()._solve_live(loading, start, constraints)
-        begin = None if start is None else self.coordinates_of(start)
-        self._refuse_slack()
+        begin, basis = self._first_coordinates(start), self.basis
 
-        basis = self.basis
-
-        def force(q: Array, share: float) -> Array:
+        def force(q: Array, factor: float) -> Array:
             positions = self.shell.rest_positions + self.raw_displacement(q)
-            return share * self.modal_force(q, loading.force(positions))
+            return factor * self.modal_force(q, loading.force(positions))
 
-        def slope(q: Array, share: float) -> Array:
-            return differences(lambda q: force(q, share), q, basis.rotations)
+        def slope(q: Array, factor: float) -> Array:
+            return differences(lambda q: force(q, factor), q, basis.rotations)
 
         with np.errstate(over="ignore", invalid="ignore"):  # absurd loads end as no fixed point
             found = balance(
@@ -140,14 +117,15 @@ class ModalModel(Model):
             )
         return self._answer(found)
 
-    def _refuse_slack(self) -> None:
-        """SolverError where an elastic mode has no stiffness."""
+    def _first_coordinates(self, start: Array | None) -> Array | None:
+        """Coordinates (m,) of a start (n, 3) of statics; SolverError where an elastic mode has no stiffness."""
         slack = np.flatnonzero(self.basis.eigenvalues[self.basis.rigid_modes :] <= 0.0)
         if slack.size:
             raise SolverError(
                 f"elastic mode {slack[0]} has no stiffness (got eigenvalue 0), so that statics has no answer: give the "
                 "material a stretch, shear and flexure above 0, or let simulate move the shell"
             )
+        return None if start is None else self.coordinates_of(start)
 
     def _answer(self, found: Statics) -> Equilibrium:
         """The equilibrium at given coordinates."""
@@ -192,32 +170,30 @@ class ModalModel(Model):
             )
         compliance = 1.0 / self.basis.eigenvalues
         q = np.zeros(self.basis.count) if start is None else start
-        targets = [ResolvedTarget(c.kind, c.vertices, c.at(0.0)) for c in constraints]
-        evaluate = self._constraints(targets, q)
+        targets = self.targets(constraints, q)
         change, iterations, nearest = np.inf, 0, np.inf
         while change > _FIXED_POINT and iterations < _FIXED_POINT_LIMIT:
             if iterations == _OUT_OF_REACH_LIMIT and nearest > CONSTRAINT_MET:
                 break
             before = q
             iterations += 1
-            q, residual = meet(evaluate, compliance * self.modal_force(q, load), compliance, q)
+            q, residual = meet(targets, compliance * self.modal_force(q, load), compliance, q)
             nearest = min(nearest, float(np.abs(residual).max()))
             work = float(np.sum(self.basis.eigenvalues * q**2)) or 1.0
             change = float(np.sqrt(np.sum(self.basis.eigenvalues * (q - before) ** 2) / work))
             if not load.any():  # no modal force that could still turn
                 change = 0.0
-        left = self._residuals(targets, residual)
+        missed = targets.lengths(residual)
         outcome, message = Outcome.CONVERGED, ""
         if change > _FIXED_POINT and nearest <= CONSTRAINT_MET:
             outcome, message = Outcome.NO_FIXED_POINT, "the modal force under these constraints does not settle"
         elif np.abs(residual).max() > CONSTRAINT_MET:
-            outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {left.max():.2e} from its target"
+            outcome, message = Outcome.OUT_OF_REACH, f"a constraint is left {missed.max():.2e} from its target"
         # The modal forces that are not in balance, as forces [N] and moments [N m] of the constraints.
-        units = np.array([[self._size if target.kind == "position" else 1.0] for target in targets])
         out_of_balance = self.basis.eigenvalues * q - self.modal_force(q, load)
-        multipliers = np.linalg.lstsq(evaluate(q)[1].T, out_of_balance, rcond=None)[0].reshape(-1, 3)
+        multipliers = np.linalg.lstsq(targets(q)[1].T, out_of_balance, rcond=None)[0].reshape(-1, 3)
         answer = self._answer(Statics(q, change, iterations, outcome, message))
-        return replace(answer, constraint_residuals=left, constraint_reactions=multipliers / units)
+        return replace(answer, constraint_residuals=missed, constraint_reactions=multipliers / targets.units[:, None])
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""
@@ -244,6 +220,10 @@ class ModalModel(Model):
             return None
         tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(answer.coordinates, load)
         return float(scipy.linalg.eigvals(tangent).real.min())
+
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion; constraints are met by the modal forces of least work."""
+        return ModalStepper(self, setup)
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """Modal state at rest."""
@@ -294,12 +274,12 @@ class ModalModel(Model):
             eigenvalues = self.basis.eigenvalues
             rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)
             self._unit_step = (dt, damping), self.integrator.step(rest, rest, np.ones_like, eigenvalues, damp, dt)
-        moved, sped = self._unit_step[1]
+        by_position, by_rate = self._unit_step[1]
         # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
-        whole = self._identity + sped[:, None] * matrix
+        whole = self._identity + by_rate[:, None] * matrix
         gain = scipy.linalg.lapack.dgesv(whole, state.rates - before.rates)[2]
         force = -(matrix @ gain)
-        return MotionState(state.coordinates + moved * force, state.rates + sped * force)
+        return MotionState(state.coordinates + by_position * force, state.rates + by_rate * force)
 
     def turned_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
@@ -317,19 +297,18 @@ class ModalModel(Model):
         return self.integrator.decay_rate(eigenvalues, damping.of_modes(eigenvalues), dt)
 
     def meet_constraints(
-        self, state: MotionState, before: MotionState, dt: float, damping: Damping, targets: Sequence[ResolvedTarget]
+        self, state: MotionState, dt: float, damping: Damping, targets: PatchTargets
     ) -> tuple[MotionState, Array]:
         """Move the step's end onto the constraints by the modal forces of least work [choi2007, section 4.4]."""
         free = state.coordinates
-        evaluate = self._constraints(targets, before.coordinates)
         eigenvalues = self.basis.eigenvalues
         compliance = self.integrator.compliance(eigenvalues, damping.of_modes(eigenvalues), dt)
-        q, residual = meet(evaluate, free, compliance, free)
-        return MotionState(q, state.rates + (q - free) / dt), self._residuals(targets, residual)
+        q, residual = meet(targets, free, compliance, free)
+        return MotionState(q, state.rates + (q - free) / dt), targets.lengths(residual)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
-        raise NotImplementedError
+        raise self.no_constraints()
 
     def patch_rotation(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean rotation vector (3,) [rad] of a patch at q, and its Jacobian (3, m)."""
@@ -341,31 +320,12 @@ class ModalModel(Model):
         """Rows (k, 3, m) of the patch's vertices in a (3n, m) matrix."""
         return np.asarray(matrix.reshape(-1, 3, matrix.shape[1])[vertices])
 
-    def _constraints(self, targets: Sequence[ResolvedTarget], present: Array) -> Evaluate:
-        """Residuals and Jacobian of all targets, positions as shares of the shell's size."""
-        goals = []
-        for target in targets:
-            value = target.value
-            if target.kind == "orientation":
-                value = nearest_branch(value, self.patch_rotation(present, target.vertices)[0])
-            goals.append(value)
-
-        def evaluate(q: Array) -> tuple[Array, Array]:
-            residuals, jacobians = [], []
-            for target, goal in zip(targets, goals, strict=True):
-                position = target.kind == "position"
-                value, jacobian = (self.patch_position if position else self.patch_rotation)(q, target.vertices)
-                unit = self._size if position else 1.0
-                residuals.append((goal - value) / unit)
-                jacobians.append(jacobian / unit)
-            return np.concatenate(residuals), np.vstack(jacobians)
-
-        return evaluate
-
-    def _residuals(self, targets: Sequence[ResolvedTarget], residual: Array) -> Array:
-        """Length of each target's residual: [m] for positions, [rad] for orientations."""
-        lengths = np.linalg.norm(residual.reshape(-1, 3), axis=1)
-        return np.asarray(lengths * [self._size if target.kind == "position" else 1.0 for target in targets])
+    def targets(
+        self, constraints: Sequence[Constraint], present: Array, time: float = 0.0, pose: Pose | None = None
+    ) -> PatchTargets:
+        """Constraints at ``time`` [s] as equations in q, near ``present`` (m,), in the frame of the supports."""
+        values = {"position": self.patch_position, "orientation": self.patch_rotation}
+        return PatchTargets(constraints, time, pose, values, self._size, present)
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy ``q^T Lambda q / 2`` [J]."""
@@ -378,6 +338,39 @@ class ModalModel(Model):
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state."""
         return np.asarray(self.shell.rest_positions + self.raw_displacement(state.coordinates))
+
+
+@final
+class ModalStepper(Stepper):
+    """Steps under loads at few points where these serve, and onto constraints."""
+
+    model: ModalModel
+
+    def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
+        super().__init__(model, setup, in_frame=True)
+        self._quadrature = None if setup.supports is not None else self.model.load_quadrature(setup.loading)
+        self._lagging &= self._quadrature is None
+
+    def _step(
+        self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
+    ) -> tuple[MotionState, bool]:
+        dt, damping, time = self.setup.dt, self.setup.damping, (count + 1) * self.setup.dt
+        if self._quadrature is None:
+            return self.model.step(state, dt, load, damping)
+        load = self._quadrature.dead(load, time)
+        own, last = self.own_positions(state), self.own_positions(before)
+        pushed = self._quadrature.push(state.coordinates, own, last, 1.0 / dt, time)
+        return self.model.step_by_quadrature(state, dt, load, damping, pushed), True
+
+    def advance(self, count: int, state: MotionState, before: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """As of every stepper, onto the constraints."""
+        after, solved = super().advance(count, state, before, load)
+        if self.setup.constraints:
+            time, dt = (count + 1) * self.setup.dt, self.setup.dt
+            pose = None if self._frame is None else self._frame.at(time)
+            targets = self.model.targets(self.setup.constraints, state.coordinates, time, pose)
+            after, self.residuals = self.model.meet_constraints(after, dt, self.setup.damping, targets)
+        return after, solved
 
 
 def as_modal(model: Model) -> ModalModel | None:

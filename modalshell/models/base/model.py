@@ -1,29 +1,29 @@
-"""Abstract base of all models: equilibrium under a load, and time steps."""
+"""Abstract base of all models: equilibrium under a load, and time steps; and what takes the steps of a motion."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, Protocol, Self, final
+from dataclasses import replace
+from typing import final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from modalshell.constraints.constraints import Constraint, checked_constraints
+from modalshell.constraints.constraints import Constraint, HeldPatch, checked_constraints
 from modalshell.core.checks import checked_vectors
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.timings import Stopwatch
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.state import Damping, MotionState
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Load, Loading
 from modalshell.models.base.equilibrium import Equilibrium
 from modalshell.models.base.settle import self_consistent
-from modalshell.modes.rigid import left_free, rigid_motions
+from modalshell.modes.rigid import left_free
 from modalshell.shell import Shell
-from modalshell.statics.live_loads import LiveLoads
 from modalshell.statics.path import Followable
+from modalshell.supports import Pose, SupportPath
 
 NO_POTENTIAL = "follower load"
 """Said of every answer under a load without a potential: no fault."""
@@ -31,42 +31,11 @@ RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
 
 
-@final
-@dataclass(frozen=True)
-class ResolvedTarget:
-    """A constraint at one time, in the model's own frame: the patch, and its position [m] or rotation vector [rad]."""
-
-    kind: Literal["position", "orientation"]
-    vertices: NDArray[np.int64]
-    value: Array
-
-
-class Placement(Protocol):
-    """Where supports are put."""
-
-    @property
-    def rotation(self) -> Array:
-        """From the shell's frame to the world's (3, 3)."""
-
-    def to_world(self, positions: Array) -> Array:
-        """Positions (n, 3) [m] of the shell's frame in the world."""
-
-
 class Model(ABC):
-    """One rung of the ladder on one shell."""
+    """One rung of the ladder on one shell, with states in the world's frame; see :class:`FrameModel` for another."""
 
     name: str
     shell: Shell
-    in_shell_frame = False
-    """Whether the model is formulated in the frame of its supports, with their motion as inertial loads."""
-    takes_live_loads = False
-    """Whether :meth:`step_live` takes loads that change within a step; otherwise they join the dead load before it."""
-    moves_patches = False
-    """Whether constrained patches are moved as boundaries, exactly, instead of by forces."""
-    new_positions = False
-    """Whether :meth:`positions` returns a new array each time, which nothing else writes to."""
-    takes_constraints = False
-    """Whether it takes position and orientation constraints."""
 
     def equilibrium(
         self,
@@ -110,10 +79,10 @@ class Model(ABC):
         watch = Stopwatch()
         loading = self.shell.loading(gravity, force, loads)
         begin = None if start is None else self.shell.checked_positions(start)
-        wanted = checked_constraints(constraints, self.shell)
-        if wanted and not self.takes_constraints:
-            raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
-        found = self._solve_live(loading, begin, wanted) if loading.live else self._solve(loading.dead, begin, wanted)
+        if wanted := checked_constraints(constraints, self.shell):
+            found = self._solve_constrained(loading, begin, wanted)
+        else:
+            found = self._solve_live(loading, begin) if loading.live else self._solve(loading.dead, begin)
         if not loading.conservative:
             message = "; ".join(part for part in (found.message, NO_POTENTIAL) if part)
             found = replace(found, conservative=False, message=message)
@@ -127,12 +96,22 @@ class Model(ABC):
         return f"{type(self).__name__}({self.shell!r})"
 
     @abstractmethod
-    def _solve(self, load: Array, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         """Static answer to a load (n, 3) [N] from ``start`` (n, 3) [m], checked; its seconds are filled in later."""
 
-    def _solve_live(self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]) -> Equilibrium:
+    def _solve_live(self, loading: Loading, start: Array | None) -> Equilibrium:
         """Equilibrium under configuration-dependent loads; by a sequence of dead loads unless overridden."""
-        return self_consistent(lambda load, begin: self._solve(load, begin, constraints), loading, start)
+        return self_consistent(self._solve, loading, start)
+
+    def _solve_constrained(
+        self, loading: Loading, start: Array | None, constraints: Sequence[Constraint]
+    ) -> Equilibrium:
+        """Equilibrium under constraints, of models that take these."""
+        raise self.no_constraints()
+
+    def no_constraints(self) -> OptionError:
+        """The error of a model that takes no constraints."""
+        return OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium by parameters of the shell and its load, by the implicit-function theorem.
@@ -192,13 +171,15 @@ class Model(ABC):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest at ``positions`` (n, 3); by default at the rest shape."""
 
-    def carried(self, before: Placement, after: Placement) -> Self:
-        """The model for a step in which the supports move between two poses; itself where only held vertices move."""
-        return self
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion.
 
-    def placed(self, state: MotionState, pose: Placement) -> MotionState:
-        """``state`` where the supports are put; the same in a model that lives in their frame."""
-        return state
+        Raises
+        ------
+        OptionError
+            For constraints of a model that takes none, or that contradict one another.
+        """
+        return DeadLoadStepper(self, setup)
 
     @abstractmethod
     def step(
@@ -208,12 +189,6 @@ class Model(ABC):
 
         ``held`` (h, 3) [m] is where the held vertices are at the step's end, for models in the world's frame.
         """
-
-    def step_live(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None, live: LiveLoads
-    ) -> tuple[MotionState, bool]:
-        """A :meth:`step` under ``load`` and loads that change within it, of models that take these."""
-        raise NotImplementedError
 
     def dragged(
         self,
@@ -233,21 +208,11 @@ class Model(ABC):
 
     @abstractmethod
     def positions(self, state: MotionState) -> Array:
-        """Vertex positions (n, 3) [m] of a state."""
-
-    def meet_constraints(
-        self, state: MotionState, before: MotionState, dt: float, damping: Damping, targets: Sequence[ResolvedTarget]
-    ) -> tuple[MotionState, Array]:
-        """Move ``state``, a step of ``dt`` after ``before``, onto the targets; also returns each one's residual."""
-        raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
+        """Vertex positions (n, 3) [m] of a state, a new array each time."""
 
     def centred(self) -> tuple[Model, Array]:
         """The model to step, and where its origin lies (3,) [m]: that of a shell far away is one about the origin."""
         return self, np.zeros(3)
-
-    def holding(self, vertices: Index) -> Model:
-        """The same model with further vertices held, which is how models in the world's frame meet constraints."""
-        raise OptionError(f"{self.name} takes no position or orientation constraints: use a modal model or DS")
 
     def elastic_energy(self, state: MotionState) -> float:
         """Elastic energy [J]."""
@@ -280,8 +245,146 @@ class Model(ABC):
             raise OptionError(f"{self.name} has no modes to damp one by one: leave out ratios, or take a modal model")
 
 
-def rigid_share(shell: Shell, load: Array) -> float:
-    """Share of a load (n, 3), in the norm of the inverse mass, along the rigid motions that the supports leave free."""
-    free = shell.unknowns.restrict(load.ravel())
-    pushed = rigid_motions(shell).T @ free
-    return float(np.linalg.norm(pushed) / np.sqrt(np.sum(free**2 / shell.unknowns.masses(shell.mass))))
+class FrameModel(Model):
+    """A model with states in the frame of its supports, whose motion is felt as inertial loads."""
+
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion; see :meth:`Model.stepper`."""
+        return DeadLoadStepper(self, setup, in_frame=True)
+
+
+class Stepper(ABC):
+    """Takes the steps of one motion of a model: brings it the loads, moving supports and constraints of each step.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    setup : MotionSetup
+        What decides the motion.
+    patches : sequence of HeldPatch
+        Held vertices that are moved.
+    in_frame : bool
+        Whether states are in the frame of the supports.
+
+    Attributes
+    ----------
+    shell : Shell
+        The shell in the world.
+    model : Model
+        The model about the origin, where coordinates have the smallest rounding.
+    origin : ndarray, shape (3,)
+        Where that lies in the world [m].
+    residuals : ndarray, shape (k,)
+        What is left to each constraint's target, [m] or [rad].
+    """
+
+    def __init__(
+        self, model: Model, setup: MotionSetup, patches: Sequence[HeldPatch] = (), *, in_frame: bool = False
+    ) -> None:
+        self.shell, self.setup = model.shell, setup
+        self.model, self.origin = model.centred()
+        self.residuals = np.zeros(len(setup.constraints))
+        self._off_centre = bool(self.origin.any())
+        path = setup.supports
+        if path is not None and self._off_centre:
+            path = path.about(self.origin)
+        # Supports move the frame of the states, or held vertices in the world.
+        self._frame: SupportPath | None = path if in_frame else None
+        self._path: SupportPath | None = None if in_frame else path
+        self._patches = patches
+        self._lagging = bool(setup.loading.live)
+        """Whether loads that change are taken as they are at a step's beginning."""
+        self._known: list[tuple[MotionState, Array]] = []
+
+    def start(self, positions: Array | None) -> MotionState:
+        """State at rest at ``positions`` (n, 3) [m] in the rest pose of the supports, where these are at time 0."""
+        return self.model.start_motion(None if positions is None else positions - self.origin)
+
+    def state_at(self, positions: Array, time: float) -> MotionState:
+        """State at rest with every vertex at ``positions`` (n, 3) [m] in the world, as far as the model can."""
+        own = positions - self.origin
+        return self.model.start_motion(own if self._frame is None else self._frame.at(time).to_shell(own))
+
+    def own_positions(self, state: MotionState) -> Array:
+        """Positions (n, 3) [m] in the frame of the states; those of the last two are kept, as each serves twice."""
+        for known, positions in self._known:
+            if known is state:
+                return positions
+        positions = self.model.positions(state)
+        self._known = [*self._known[-1:], (state, positions)]
+        return positions
+
+    def positions(self, state: MotionState, time: float) -> Array:
+        """Positions (n, 3) [m] in the world."""
+        own = self.own_positions(state)
+        if self._frame is not None:
+            own = self._frame.at(time).to_world(own)
+        return own + self.origin if self._off_centre else own
+
+    def model_at(self, time: float) -> Model:
+        """The model with its supports where they are at ``time`` [s]."""
+        return self.model
+
+    @property
+    def keeps_last(self) -> bool:
+        """Whether a step depends on the state before its first."""
+        return self._frame is not None or self.setup.loading.by_velocity
+
+    def advance(self, count: int, state: MotionState, before: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """The state a step after ``state``, that of step ``count``; also whether the model's own solver converged.
+
+        ``before`` is the state of the step before, ``load`` (n, 3) [N] the sum of the dead loads in the world.
+        """
+        loading, dt = self.setup.loading, self.setup.dt
+        time, path = (count + 1) * dt, self._frame or self._path
+        pose = None if path is None else path.at(time)
+        if self._lagging:
+            now = self.positions(state, count * dt)
+            last = self.positions(before, max(count - 1, 0) * dt)
+            load = loading.moving_force(load, now, last, 1.0 / dt, time)
+        if pose is not None and self._frame is not None:
+            own = self.own_positions(state)
+            rates = (own - self.own_positions(before)) / dt
+            load = pose.shell_load(load, self.model.shell.mass, own, rates)
+        after, solved = self._step(count, state, before, load, pose)
+        if self._lagging and loading.by_velocity:
+            vertices, drag = loading.drag(now, (now - last) / dt, time)
+            if pose is not None:
+                drag = pose.rotation.T @ drag @ pose.rotation
+            after = self.model.dragged(after, state, dt, self.setup.damping, vertices, drag)
+        return after, solved
+
+    @abstractmethod
+    def _step(
+        self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
+    ) -> tuple[MotionState, bool]:
+        """What :meth:`advance` returns, under a ``load`` in the frame of the states; ``pose`` is of the step's end."""
+
+    def _held_positions(self, time: float, pose: Pose | None) -> Array | None:
+        """Where the held vertices are at ``time``, in their order; None where they rest."""
+        shell, moved = self.model.shell, pose is not None and self._frame is None
+        if not self._patches and not moved:
+            return None
+        placed = pose.to_world(shell.rest_positions) if pose is not None and moved else shell.rest_positions.copy()
+        for patch in self._patches:
+            target = patch.at(time) - self.origin
+            placed[patch.vertices] = target if pose is None or moved else pose.to_shell(target)
+        return placed[shell.clamped]
+
+
+@final
+class DeadLoadStepper(Stepper):
+    """Steps under loads as they are at the beginning of each, without constraints."""
+
+    def __init__(self, model: Model, setup: MotionSetup, *, in_frame: bool = False) -> None:
+        if setup.constraints:
+            raise model.no_constraints()
+        super().__init__(model, setup, in_frame=in_frame)
+
+    def _step(
+        self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
+    ) -> tuple[MotionState, bool]:
+        dt = self.setup.dt
+        held = self._held_positions((count + 1) * dt, pose)
+        return self.model.step(state, dt, load, self.setup.damping, held)

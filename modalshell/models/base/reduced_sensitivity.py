@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Protocol, final
+from typing import final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from modalshell.models.base.sensitivity import (
     checked_weights,
     load_rates,
 )
-from modalshell.modes import Basis
+from modalshell.models.base.warp import Warp
 from modalshell.modes.derivatives import span_slope
 from modalshell.modes.modal_rotation import rotation_matrix
 from modalshell.shell import Shell
@@ -32,37 +32,6 @@ _OTHERS = (*LOADS, "rest_angles")
 """What is no constant of the material."""
 _TURN = 1e-3
 """Turn [rad] over which displacements are differenced."""
-
-
-class Warped(Protocol):
-    """A modal model, whose displacements are a function of the linear ones ``Phi q``."""
-
-    @property
-    def shell(self) -> Shell:
-        """The shell."""
-
-    @property
-    def basis(self) -> Basis:
-        """Its modes."""
-
-    @property
-    def conservative(self) -> bool:
-        """Whether the modal force has a potential."""
-
-    def on_basis(self, basis: Basis) -> Warped:
-        """The same model on another basis of its shell."""
-
-    def raw_displacement(self, q: Array) -> Array:
-        """Displacements (n, 3) [m]."""
-
-    def displacement_gradient(self, q: Array, weights: Array) -> Array:
-        """Derivatives (m,) of the displacements, contracted with weights (n, 3)."""
-
-    def modal_force(self, q: Array, load: Array) -> Array:
-        """Modal force (m,) of a load (n, 3)."""
-
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
-        """Its derivatives (m, m)."""
 
 
 class ReducedTangent(ABC):
@@ -76,7 +45,7 @@ class ReducedTangent(ABC):
         """Derivative (r, r) of the out-of-balance force by the coordinates."""
 
     @abstractmethod
-    def pushes(self, load: Array) -> Array:
+    def reduced_forces(self, load: Array) -> Array:
         """Generalised forces (r, k) of changes of the load (n, 3, k)."""
 
     @abstractmethod
@@ -88,12 +57,12 @@ class ReducedTangent(ABC):
         raise OptionError("this model has no derivative by rest angles: take DS")
 
     @abstractmethod
-    def moved(self, rates: Array, name: str) -> Array:
-        """Rates (n, 3, k) of the positions, of the coordinates' (r, k) and of a parameter itself."""
+    def forward(self, rates: Array, name: str) -> Array:
+        """Derivatives (n, 3, k) of the positions by a parameter, from those of the coordinates (r, k)."""
 
     @abstractmethod
-    def gained(self, weights: Array, rates: Array, name: str) -> Array:
-        """The same, contracted with weights (n, 3)."""
+    def adjoint(self, weights: Array, rates: Array, name: str) -> Array:
+        """Derivatives (k,) of a scalar whose derivatives by the positions are ``weights`` (n, 3)."""
 
     def by_force(self, weights: Array | None, solved: Array) -> Array:
         """Derivative by the force on every vertex, with the tangent's inverse (r, r)."""
@@ -116,13 +85,13 @@ class ReducedTangent(ABC):
                 found.append(self.by_force(weights, np.asarray(np.linalg.inv(tangent), dtype=np.float64)))
                 continue
             if name == "rest_angles":
-                pushes = self.by_rest_angles()
+                forces = self.by_rest_angles()
             else:
-                pushes = self.pushes(load_rates(self.shell, self.state, name))
+                forces = self.reduced_forces(load_rates(self.shell, self.state, name))
                 if name not in LOADS:
-                    pushes = pushes + self.by_constant(name)[:, None]
-            rates = np.asarray(np.linalg.solve(tangent, pushes), dtype=np.float64)
-            found.append(self.moved(rates, name) if weights is None else self.gained(weights, rates, name))
+                    forces = forces + self.by_constant(name)[:, None]
+            rates = np.asarray(np.linalg.solve(tangent, forces), dtype=np.float64)
+            found.append(self.forward(rates, name) if weights is None else self.adjoint(weights, rates, name))
         return np.concatenate(found, axis=-1)
 
 
@@ -137,7 +106,7 @@ def dead_state(state: Equilibrium) -> tuple[Array, Array]:
     return state.coordinates, loading.dead
 
 
-def pulled_by_rest_angles(shell: Shell, x: Array, fields: Array) -> Array:
+def gradients_by_rest_angles(shell: Shell, x: Array, fields: Array) -> Array:
     """Derivatives (r, H) of the gradient at ``x`` (n, 3) along ``fields`` (3n, r) by every hinge's rest angle."""
     steps = np.ascontiguousarray(fields.T).reshape(-1, *x.shape)
     return np.stack([shell.elastic_energy.pulled_by_rest_angles(x, step) for step in steps])
@@ -151,10 +120,10 @@ class ModalTangent(ReducedTangent):
     basis that has the modes' derivatives after them.
     """
 
-    def __init__(self, model: Warped, state: Equilibrium) -> None:
+    def __init__(self, model: Warp, state: Equilibrium) -> None:
         self._q, self._load = dead_state(state)
         self.shell, self.state, self._model = model.shell, state, model
-        self._further: dict[str, tuple[Warped, Array]] = {}
+        self._further: dict[str, tuple[Warp, Array]] = {}
 
     def tangent(self) -> Array:
         """``Lambda - dp/dq``; rigid modes stay at zero."""
@@ -164,10 +133,10 @@ class ModalTangent(ReducedTangent):
         matrix[np.arange(rigid), np.arange(rigid)] = float(np.abs(np.diagonal(matrix)).mean())
         return np.asarray(matrix)
 
-    def pushes(self, load: Array) -> Array:
+    def reduced_forces(self, load: Array) -> Array:
         """Modal forces of the elastic modes."""
-        pushes = [self._model.modal_force(self._q, np.ascontiguousarray(load[:, :, k])) for k in range(load.shape[2])]
-        return self._elastic(np.stack(pushes, axis=1))
+        forces = [self._model.modal_force(self._q, np.ascontiguousarray(load[:, :, k])) for k in range(load.shape[2])]
+        return self._elastic(np.stack(forces, axis=1))
 
     def by_constant(self, name: str) -> Array:
         """``(dPhi . dp/dPhi) - dLambda q``."""
@@ -178,15 +147,15 @@ class ModalTangent(ReducedTangent):
 
     def by_rest_angles(self) -> Array:
         """Those of the linear couples, at rest, in the frame of the modes' own elastic forces."""
-        return self._elastic(-pulled_by_rest_angles(self.shell, self.shell.rest_positions, self._model.basis.modes))
+        return self._elastic(-gradients_by_rest_angles(self.shell, self.shell.rest_positions, self._model.basis.modes))
 
-    def moved(self, rates: Array, name: str) -> Array:
+    def forward(self, rates: Array, name: str) -> Array:
         """Differences of fourth order of the displacement along the rates, or the coordinates if these are fewer."""
         if name in _OTHERS and rates.shape[1] > self._q.size:
             return (self._columns() @ rates).reshape(*self.shell.rest_positions.shape, -1)
         return np.stack([self._along(*self._directed(rate, name)) for rate in rates.T], axis=2)
 
-    def gained(self, weights: Array, rates: Array, name: str) -> Array:
+    def adjoint(self, weights: Array, rates: Array, name: str) -> Array:
         """By the gradient of the weights' work, which is exact."""
         parts = [self._directed(rate, name) for rate in rates.T]
         model, q, _ = parts[0]
@@ -212,19 +181,19 @@ class ModalTangent(ReducedTangent):
         rows[: self._model.basis.rigid_modes] = 0.0
         return rows
 
-    def _directed(self, rate: Array, name: str) -> tuple[Warped, Array, Array]:
+    def _directed(self, rate: Array, name: str) -> tuple[Warp, Array, Array]:
         """Model, coordinates, and direction in which a parameter moves them."""
         if name in _OTHERS:
             return self._model, self._q, rate
         still = np.concatenate([self._q, np.zeros_like(self._q)])
         return self._extended(name)[0], still, np.concatenate([rate, self._q])
 
-    def _along(self, model: Warped, q: Array, direction: Array) -> Array:
+    def _along(self, model: Warp, q: Array, direction: Array) -> Array:
         turn = np.abs(model.basis.rotations @ direction).max()
         step = _TURN / max(float(turn), 1e-300)
         return np.asarray(sum(w / step * model.raw_displacement(q + k * step * direction) for k, w in _FOURTH_ORDER))
 
-    def _extended(self, name: str) -> tuple[Warped, Array]:
+    def _extended(self, name: str) -> tuple[Warp, Array]:
         """The model on the modes and their derivatives by a constant, and the derivative of the stiffness on them."""
         if name not in self._further:
             basis, unknowns = self._model.basis, self.shell.unknowns
@@ -280,7 +249,7 @@ class LinearTangent(ReducedTangent):
         """The Hessian."""
         return self._hessian
 
-    def pushes(self, load: Array) -> Array:
+    def reduced_forces(self, load: Array) -> Array:
         """Reduced forces."""
         return np.asarray(self._reduced.T @ load.reshape(len(self._reduced), -1))
 
@@ -292,11 +261,11 @@ class LinearTangent(ReducedTangent):
         """Derivatives of the elastic force."""
         return super().by_rest_angles() if self._by_rest_angles is None else self._by_rest_angles()
 
-    def moved(self, rates: Array, name: str) -> Array:
+    def forward(self, rates: Array, name: str) -> Array:
         """Product with the columns."""
         return np.asarray(self._columns @ rates).reshape(*self.shell.rest_positions.shape, -1)
 
-    def gained(self, weights: Array, rates: Array, name: str) -> Array:
+    def adjoint(self, weights: Array, rates: Array, name: str) -> Array:
         """Product with the weighted columns."""
         return np.asarray((weights.ravel() @ self._columns) @ rates)
 

@@ -49,8 +49,8 @@ def checked_constant(shell: Shell, name: str, others: Sequence[str]) -> None:
     """OptionError for a name that is neither a constant of the shell's material nor among ``others``."""
     known = material_constants(shell.material)
     if name not in known:
-        told = ", ".join([*known, *others])
-        raise OptionError(f"wrt must be one of {told}; constants are one number for the whole mesh (got {name!r})")
+        names = ", ".join([*known, *others])
+        raise OptionError(f"wrt must be one of {names}; constants are one number for the whole mesh (got {name!r})")
 
 
 def load_rates(shell: Shell, state: Equilibrium, name: str) -> Array:

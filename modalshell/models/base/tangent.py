@@ -66,51 +66,51 @@ class Tangent:
         unknowns = self._shell.unknowns
         return np.asarray(unknowns.prolong(self._factor.solve(unknowns.restrict(forces.ravel())))).reshape(-1, 3)
 
-    def pulled(self, name: str, adjoint: Array, weights: Array) -> Array:
+    def adjoint(self, name: str, solved: Array, weights: Array) -> Array:
         """Derivatives (k,) of a scalar by a parameter.
 
         From the scalar's derivatives by the positions (n, 3), and the answer (n, 3) of the tangent to these.
         """
         if name == "force":
-            return adjoint.ravel().copy()
+            return solved.ravel().copy()
         if name in SHAPES:
-            return self._by_shape(name, adjoint, weights)
-        return np.asarray(np.einsum("ni,nik->k", adjoint, self._pushes(name)))
+            return self._by_shape(name, solved, weights)
+        return np.asarray(np.einsum("ni,nik->k", solved, self._force_rates(name)))
 
-    def moved(self, name: str) -> Array:
+    def forward(self, name: str) -> Array:
         """Derivatives (n, 3, k) of the positions."""
         x, size = self._x, self._x.size
         if name not in ("force", *SHAPES):
-            return np.stack([self.solve(push) for push in np.moveaxis(self._pushes(name), 2, 0)], axis=2)
+            return np.stack([self.solve(rate) for rate in np.moveaxis(self._force_rates(name), 2, 0)], axis=2)
         columns = {"force": size, "supports": size, "rest_angles": len(self._shell.mesh.hinges)}[name]
         demand_memory(f"derivatives of {size} coordinates", 8.0 * size * (size + columns), "ask for those of= a scalar")
         rows, unit = [], np.zeros(size)
-        for place in range(size):
-            unit[place] = 1.0
+        for index in range(size):
+            unit[index] = 1.0
             field = unit.reshape(-1, 3)
-            rows.append(self.pulled(name, self.solve(field), field))
-            unit[place] = 0.0
+            rows.append(self.adjoint(name, self.solve(field), field))
+            unit[index] = 0.0
         return np.stack(rows).reshape(*x.shape, -1)
 
-    def _pushes(self, name: str) -> Array:
+    def _force_rates(self, name: str) -> Array:
         """Derivatives (n, 3, k) of the force on the vertices where they are."""
-        pushes = load_rates(self._shell, self._state, name)
+        rates = load_rates(self._shell, self._state, name)
         if name not in LOADS and self._of_material:
-            pushes[:, :, 0] -= self._shell.rates_by_constant(name, self._x)
-        return pushes
+            rates[:, :, 0] -= self._shell.rates_by_constant(name, self._x)
+        return rates
 
-    def _by_shape(self, name: str, adjoint: Array, weights: Array) -> Array:
+    def _by_shape(self, name: str, solved: Array, weights: Array) -> Array:
         shell, x = self._shell, self._x
         if name == "rest_angles":
-            return -shell.elastic_energy.pulled_by_rest_angles(x, adjoint)
+            return -shell.elastic_energy.pulled_by_rest_angles(x, solved)
         ends = shell.mesh.edges
-        change = np.linalg.norm(adjoint[ends[:, 1]] - adjoint[ends[:, 0]], axis=1) / shell.mesh.edge_lengths
+        change = np.linalg.norm(solved[ends[:, 1]] - solved[ends[:, 0]], axis=1) / shell.mesh.edge_lengths
         step = _ASIDE / max(float(change.max()), 1e-300)
         rate = np.zeros_like(x)
         for count, weight in _FOURTH_ORDER:
-            place = x + count * step * adjoint
-            gradient = shell.elastic_energy.support_gradient(place)
+            nearby = x + count * step * solved
+            gradient = shell.elastic_energy.support_gradient(nearby)
             if self._problem.live is not None:
-                gradient = gradient - self._problem.live.force(place)
+                gradient = gradient - self._problem.live.force(nearby)
             rate += weight / step * gradient
         return np.asarray(shell.unknowns.resisted((weights - rate)[:, :, None]).ravel())

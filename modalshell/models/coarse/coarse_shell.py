@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple, final
 
@@ -79,12 +79,20 @@ def remeshed(shell: Shell, triangles: int) -> CoarseMesh:
 def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Isotropic | None = None) -> Shell:
     """A coarse shell on ``mesh`` with the supports of ``shell`` and, by calibration, its lowest frequencies.
 
-    A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Where one of the
-    lowest six modes is decided by the membrane and another by bending, the lowest of them included, both stiffnesses
-    are scaled until the elastic eigenvalues of these two agree; modes of one eigenvalue count as one. Where the
-    membrane decides the lowest, the flexure is scaled by half as much, as a logarithm: the bending mode is then a
-    twist, and uniform bends ask for less. Else one stiffness is scaled, until the lowest eigenvalues agree: the
-    membrane, or the flexure where the lowest mode hardly stretches or the membrane's factor would be beyond 0.3 to 1.8.
+    A coarse mesh is too stiff in its membrane and, with hinges, too soft or too stiff against bending. Stiffnesses are
+    scaled until elastic eigenvalues agree, modes of one eigenvalue counting as one; the first row that fits holds:
+
+    =========================================================== ======================================================
+    lowest six modes of the fine shell                          what is scaled
+    =========================================================== ======================================================
+    the membrane decides the lowest, bending another            membrane and flexure, by both modes; the flexure by
+                                                                half as much, as a logarithm: the other is a twist,
+                                                                and uniform bends ask for less
+    bending decides the lowest, the membrane another            membrane and flexure, by both modes
+    the lowest stretches; the membrane's factor is 0.3 to 1.8   membrane, by the lowest
+    else                                                        flexure, by the lowest
+    =========================================================== ======================================================
+
     The flexure is scaled alone, too, where that brings the small displacements under gravity along the three axes much
     nearer to those of a supported fine shell: their squared error below a third. Sheets of :class:`Isotropic` need no
     calibration. To clamp alike, give ``mesh`` a row of vertices where the fine shell's held region ends.
@@ -132,7 +140,7 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
         raise OptionError(f"material must be a Material or an Isotropic (got {shown(given)})")
     if material is None and any(isinstance(getattr(given, part.name), np.ndarray) for part in fields(given)):
         raise OptionError("the fine shell's material has a value an element: pass the material of the coarse mesh")
-    nearest, shares, clamped = places_on(shell, mesh)
+    clamped = places_on(shell, mesh)[2]
     if shell.clamped.any() and not clamped.any():
         raise SupportError("no vertex of the coarse mesh lies where the fine shell is held: refine it there")
     if clamped.any() and rigid_motions(Shell(mesh, given, clamped)).shape[1] > rigid_motions(shell).shape[1]:
@@ -145,89 +153,117 @@ def coarse_shell(shell: Shell, mesh: TriangleMesh | int, material: Material | Is
     if material is None:
         ratio = float(mesh.edge_lengths.mean() / shell.mesh.edge_lengths.mean())
         given = replace(given, shear=given.shear * ratio)
-    goal = _lowest(shell)
-    if not goal > 0.0:
-        raise OptionError(
-            f"a coarse shell is calibrated on the lowest mode of the fine one, which has no stiffness (got {goal:g}): "
-            "give the material more, or pass the coarse mesh's own"
-        )
+    return _Calibration(shell, mesh, given).best()
 
-    def stiffened(membrane: float, flexure: float) -> Shell:
+
+@final
+class _Calibration:
+    """Coarse shells on a mesh, with stiffnesses scaled so that some of their modes agree with those of a fine shell."""
+
+    def __init__(self, shell: Shell, mesh: TriangleMesh, material: Material) -> None:
+        self._shell, self._mesh, self._material = shell, mesh, material
+        nearest, self._shares, self._clamped = places_on(shell, mesh)
+        self._corners = shell.mesh.faces[nearest]
+        self._goal = _lowest(shell)
+        if not self._goal > 0.0:
+            raise OptionError(
+                "a coarse shell is calibrated on the lowest mode of the fine one, which has no stiffness (got "
+                f"{self._goal:g}): give the material more, or pass the coarse mesh's own"
+            )
+        start = _lowest(self._scaled(1.0, 1.0))
+        if not start > 0.0:
+            raise OptionError(
+                "the material gives the lowest mode of the coarse mesh no stiffness that can be scaled (got "
+                f"{material!r}): give it more"
+            )
+        self._softer = float(np.exp(-np.log(start / self._goal)))
+
+    def best(self) -> Shell:
+        """The coarse shell that is described in :func:`coarse_shell`."""
+        bent, found = self.flexure(), self.both() or self.membrane()
+        if found is None:
+            return bent
+        if rigid_motions(self._shell).shape[1]:
+            return found
+        exact = self._sampled(_small_displacements(self._shell))
+        alone, other = (
+            float(np.sum(coarse.mass[:, None, None] * (_small_displacements(coarse) - exact) ** 2))
+            for coarse in (bent, found)
+        )
+        return bent if alone < _NEARER * other else found
+
+    def flexure(self) -> Shell:
+        """With a flexure by which the lowest eigenvalue agrees, were it of bending alone."""
+        return self._scaled(1.0, self._softer)
+
+    def membrane(self) -> Shell | None:
+        """With a membrane by which the lowest eigenvalues agree; None where none does, or none that may be."""
+        low, high = self._excess(-_WIDEST), self._excess(_WIDEST)
+        if not (high - low > _MEMBRANE_SHARE * 2.0 * _WIDEST and low < 0.0 < high):
+            return None
+        factor = float(brentq(self._excess, -_WIDEST, _WIDEST, xtol=1e-3))
+        return self._scaled(float(np.exp(factor)), 1.0) if _SOFTEST < factor < _STIFFEST else None
+
+    def both(self) -> Shell | None:
+        """With both stiffnesses by which two modes agree; None if no two modes determine them."""
+        fine = _lowest_spaces(self._shell)
+        apart = fine.parts[:1, 0] - fine.parts[:, 0]
+        if apart.max(initial=0.0) >= _APART:
+            pair, taken = [0, int(np.argmax(apart >= _APART))], _TWISTED
+        elif apart.min(initial=0.0) <= -_APART:
+            pair, taken = [int(np.argmax(apart <= -_APART)), 0], 1.0
+        else:
+            return None
+        modes = fine.modes.reshape(len(self._shell.mass), 3, -1)
+        sampled = self._sampled(modes).reshape(-1, fine.modes.shape[1])
+        factors = np.zeros(2)
+        for _ in range(_ROUNDS):
+            coarse = self._scaled(*np.exp(factors))
+            own = _lowest_spaces(coarse)
+            same = _alike(fine, own, sampled, np.repeat(coarse.mass, 3)[:, None], pair)
+            if same is None:
+                return None
+            excess = np.log(own.eigenvalues[same] / fine.eigenvalues[pair])
+            slope = own.parts[same]
+            excess[1] += (1.0 / taken - 1.0) * slope[1, 1] * factors[1]
+            slope[1, 1] /= taken
+            if np.abs(excess).max() < _MET:
+                return coarse
+            if abs(np.linalg.det(slope)) < 0.5 * _APART:
+                return None
+            factors -= np.linalg.solve(slope, excess).clip(-1.0, 1.0)
+            if np.abs(factors).max() > _WIDEST:
+                return None
+        return None
+
+    def _scaled(self, membrane: float, flexure: float) -> Shell:
+        given = self._material
         changed = replace(
             given, stretch=given.stretch * membrane, shear=given.shear * membrane, flexure=given.flexure * flexure
         )
-        return Shell(mesh, changed, clamped, energies=shell.energies)
+        return Shell(self._mesh, changed, self._clamped, energies=self._shell.energies)
 
-    start = _lowest(stiffened(1.0, 1.0))
-    if not start > 0.0:
-        raise OptionError(
-            f"the material gives the lowest mode of the coarse mesh no stiffness that can be scaled (got {given!r}): "
-            "give it more"
-        )
+    def _excess(self, logarithm: float) -> float:
+        """Logarithm of the ratio of the lowest eigenvalues, with a membrane scaled by another logarithm."""
+        return float(np.log(_lowest(self._scaled(np.exp(logarithm), 1.0)) / self._goal))
 
-    def excess(logarithm: float) -> float:
-        return float(np.log(_lowest(stiffened(np.exp(logarithm), 1.0)) / goal))
-
-    bent = stiffened(1.0, float(np.exp(-np.log(start / goal))))
-    found = _both_stiffnesses(shell, stiffened, nearest, shares)
-    if found is None:
-        low, high = excess(-_WIDEST), excess(_WIDEST)
-        if high - low > _MEMBRANE_SHARE * 2.0 * _WIDEST and low < 0.0 < high:
-            membrane = float(brentq(excess, -_WIDEST, _WIDEST, xtol=1e-3))
-            if _SOFTEST < membrane < _STIFFEST:
-                found = stiffened(float(np.exp(membrane)), 1.0)
-    if found is None or rigid_motions(shell).shape[1]:
-        return bent if found is None else found
-    exact = np.einsum("kc,kcxg->kxg", shares, _small_displacements(shell)[shell.mesh.faces[nearest]])
-    alone, other = (
-        float(np.sum(coarse.mass[:, None, None] * (_small_displacements(coarse) - exact) ** 2))
-        for coarse in (bent, found)
-    )
-    return bent if alone < _NEARER * other else found
+    def _sampled(self, fields: Array) -> Array:
+        """Fields (n, 3, m) of the fine shell at the coarse vertices (k, 3, m)."""
+        return np.einsum("kc,kcxm->kxm", self._shares, fields[self._corners])
 
 
-def _both_stiffnesses(
-    shell: Shell, stiffened: Callable[[float, float], Shell], nearest: Index, shares: Array
-) -> Shell | None:
-    """Coarse shell with both stiffnesses scaled to two modes of ``shell``; None if no two modes determine them.
+def _alike(fine: _Spaces, own: _Spaces, sampled: Array, mass: Array, pair: list[int]) -> Index | None:
+    """The coarse eigenspaces (2,) that are a ``pair`` of fine ones; None where they are not two.
 
-    Coarse vertices lie on the fine mesh in triangles ``nearest`` (k,), at barycentric ``shares`` (k, 3).
+    ``sampled`` (3k, m) are the fine modes on the coarse mesh, of ``mass`` (3k, 1).
     """
-    fine = _lowest_spaces(shell)
-    apart = fine.parts[:1, 0] - fine.parts[:, 0]
-    if apart.max(initial=0.0) >= _APART:
-        pair, taken = [0, int(np.argmax(apart >= _APART))], _TWISTED
-    elif apart.min(initial=0.0) <= -_APART:
-        pair, taken = [int(np.argmax(apart <= -_APART)), 0], 1.0
-    else:
+    if not own.starts.size:
         return None
-    corners = fine.modes.reshape(len(shell.mass), 3, -1)[shell.mesh.faces[nearest]]
-    sampled = np.einsum("kc,kcxm->kxm", shares, corners).reshape(-1, fine.modes.shape[1])
-    factors = np.zeros(2)
-    for _ in range(_ROUNDS):
-        coarse = stiffened(*np.exp(factors))
-        own = _lowest_spaces(coarse)
-        if not own.starts.size:
-            return None
-        mass = np.repeat(coarse.mass, 3)[:, None]
-        lengths = np.sum(mass * sampled**2, axis=0)[:, None] * np.sum(mass * own.modes**2, axis=0)
-        cosines = (sampled.T @ (mass * own.modes)) ** 2 / lengths
-        alike = _means(np.add.reduceat(cosines, own.starts, axis=1), fine.starts)[pair]
-        same = alike.argmax(axis=1)
-        if alike.max(axis=1).min() < _ALIKE or same[0] == same[1]:
-            return None
-        excess = np.log(own.eigenvalues[same] / fine.eigenvalues[pair])
-        slope = own.parts[same]
-        excess[1] += (1.0 / taken - 1.0) * slope[1, 1] * factors[1]
-        slope[1, 1] /= taken
-        if np.abs(excess).max() < _MET:
-            return coarse
-        if abs(np.linalg.det(slope)) < 0.5 * _APART:
-            return None
-        factors -= np.linalg.solve(slope, excess).clip(-1.0, 1.0)
-        if np.abs(factors).max() > _WIDEST:
-            return None
-    return None
+    lengths = np.sum(mass * sampled**2, axis=0)[:, None] * np.sum(mass * own.modes**2, axis=0)
+    cosines = (sampled.T @ (mass * own.modes)) ** 2 / lengths
+    alike = _means(np.add.reduceat(cosines, own.starts, axis=1), fine.starts)[pair]
+    same = np.asarray(alike.argmax(axis=1))
+    return None if alike.max(axis=1).min() < _ALIKE or same[0] == same[1] else same
 
 
 def _small_displacements(shell: Shell) -> Array:

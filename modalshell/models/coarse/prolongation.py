@@ -56,7 +56,7 @@ class Prolongation(ReadOnlyArrays):
         patches = _smooth_patches(coarse, fine)
         pairs = [np.unique(patches[near]) for near in on]
         owners = np.repeat(np.arange(len(points)), [len(found) for found in pairs])
-        share = 1.0 / np.bincount(owners)  # of a point on a fold each side decides half
+        part = 1.0 / np.bincount(owners)  # of a point on a fold each side decides half
         of = np.concatenate(pairs)
         rows, columns, weights = [], [], []
         for patch in np.unique(of):
@@ -64,7 +64,7 @@ class Prolongation(ReadOnlyArrays):
             neighbours, weight = _patch_weights(coarse, coarse.faces[patches == patch], points[chosen])
             rows.append(np.repeat(chosen, neighbours.shape[1]))
             columns.append(neighbours.ravel())
-            weights.append((weight * share[chosen, None]).ravel())
+            weights.append((weight * part[chosen, None]).ravel())
         entries = np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))
         shape = len(points), len(coarse.vertices)
         matrix = sps.csr_array(entries, shape=shape)
@@ -218,9 +218,9 @@ def _least_squares(importance: Array, affine: Array, quadratic: Array) -> Array:
     square = np.einsum("pk,pki,pkj->pij", importance, quadratic, quadratic)
     inverse = np.linalg.pinv(moments, rcond=1e-10, hermitian=True)
     unit = inverse[:, :, 0]  # reproduces the affine fields alone
-    left = square - np.einsum("pji,pjk,pkl->pil", mixed, inverse, mixed)
+    complement = square - np.einsum("pji,pjk,pkl->pil", mixed, inverse, mixed)
     largest = np.einsum("pii->pi", square).max(axis=1)
-    values, vectors = np.linalg.eigh(left)
+    values, vectors = np.linalg.eigh(complement)
     kept = values > _INDEPENDENT * largest[:, None]
     scale = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
     wanted = -np.einsum("pji,pj->pi", mixed, unit)  # quadratic fields are zero at the origin

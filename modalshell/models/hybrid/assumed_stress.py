@@ -140,10 +140,10 @@ def elastic_stresses(shell: Shell, stresses: Array, factors: tuple[float, float,
     jumps = np.einsum("hpe,hek->hpk", rows, (shear.rest[:, None] * strains[-len(shear.rest) :])[edges])
     resisted = np.zeros((len(shear.rest), stresses.shape[1]))
     np.add.at(resisted, edges, np.einsum("h,hpe,hpk->hek", weights, rows, jumps))
-    shares, turned = scipy.linalg.eigh(np.einsum("h,hpk,hpl->kl", weights, jumps, jumps), stresses.T @ strains)
-    kept = shares < _RESISTED
-    left = _edge_stresses(shell, stresses) - shear.rest[:, None] * resisted
-    return np.asarray(left @ (turned[:, kept] / np.sqrt(1.0 - shares[kept])))
+    fractions, turned = scipy.linalg.eigh(np.einsum("h,hpk,hpl->kl", weights, jumps, jumps), stresses.T @ strains)
+    kept = fractions < _RESISTED
+    remaining = _edge_stresses(shell, stresses) - shear.rest[:, None] * resisted
+    return np.asarray(remaining @ (turned[:, kept] / np.sqrt(1.0 - fractions[kept])))
 
 
 def _compliance(shell: Shell, factors: tuple[float, ...] = (1.0, 1.0)) -> Array:
@@ -178,10 +178,10 @@ def _flat_bending(vertices: Array, columns: Array, hinges: Index, weights: Array
     offsets = np.zeros((len(hinges), 3, columns.shape[2]))
     for opposite in (2, 3):
         arm = vertices[hinges[:, opposite]] - first
-        share = np.sum(arm * edge, axis=1) / length
-        height = np.linalg.norm(arm - share[:, None] * edge, axis=1)[:, None, None]
-        share = share[:, None, None]
-        foot = (1.0 - share) * columns[hinges[:, 0]] + share * columns[hinges[:, 1]]
+        along = np.sum(arm * edge, axis=1) / length
+        height = np.linalg.norm(arm - along[:, None] * edge, axis=1)[:, None, None]
+        along = along[:, None, None]
+        foot = (1.0 - along) * columns[hinges[:, 0]] + along * columns[hinges[:, 1]]
         offsets += (columns[hinges[:, opposite]] - foot) / height
     tall = offsets.reshape(-1, columns.shape[2])
     return np.asarray(tall.T @ (np.repeat(2.0 * weights, 3)[:, None] * tall))
@@ -194,16 +194,15 @@ def stress_modes(shell: Shell, leading: Array, snapshots: Array, count: int) -> 
     """
     root = np.sqrt(_compliance(shell))[:, None]
     first = scipy.linalg.orth(root * leading, rcond=1e-8)[:, :count]
-    left = root * snapshots
-    left = left - first @ (first.T @ left)
-    further = _leading_left_vectors(left, count - first.shape[1])
-    return np.asarray(np.concatenate([first, further], axis=1) / np.where(root > 0.0, root, np.inf))
+    return np.asarray(_extended(first, root * snapshots, count) / np.where(root > 0.0, root, np.inf))
 
 
-def _leading_left_vectors(columns: Array, count: int) -> Array:
-    """The leading left singular vectors of many columns."""
-    vectors, sizes, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(vectors[:, : min(count, int(np.sum(sizes > 1e-9 * sizes[0])))])
+def _extended(first: Array, snapshots: Array, count: int) -> Array:
+    """``count`` orthonormal columns: ``first``, then the leading left singular vectors of what snapshots add."""
+    remainder = snapshots - first @ (first.T @ snapshots)
+    vectors, sizes, _ = np.linalg.svd(remainder, full_matrices=False)
+    further = min(count - first.shape[1], int(np.sum(sizes > 1e-9 * sizes[0])))
+    return np.concatenate([first, vectors[:, :further]], axis=1)
 
 
 def position_modes(shell: Shell, leading: Array, snapshots: Array, count: int, stiffness: Any) -> Array:
@@ -213,8 +212,6 @@ def position_modes(shell: Shell, leading: Array, snapshots: Array, count: int, s
     """
     root = np.sqrt(np.repeat(shell.mass, 3))[:, None]
     first = scipy.linalg.orth(root * leading, rcond=1e-10)[:, :count]
-    left = root * snapshots
-    left = left - first @ (first.T @ left)
-    basis = np.concatenate([first, _leading_left_vectors(left, count - first.shape[1])], axis=1) / root
+    basis = _extended(first, root * snapshots, count) / root
     _, turned = np.linalg.eigh(basis.T @ (stiffness @ basis))
     return np.asarray(basis @ turned)

@@ -83,58 +83,89 @@ class Trained:
         return float(abs(membrane - seen) / (energy + _SMALL * self.energy))
 
 
-def train(
-    coarse: Shell,
-    load: Array,
-    modes: int | None,
-    motions: int,
-    seed: int,
-    on_step: Progress | None = None,
-    error: float | None = None,
-) -> Trained:
+@final
+@dataclass(frozen=True)
+class Training:
+    """Options of a training; see :meth:`modalshell.HybridStress.trained`.
+
+    Attributes
+    ----------
+    modes : int or None
+        Vectors of the basis; with an ``error`` the most.
+    motions : int
+        Motions to train on.
+    seed : int
+        Of the random loads.
+    error : float or None
+        Wanted error on the held-out motions.
+    """
+
+    modes: int | None = None
+    motions: int = 40
+    seed: int = 0
+    error: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.modes is not None:
+            checked_count("modes", self.modes, at_least=2)
+        if self.error is not None:
+            checked_number("error", self.error, above=0.0)
+        checked_count("motions", self.motions, at_least=4)
+
+    def sizes(self, most: int) -> list[int]:
+        """Numbers of vectors to try, ascending, each at most ``most``."""
+        if self.error is None:
+            tries = [self.modes or _MODES]
+        else:
+            tries = [*GROWING] if self.modes is None else [*(n for n in GROWING if n < self.modes), self.modes]
+        return sorted({min(size, most) for size in tries})
+
+
+def train(coarse: Shell, load: Array, training: Training, on_step: Progress | None = None) -> Trained:
     """Train on motions of ``coarse`` under random loads about ``load`` (k, 3) [N].
 
-    With an ``error``, the basis is the first of :data:`GROWING`, and of ``modes`` as the last, that meets it on the
-    held-out motions, or else the best of them, with a ModalShellWarning; without one from an error of 0.1 on.
+    With an ``error``, the basis is the first of :meth:`Training.sizes` that meets it on the held-out motions, or else
+    the best of them, with a ModalShellWarning; without one from an error of 0.1 on.
     """
-    most = None if modes is None else checked_count("modes", modes, at_least=2)
-    wanted = None if error is None else checked_number("error", error, above=0.0)
-    motions = checked_count("motions", motions, at_least=4)
     if not load.any():
         raise OptionError("the hybrid rung is trained about a load: give one that is not zero")
-    if wanted is None:
-        tries = [_MODES if most is None else most]
-    else:
-        tries = [*GROWING] if most is None else [*(size for size in GROWING if size < most), most]
-    sizes = sorted({min(size, coarse.free_unknowns.size) for size in tries})
-    rng = np.random.default_rng(seed)
-    model = CoarseDiscreteShell(coarse, coarse)
-    total = motions + _HELD_OUT
-    runs = []
+    sizes = training.sizes(coarse.free_unknowns.size)
+    runs = _random_motions(coarse, load, training, on_step)
+    frames, held_out = [frames for _, _, frames in runs[: training.motions]], runs[training.motions :]
+    resultant = float(np.linalg.norm(load.sum(axis=0)))
+    description = f"{training.motions} motions under loads of {_SIZES[0]} to {_SIZES[1]} times {resultant:.3g} N"
+    tried: list[Trained] = []
+    for size in sizes:
+        found, reduced = _reduce(coarse, frames, size)
+        errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in held_out), strict=True)
+        right = [part for error, part in zip(errors, unseen, strict=True) if error <= _WRONG]
+        limit = max(1.0, 2.0 * max(right, default=0.0))
+        missed = float(np.quantile(errors, 0.9))
+        tried.append(replace(found, held_out_error=missed, strain_limit=limit, description=description))
+        if training.error is not None and missed <= training.error:
+            return tried[-1]
+    best, wanted = min(tried, key=lambda one: one.held_out_error), training.error or _WRONG
+    if best.held_out_error > wanted:
+        warnings.warn(
+            f"no basis of up to {sizes[-1]} vectors meets an error of {wanted:g}: the best is "
+            f"{best.held_out_error:.3g} off; allow more modes, train on more motions, or about a smaller load",
+            ModalShellWarning,
+            stacklevel=3,
+        )
+    return best
+
+
+def _random_motions(
+    coarse: Shell, load: Array, training: Training, on_step: Progress | None
+) -> list[tuple[Array, Damping, Array]]:
+    """Load, damping and frames of the motions to train on, and of those held out after them."""
+    rng, model = np.random.default_rng(training.seed), CoarseDiscreteShell(coarse, coarse)
+    runs, total = [], training.motions + _HELD_OUT
     for done in range(total):
         runs.append(motion_under(model, random_load(coarse, load, rng), random_damping(rng)))
         if on_step is not None:
             on_step(done + 1, total)
-    size = float(np.linalg.norm(load.sum(axis=0)))
-    description = f"{motions} motions under loads of {_SIZES[0]} to {_SIZES[1]} times {size:.3g} N"
-    tried: list[Trained] = []
-    for count in sizes:
-        found, reduced = _reduce(coarse, [frames for _, _, frames in runs[:motions]], count)
-        errors, unseen = zip(*(_held_out(found, reduced, coarse, *run) for run in runs[motions:]), strict=True)
-        right = [share for off, share in zip(errors, unseen, strict=True) if off <= _WRONG]
-        missed, limit = float(np.quantile(errors, 0.9)), max(1.0, 2.0 * max(right, default=0.0))
-        tried.append(replace(found, held_out_error=missed, strain_limit=limit, description=description))
-        if wanted is not None and missed <= wanted:
-            return tried[-1]
-    best = min(tried, key=lambda one: one.held_out_error)
-    if best.held_out_error > (wanted or _WRONG):
-        warnings.warn(
-            f"no basis of up to {sizes[-1]} vectors meets an error of {wanted or _WRONG:g}: the best is "
-            f"{best.held_out_error:.3g} off; allow more modes, train on more motions, or about a smaller load",
-            ModalShellWarning,
-            stacklevel=4,
-        )
-    return best
+    return runs
 
 
 def _reduce(coarse: Shell, motions: list[Array], modes: int) -> tuple[Trained, ReducedStress]:

@@ -97,6 +97,22 @@ def test_held_vertices_follow_the_path():
             np.testing.assert_allclose(frame[shell.clamped], expected, atol=1e-12)
 
 
+def test_loads_of_time_keep_their_direction_where_supports_of_single_components_turn():
+    mesh = ms.flat_beam(length=1.0, width=0.2, cells=(10, 2))
+    x = mesh.vertices[:, 0]
+    supports = [ms.Clamp(x < 0.13), ms.Fix(x > 0.99, axes="y")]
+    model = ms.DiscreteShell(ms.Shell(mesh, ms.Material(20.0, 20.0, 0.05, 0.2), supports=supports))
+    path = ms.SupportPath([0.0, 0.3, 1.0], np.zeros((3, 3)), [[0.0, 0.0, 0.0], [1.5, 0.0, 0.0], [1.5, 0.0, 0.0]])
+    force = ms.PointForce(x > 0.8, (0.0, 0.0, -0.003))
+    nearly_constant = ms.Scaled(force, ([0.0, 10.0], [1.0, 1.0001]))
+    dead, live = (
+        ms.simulate(model, duration=0.4, dt=0.02, damping=(2.0, 0.0), supports=path, loads=[load]).positions
+        for load in (force, nearly_constant)
+    )
+    assert np.abs(dead[-1] - dead[0]).max() > 0.05
+    np.testing.assert_allclose(live, dead, rtol=0.0, atol=1e-5)
+
+
 def test_explicit_steps_follow_the_path_too():
     shell = strip()
     supports = ms.SupportPath.from_function(lambda t: ([0, 0, 0.05 * smooth(t, 0.1)], [0, 0, 0]), 0.1, step=0.005)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
@@ -158,6 +159,12 @@ class SupportPath:
         if _jumps(turned):
             made._rotation = RotationSpline(times, Rotation.from_rotvec(turned))
         return made
+
+    def about(self, origin: Array) -> SupportPath:
+        """The same path in coordinates about ``origin`` (3,) [m]."""
+        path = copy.copy(self)
+        path.pivot = self.pivot - origin
+        return path
 
     def at(self, time: float) -> Pose:
         """Pose of the supports at ``time`` [s]."""

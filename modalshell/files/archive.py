@@ -1,0 +1,135 @@
+"""Archives: NPZ files of one kind, whose arrays, units and version are written and checked by a table."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import astuple, dataclass, field
+from typing import Any, NamedTuple, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from modalshell.core.checks import checked_folder, shortened
+from modalshell.core.errors import FileFormatError
+from modalshell.core.units import SI, UnitSystem
+from modalshell.files.atomic_io import read_npz
+
+_KINDS = {"f": "finite numbers", "fiu": "finite numbers", "iu": "whole numbers", "U": "text", "b": "true or false"}
+"""What the letters of NumPy's kinds stand for."""
+LARGEST_FLOAT = float(np.finfo(np.float64).max)
+UNITS = ("units", "unit_system")
+"""Names of the arrays with the unit of each other array, and with the units of length, mass and time."""
+
+
+class Field(NamedTuple):
+    """An array of an archive.
+
+    Attributes
+    ----------
+    kinds : str
+        Letters of its NumPy kinds: "f", "fiu", "iu", "U" or "b".
+    shape : tuple of int or str, optional
+        Letters stand for the same number in every array; None for any shape.
+    unit : str, optional
+        Unit in SI, "" of a plain number; None where it needs none.
+    """
+
+    kinds: str
+    shape: tuple[int | str, ...] | None = ()
+    unit: str | None = None
+
+
+@contextmanager
+def readable(kind: str, path: str | os.PathLike[str]) -> Iterator[None]:
+    """FileFormatError for whatever is wrong with ``kind``, "a clip", while it is read from ``path``."""
+    try:
+        yield
+    except Exception as error:  # zip, zlib, OS, JSON, key, type and value errors all mean the same to the user
+        raise FileFormatError(f"cannot read {kind} from {os.fspath(path)}: {shortened(str(error))}") from error
+
+
+def check_arrays(
+    fields: Mapping[str, Field], data: Mapping[str, NDArray[Any]], most: float = LARGEST_FLOAT, **sizes: int
+) -> dict[str, int]:
+    """Sizes that letters of shapes stand for, ``sizes`` of them known already.
+
+    ValueError where an array is not as its field says, or holds a number above ``most`` in size; KeyError where one is
+    missing.
+    """
+    for name, (kinds, shape, _) in fields.items():
+        array = data[name]
+        wanted = array.shape if shape is None else shape
+        for size, length in zip(wanted, array.shape, strict=False):
+            if isinstance(size, str):
+                sizes.setdefault(size, length)
+        expected = tuple(sizes.get(size, 0) if isinstance(size, str) else size for size in wanted)
+        sound = array.dtype.kind in kinds and array.shape == expected
+        if sound and array.dtype.kind == "f":
+            low, high = float(array.min(initial=0.0)), float(array.max(initial=0.0))  # NaN where there is one
+            sound = array.dtype.itemsize <= 8 and -most <= low and high <= most
+        if not sound:
+            raise ValueError(f"{name} must be {_KINDS[kinds]} {expected} (got {array.dtype} {array.shape})")
+    return sizes
+
+
+@final
+@dataclass(frozen=True)
+class Archive:
+    """A kind of archive.
+
+    Attributes
+    ----------
+    kind : str
+        Its name for messages: "a clip".
+    mark : str
+        Name of the array that holds the version, and tells the kind.
+    fields : mapping
+        Its arrays by name.
+    most : float
+        Largest number that they may hold.
+    version : int
+        Version that is written and read.
+    """
+
+    kind: str
+    mark: str
+    fields: Mapping[str, Field] = field(default_factory=dict)
+    most: float = LARGEST_FLOAT
+    version: int = 1
+
+    def arrays(
+        self, values: Mapping[str, ArrayLike], units: UnitSystem = SI, further: Mapping[str, Field] | None = None
+    ) -> dict[str, NDArray[Any]]:
+        """What to write: the values of all fields, and of ``further`` ones, with the mark and the units."""
+        known = {**self.fields, **(further or {})}
+        named = {name: known[name].unit for name in values}
+        whole = {self.mark: np.array(self.version)} | {name: np.asarray(value) for name, value in values.items()}
+        labels = units.array({name: unit for name, unit in named.items() if unit is not None})
+        return whole | dict(zip(UNITS, (labels, np.array(astuple(units))), strict=True))
+
+    @contextmanager
+    def read(self, path: str | os.PathLike[str]) -> Iterator[dict[str, NDArray[Any]]]:
+        """The arrays of a file, checked; what is found wrong with them meanwhile is a FileFormatError as well."""
+        file = checked_folder("path", path)
+        with readable(self.kind, file):
+            data = read_npz(file)
+            self.check(data)
+            yield data
+
+    def check(
+        self, data: Mapping[str, NDArray[Any]], further: Mapping[str, Field] | None = None, **sizes: int
+    ) -> UnitSystem:
+        """The units of the arrays; ValueError or KeyError for another version or kind, or :func:`check_arrays`."""
+        if (version := int(data[self.mark])) != self.version:
+            raise ValueError(f"format {version} (this version reads {self.version})")
+        fields = {**self.fields, **(further or {})}
+        check_arrays(fields, data, self.most, **sizes)
+        units = UnitSystem.from_array(data[UNITS[1]])
+        labels = json.loads(str(data[UNITS[0]]))
+        named = units.labels({name: unit for name, (_, _, unit) in fields.items() if unit is not None})
+        if {name: labels.get(name) for name in named} != named:
+            raise ValueError(f"units are not those of {units.length}, {units.mass}, {units.time}")
+        return units

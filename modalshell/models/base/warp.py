@@ -1,0 +1,58 @@
+"""Base of modal models: displacements of a shell as a function of modal coordinates, and the modal forces of loads."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+from numpy.typing import ArrayLike
+
+from modalshell.core.checks import checked_vectors
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.modes import Basis
+from modalshell.shell import Shell
+from modalshell.statics.modal_balance import differences
+
+
+class Warp(ABC):
+    """Displacements as a function of modal coordinates q (m,).
+
+    Attributes
+    ----------
+    name : str
+        For messages.
+    shell : Shell
+        The shell.
+    basis : Basis
+        Its modes, eigenvalues and modal rotations.
+    """
+
+    name: str
+    shell: Shell
+    basis: Basis
+    conservative: bool = True
+    """Whether the modal force is the gradient of the load's work, so that equilibria are the minima of a potential."""
+
+    def displacement(self, q: ArrayLike) -> Array:
+        """Vertex displacements (n, 3) [m] at modal coordinates ``q`` (m,); OptionError if these are not finite."""
+        return self.raw_displacement(checked_vectors("q", q, (self.basis.count,), OptionError))
+
+    @abstractmethod
+    def raw_displacement(self, q: Array) -> Array:
+        """Displacements as of :meth:`displacement`, without input checks."""
+
+    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+        """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
+        raise OptionError(f"{self.name} has no derivatives: take LMA, MWTS or RSW")
+
+    @abstractmethod
+    def modal_force(self, q: Array, load: Array) -> Array:
+        """Modal force p (m,) of the load (n, 3) at q."""
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force at q; by central differences unless overridden."""
+        return differences(lambda q: self.modal_force(q, load), q, self.basis.rotations)
+
+    @abstractmethod
+    def on_basis(self, basis: Basis) -> Warp:
+        """The same model on another basis of its shell."""
