@@ -148,13 +148,6 @@ def test_unknown_renderer(monkeypatch):
         choose_backend()
 
 
-def test_import_is_light():
-    heavy = ("pyvista", "vtkmodules", "matplotlib")
-    code = f"import sys, modalshell.render; print([name for name in {heavy} if name in sys.modules])"
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert child.stdout.strip() == "[]"
-
-
 # ---- pictures ----
 
 
