@@ -43,7 +43,7 @@ SURFACES = {
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 480, 4000
+DEFAULT, LONG = 240, 4000
 
 
 def attempts(surface, count, folder, seed=None):

@@ -99,7 +99,7 @@ def rolled(flat, radius):
 
 
 @pytest.mark.parametrize("radii", [(np.inf, 1.0), (2.0, 1.0), (1.0, -2.0)])
-@pytest.mark.parametrize("poisson", [0.0, 0.3])
+@pytest.mark.parametrize("poisson", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 @pytest.mark.parametrize("family", ["union-jack", "equilateral"])
 def test_cylinders_are_exact(family, poisson, radii):
     """Energy that a longer and wider sheet stores in what it has more of, so that its free edges play no part."""
