@@ -241,7 +241,7 @@ def sweep(points):
     ("fold", "family"),
     [
         (20.0, "delaunay"),
-        (18.0, "delaunay"),
+        pytest.param(18.0, "delaunay", marks=pytest.mark.slow),
         pytest.param(20.0, "union-jack", marks=pytest.mark.slow),
         pytest.param(20.0, "equilateral", marks=pytest.mark.slow),
     ],

@@ -182,7 +182,7 @@ def dense_step(model, x, v, load, dt, drag, zeta):
     return change.reshape(-1, 3)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_implicit_step_solves_the_equation_of_baraff_and_witkin(threads):
     grid = grid_of((7, 6), [(0, 0), (0, 5)], spring_damping=0.05)
     model = grid_model(grid)
@@ -308,7 +308,7 @@ def hanging(**options):
     "options",
     [
         {"integrator": "explicit"},
-        {"integrator": "verlet"},
+        pytest.param({"integrator": "verlet"}, marks=pytest.mark.slow),
         {"integrator": "implicit"},
         {"integrator": "linear_implicit"},
         {"integrator": "linear_implicit", "solver": "cg", "step_tolerance": 1e-9},

@@ -64,7 +64,7 @@ def test_write_puts_the_same_files_elsewhere(tmp_path):
     assert {path.name: path.read_bytes() for path in paths} == committed()
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", NAMES)
 def test_closed_form_gradient_is_the_derivative_of_the_measure(all_energies, name, seed):
     energy = all_energies[name]
@@ -79,7 +79,7 @@ def test_fold_angle_is_the_atan2_of_the_paper(all_energies):
     e, a, b = (sp.Matrix(energy.unknowns[k : k + 3]) for k in (0, 3, 6))
     n1, n2 = e.cross(a), b.cross(e)
     textbook = sp.atan2(n1.cross(n2).dot(e) / sp.sqrt(e.dot(e)), n1.dot(n2))
-    for seed in range(8):
+    for seed in range(3):
         point = random_point(energy, seed)
         assert abs(evaluated(energy.measure - textbook, point)) < sp.Float(10) ** (4 - DIGITS)
 
@@ -90,16 +90,15 @@ def test_second_derivatives_are_symmetric(all_energies, name):
     size = len(energy.unknowns)
     lower = energy.hessian()
     assert len(lower) == size * (size + 1) // 2
-    for seed in range(2):
-        point = random_point(energy, seed)
-        for row in range(size):
-            for column in range(row):
-                packed = evaluated(lower[row * (row + 1) // 2 + column], point)
-                mirror = evaluated(sp.diff(energy.gradient[column], energy.unknowns[row]), point)
-                assert abs(packed - mirror) <= sp.Float(10) ** (5 - DIGITS) * (1 + abs(mirror))
+    point = random_point(energy, 0)  # an identity that does not hold is off at any point
+    for row in range(size):
+        for column in range(row):
+            packed = evaluated(lower[row * (row + 1) // 2 + column], point)
+            mirror = evaluated(sp.diff(energy.gradient[column], energy.unknowns[row]), point)
+            assert abs(packed - mirror) <= sp.Float(10) ** (5 - DIGITS) * (1 + abs(mirror))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", NAMES)
 def test_split_of_the_second_variation_adds_up(all_energies, name, seed):
     """Hess g = sum a r r^T + sum (m n^T + n m^T), with a positive and m, n orthogonal."""
