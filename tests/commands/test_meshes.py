@@ -255,6 +255,7 @@ def started(mesh, out):
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 
+@pytest.mark.slow
 def test_a_killed_command_goes_on_where_it_was(capsys, tmp_path):
     mesh, frames = tmp_path / "strip 1.obj", tmp_path / "killed" / "strip 1_ds.frames"
     ms.save_mesh(ms.flat_beam(cells=(12, 3)), mesh)

@@ -158,6 +158,7 @@ def test_a_slow_follower_skips_and_a_fast_one_waits(finished, follower, tmp_path
     assert slow.gravity.tolist() == [0.0, 0.0, -9.81]
 
 
+@pytest.mark.slow
 def test_killed_followers_do_not_disturb_the_run(write, tmp_path):
     scene = write(tmp_path, frames=300)
     frames, gate = tmp_path / "out" / "beam.frames", tmp_path / "gate"
