@@ -195,7 +195,7 @@ def fault(call, given):
     return "accepted"
 
 
-@pytest.mark.parametrize("target", calls())
+@pytest.mark.parametrize("target", list(calls()))
 def test_bad_arguments_are_refused(target):
     call = target.call  # what it is made of must not be what refuses
     faults = {

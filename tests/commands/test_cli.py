@@ -136,5 +136,5 @@ def test_debug_shows_the_traceback():
     plain = subprocess.run(command, capture_output=True, text=True)
     assert "Traceback" not in plain.stderr
     assert plain.returncode == 2
-    with pytest.raises(ms.MeshError, match="no_such_file"):  # Python itself shows where it was raised
+    with pytest.raises(ms.OptionError, match="no_such_file"):  # Python itself shows where it was raised
         main([*command[3:], "--debug"])
