@@ -200,6 +200,7 @@ def test_a_killed_run_is_stopped_and_followed_when_it_goes_on(write, follower, t
         return one.index >= index
 
     process = python("-c", RUN, scene, tmp_path / "out", tmp_path / "never", 0.0)  # as fast as it can, as this reads
+    wait_for(lambda: reached(0))  # not by spinning while a process starts
     wait_for(lambda: reached(100), pause=0.0)
     assert one.state == "running"
     process.kill()
