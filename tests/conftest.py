@@ -1,14 +1,17 @@
 """Scenes that several test files share; one BLAS thread, since two on a busy machine take many times as long."""
 
 import contextlib
+import json
 import os
 import shutil
+import subprocess
 import sys
 import warnings
 
 import collecting  # first, for nothing below may be built at import, either
 import numpy as np
 import pytest
+from guide import ROOT
 from hypothesis import settings
 from scenes import beam_text, cantilever
 
@@ -24,7 +27,8 @@ with contextlib.suppress(ImportError):
 
     _ONE_THREAD = threadpool_limits(1)
 
-settings.register_profile("repeatable", derandomize=True)
+# Without a deadline: the first example of a kernel compiles it, and on a busy machine any may be slow.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")  # the same examples in every run; others by --hypothesis-profile=default
 
 SLOW_STUDIES = {"held_out_advice", "large_mesh", "sheet_vs_shell", "stability_atlas", "strangers_meshes", "tradeoff"}
@@ -40,6 +44,7 @@ SLOW_STUDIES |= {
     "snap",
 }
 SLOW_STUDIES |= {"plate_frequencies", "spring_sheet_speed", "v_beam_truth"}
+SLOW_STUDIES |= {"engines", "identification", "lateral_buckling", "validity_map"}
 """Those that take long even if quick; so do the tests that name them."""
 
 SCENE = (
@@ -148,6 +153,21 @@ def quick_study(tmp_path_factory):
         return folder
 
     return run
+
+
+IMPORTS = """
+import json, sys
+import modalshell
+import modalshell.crowd.device, modalshell.render, modalshell.springs.device
+print(json.dumps([name for name in sys.modules]))
+"""
+
+
+@pytest.fixture(scope="session")
+def imported():
+    """Modules that a process has which imports the package, its pictures and its device kernels, and does nothing."""
+    child = subprocess.run([sys.executable, "-c", IMPORTS], capture_output=True, text=True, check=True, cwd=ROOT)
+    return set(json.loads(child.stdout))
 
 
 @pytest.fixture(scope="session")

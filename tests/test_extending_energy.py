@@ -1,7 +1,7 @@
 """An energy of another package takes three files: its SymPy definition, its registration, and a scene that uses it."""
 
 import json
-import subprocess
+import runpy
 import sys
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ def toy(tmp_path_factory):
     metadata.mkdir()
     (metadata / "entry_points.txt").write_text(ENTRY)
     (metadata / "METADATA").write_text(METADATA)
-    subprocess.run([sys.executable, str(package / "definition.py")], check=True)
+    runpy.run_path(str(package / "definition.py"), run_name="__main__")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(site))
         patch.setenv("MODALSHELL_RENDERER", "built-in")
@@ -108,6 +108,7 @@ def test_its_derivatives_and_its_saved_basis_are_right(tmp_path, monkeypatch):
         ms.Basis.load(tmp_path / "basis.npz")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_every_model_of_a_tradeoff_has_it(scene_text, tmp_path):
     (tmp_path / "toy.toml").write_text(scene(scene_text, 4000.0, "mwts"))

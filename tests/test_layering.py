@@ -1,6 +1,7 @@
 """Who may import whom: every import of the packages, lazy ones included, runs down a list of layers."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[1]
@@ -20,6 +21,7 @@ FORBIDDEN = dict.fromkeys(("mesh", "shell", "statics", "modes", "models", "motio
 FOR_FIGURES = ("render", "files.study_result", "compare.draw", "compare.engines.engine", "models.registry")
 
 
+@cache
 def files_of(*packages):
     paths = (path for package in packages for path in sorted((REPOSITORY / package).rglob("*.py")))
     parts = ((path, path.relative_to(REPOSITORY).with_suffix("").parts) for path in paths)
@@ -50,12 +52,14 @@ def imports(name, source, is_package, known):
     return {target for target in found if target.split(".")[0] in PACKAGES}
 
 
+@cache
+def imports_of_file(name):
+    path, known = files_of(*PACKAGES)[name], set(files_of(*PACKAGES))
+    return imports(name, path.read_text(encoding="utf-8"), path.name == "__init__.py", known)
+
+
 def package_graph(*packages):
-    known = set(files_of(*PACKAGES))
-    return {
-        name: imports(name, path.read_text(encoding="utf-8"), path.name == "__init__.py", known)
-        for name, path in files_of(*packages or (ROOT,)).items()
-    }
+    return {name: imports_of_file(name) for name in files_of(*packages)}
 
 
 def violations(graph):

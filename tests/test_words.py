@@ -49,14 +49,15 @@ ELSEWHERE = {"flexion": "flexure", "pinned": "clamped; Pin"}
 
 
 @cache
-def texts(path):
-    """(line, text) of every docstring and message of a module, or of every line of a document."""
+def read(path):
+    """(line, text) of every docstring and message of a module, or of every line of a document; the first docstring."""
     source = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
-        return list(enumerate(source.splitlines(), start=1))
-    nodes = ast.walk(ast.parse(source))
-    strings = (node for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str))
-    return [(node.lineno, " ".join(node.value.split())) for node in strings if " " in node.value]
+        return list(enumerate(source.splitlines(), start=1)), ""
+    tree = ast.parse(source)
+    strings = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str))
+    texts = [(node.lineno, " ".join(node.value.split())) for node in strings if " " in node.value]
+    return texts, ast.get_docstring(tree) or ""
 
 
 @cache
@@ -77,7 +78,7 @@ def places(word, left_out=()):
     for path in files():
         name = path.relative_to(ROOT).as_posix()
         if not name.startswith(tuple(left_out)):
-            yield from (f"{name}:{line}" for line, text in texts(path) if pattern.search(text))
+            yield from (f"{name}:{line}" for line, text in read(path)[0] if pattern.search(text))
 
 
 @pytest.mark.parametrize("old", REPLACED)
@@ -103,5 +104,5 @@ def test_the_list_finds_what_it_is_for(tmp_path, monkeypatch):
 def test_every_module_begins_with_a_headline_of_one_sentence():
     for path in files():
         if path.suffix == ".py":
-            headline = (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "").split("\n\n")[0]
+            headline = read(path)[1].split("\n\n")[0]
             assert headline.endswith((".", ":")), path

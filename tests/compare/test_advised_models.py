@@ -17,6 +17,11 @@ STILL = ("[motion]\nduration = 1\n", "")
 WEAK = ("-9.81", "-0.5")
 
 
+@pytest.fixture(autouse=True)
+def _without_opengl(monkeypatch):
+    monkeypatch.setenv("MODALSHELL_RENDERER", "built-in")
+
+
 @pytest.mark.parametrize("key", MODELS)
 def test_every_model_runs_by_the_table_that_the_advice_prints(key, scene_file, tmp_path):
     file = scene_file(STILL, WEAK)

@@ -193,6 +193,7 @@ def test_advice_says_when_none_meets_it(bent):
         ms.advise(beam(), gravity=(0, 0, -1), error=0.0)
 
 
+@pytest.mark.slow
 def test_rungs_without_a_snap_are_refused_where_it_snaps(snapping):
     path = snapping.path
     assert path.snap is not None
@@ -318,7 +319,7 @@ def test_cases_that_cannot_be_compared_are_refused(scene_file):
         ms.tradeoff(file, gravity=(0, 0, -1))
 
 
-@pytest.mark.parametrize("compare", [ms.tradeoff, ms.advise])
+@pytest.mark.parametrize("compare", [ms.tradeoff, pytest.param(ms.advise, marks=pytest.mark.slow)])
 def test_a_load_at_which_ds_has_no_equilibrium_is_no_fault_of_an_option(compare):
     with pytest.raises(ms.SolverError, match=r"none of .*0\.5.*at 0\.5: not converged, residual .*lessen the load"):
         compare(beam(), gravity=(0, 0, -1e9), modes=(4,), loads=(0.5, 1.0))

@@ -51,6 +51,7 @@ def test_an_integrator_of_another_package_runs_by_scene(scene_file, tmp_path):
     assert np.abs(run.positions - basis.shell.rest_positions).max() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("toy")
 def test_the_frames_of_a_tradeoff_are_stepped_by_it(scene_file, tmp_path):
     file = scene_file(SOFT, ('"mwts"', '"mwts"\nintegrator = "exponential"'))

@@ -209,7 +209,7 @@ def test_turned_triangles_keep_their_stated_error(angle):
 def test_the_nearest_branch_keeps_its_digits(angle):
     """The rotation meant, to rounding of the longest vector (the target's counts beyond a turn), also at half turns."""
     rng = np.random.default_rng(3)
-    for direction in directions():
+    for direction in directions()[::2]:
         for reach in (0.0, math.pi, 7.0):
             w, present = angle * direction, reach * rng.standard_normal(3)
             near = nearest_branch(w, present)

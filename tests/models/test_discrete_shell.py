@@ -297,7 +297,7 @@ def test_no_load_from_a_bent_start_is_rest():
 
 
 @pytest.mark.usefixtures("_time_limit")
-@pytest.mark.parametrize("gravity", [1e-300, 1e-30, 1e6, 1e30, 1e49])
+@pytest.mark.parametrize("gravity", [1e-300, 1e-30, pytest.param(1e6, marks=pytest.mark.slow), 1e49])
 def test_absurd_loads_come_back(gravity):
     shell = cantilever((20, 4))
     answer = DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity))

@@ -283,7 +283,7 @@ def near_at_rest(fine, hybrid, gravities, limit):
         assert ms.measure.displacement_error(answer.positions, exact.positions, fine) < limit
 
 
-@pytest.mark.parametrize("fold", [150.0, 180.0])
+@pytest.mark.parametrize("fold", [pytest.param(150.0, marks=pytest.mark.slow), 180.0])
 def test_soft_membranes_are_met_where_hinges_resist_their_strains(fold):
     """A membrane a thousand times as stiff as the bending: its strains enter the bending of flat hinges."""
     shell = stiff_beam((16, 4), fold, membrane=50.0)

@@ -234,7 +234,7 @@ def test_flat_strip_under_gravity(flat, gamma, tolerance):
 
 @pytest.mark.parametrize(
     ("poisson", "tolerances"),
-    [(0.0, (1e-4, 1e-4, 1e-3)), (0.3, (1e-4, 0.01, 0.05))],
+    [pytest.param(0.0, (1e-4, 1e-4, 1e-3), marks=pytest.mark.slow), (0.3, (1e-4, 0.01, 0.05))],
     ids=["without", "with anticlastic curvature"],
 )
 def test_strip_of_shell_theory(poisson, tolerances):

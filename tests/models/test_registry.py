@@ -20,10 +20,19 @@ FOREIGN = {("modalshell/scene/read.py", "message.partition")}
 """Not ours: the place of a fault stands nowhere but in the message of the library that reads TOML."""
 
 
+READ = (ast.ClassDef, ast.Call, ast.Compare, ast.MatchClass, ast.Dict, ast.Tuple, ast.List, ast.Set)
+"""What the searches below look at."""
+
+
+def read(source):
+    return [node for node in ast.walk(ast.parse(source)) if isinstance(node, READ)]
+
+
 @pytest.fixture(scope="module")
 def trees():
+    """Of every file the nodes that the searches look at."""
     return {
-        str(path.relative_to(REPOSITORY)): ast.parse(path.read_text(encoding="utf-8"))
+        str(path.relative_to(REPOSITORY)): read(path.read_text(encoding="utf-8"))
         for package in ("modalshell", "studies", "paper_figures", "meshes")
         for path in sorted((REPOSITORY / package).rglob("*.py"))
     }
@@ -40,9 +49,7 @@ def last_names(node):
 
 def model_classes(trees):
     """Every class that derives from Model, by the file that defines it."""
-    classes = [
-        (file, node) for file, tree in trees.items() for node in ast.walk(tree) if isinstance(node, ast.ClassDef)
-    ]
+    classes = [(file, node) for file, tree in trees.items() for node in tree if isinstance(node, ast.ClassDef)]
     found, before = {Model.__name__: "modalshell/models/base/model.py"}, 0
     while len(found) != before:
         before = len(found)
@@ -56,7 +63,7 @@ def told_by_type(trees):
     """Places that ask for the type of a model outside the module of that type."""
     owners, found = model_classes(trees), []
     for file, tree in trees.items():
-        for node in ast.walk(tree):
+        for node in tree:
             asked = []
             if isinstance(node, ast.Call) and last_names(node.func) & {"isinstance", "issubclass"}:
                 asked = node.args[1:]
@@ -73,7 +80,7 @@ def listed_names(trees):
     """Tuples, lists, sets and tables outside the registry that name two models or more."""
     found = []
     for file, tree in trees.items():
-        for node in ast.walk(tree):
+        for node in tree:
             entries = node.keys if isinstance(node, ast.Dict) else getattr(node, "elts", [])
             texts = {
                 entry.value for entry in entries if isinstance(entry, ast.Constant) and isinstance(entry.value, str)
@@ -87,7 +94,7 @@ def parsed_statuses(trees):
     """Places that take a status, an outcome or a message apart."""
     found = []
     for file, tree in trees.items():
-        for node in ast.walk(tree):
+        for node in tree:
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in PARSES:
                 owner = ast.unparse(node.func.value)
                 call = f"{owner}.{node.func.attr}"
@@ -128,7 +135,7 @@ PLANTED = "studies/planted.py"
 )
 def test_the_searches_see_what_they_look_for(trees, search, source):
     of_models = {file: tree for file, tree in trees.items() if file.startswith("modalshell/models")}
-    assert [place.split(":")[0] for place in search(of_models | {PLANTED: ast.parse(source)})] == [PLANTED]
+    assert [place.split(":")[0] for place in search(of_models | {PLANTED: read(source)})] == [PLANTED]
 
 
 @pytest.fixture(scope="module")

@@ -106,7 +106,7 @@ def test_steps_of_a_carried_clamp_follow_the_linear_modes_where_the_motion_is_sm
     assert np.abs(full - modal.positions).max() < 0.02 * np.abs(modal.positions - carried).max()
 
 
-@pytest.mark.parametrize("integrator", ["explicit", "verlet"])
+@pytest.mark.parametrize("integrator", ["explicit", pytest.param("verlet", marks=pytest.mark.slow)])
 def test_explicit_steps_carry_the_clamp(integrator):
     shell = shell_of(ISOTROPIC, "clamped row")
     path = ms.SupportPath([0.0, 0.02], [[0, 0, 0], [0, 0, 0.05]], [[0, 0, 0], [0.0, -0.2, 0.1]])

@@ -177,8 +177,8 @@ FORCES_THAT_GROW = ("MWTS, consistent", "RSW")
     ("ratio", "gamma", "integrator", "damping"),
     [
         (1.0, 10.0, "implicit_euler", 0.0),
-        (1e8, 1000.0, "implicit_euler", 0.0),
-        (1e8, 100.0, "implicit_midpoint", 0.5),
+        pytest.param(1e8, 1000.0, "implicit_euler", 0.0, marks=pytest.mark.slow),
+        pytest.param(1e8, 100.0, "implicit_midpoint", 0.5, marks=pytest.mark.slow),
     ],
 )
 def test_amplitudes_stay_bounded(ratio, gamma, integrator, damping):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import subprocess
 import sys
 import time
 import warnings
@@ -153,13 +152,6 @@ def test_unknown_renderer(monkeypatch):
     monkeypatch.setenv(RENDERER_VARIABLE, "vulkan")
     with pytest.raises(OptionError, match="'vulkan'"):
         choose_backend()
-
-
-def test_import_is_light():
-    heavy = ("pyvista", "vtkmodules", "matplotlib")
-    code = f"import sys, modalshell.render; print([name for name in {heavy} if name in sys.modules])"
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert child.stdout.strip() == "[]"
 
 
 # ---- pictures ----

@@ -158,6 +158,7 @@ def test_a_slow_follower_skips_and_a_fast_one_waits(finished, follower, tmp_path
     assert slow.gravity.tolist() == [0.0, 0.0, -9.81]
 
 
+@pytest.mark.slow
 def test_killed_followers_do_not_disturb_the_run(write, tmp_path):
     scene = write(tmp_path, frames=300)
     frames, gate = tmp_path / "out" / "beam.frames", tmp_path / "gate"
@@ -199,6 +200,7 @@ def test_a_killed_run_is_stopped_and_followed_when_it_goes_on(write, follower, t
         return one.index >= index
 
     process = python("-c", RUN, scene, tmp_path / "out", tmp_path / "never", 0.0)  # as fast as it can, as this reads
+    wait_for(lambda: reached(0))  # not by spinning while a process starts
     wait_for(lambda: reached(100), pause=0.0)
     assert one.state == "running"
     process.kill()

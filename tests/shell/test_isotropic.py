@@ -122,7 +122,7 @@ def test_rigid_motions_cost_nothing_and_change_nothing(shape):
     assert shell.energy(shell.rest_positions @ turn.T) < 1e-20 * shell.energy(x)
 
 
-@pytest.mark.parametrize("poisson", [0.0, 0.3])
+@pytest.mark.parametrize("poisson", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_homogenised_bending_constants(family, poisson):
     """D11, D22, D12 and D66 of the middle of a sheet, whose vertices a constant curvature leaves in balance."""

@@ -99,7 +99,7 @@ def rolled(flat, radius):
 
 
 @pytest.mark.parametrize("radii", [(np.inf, 1.0), (2.0, 1.0), (1.0, -2.0)])
-@pytest.mark.parametrize("poisson", [0.0, 0.3])
+@pytest.mark.parametrize("poisson", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 @pytest.mark.parametrize("family", ["union-jack", "equilateral"])
 def test_cylinders_are_exact(family, poisson, radii):
     """Energy that a longer and wider sheet stores in what it has more of, so that its free edges play no part."""
@@ -241,7 +241,7 @@ def sweep(points):
     ("fold", "family"),
     [
         (20.0, "delaunay"),
-        (18.0, "delaunay"),
+        pytest.param(18.0, "delaunay", marks=pytest.mark.slow),
         pytest.param(20.0, "union-jack", marks=pytest.mark.slow),
         pytest.param(20.0, "equilateral", marks=pytest.mark.slow),
     ],

@@ -70,7 +70,9 @@ def test_bending_constants_of_the_families(family, cells, direction, wide, narro
         assert constants.narrow == pytest.approx(narrow, rel=tolerance)
 
 
-@pytest.mark.parametrize("direction", [ALONG, DIAGONAL, ACROSS])
+@pytest.mark.parametrize(
+    "direction", [DIAGONAL, pytest.param(ALONG, marks=pytest.mark.slow), pytest.param(ACROSS, marks=pytest.mark.slow)]
+)
 def test_lloyd_meshes_bend_alike_in_every_direction(direction):
     constants = bending_constants(sheet(cells=(46, 40), family="lloyd"), direction)
     assert 2.95 <= constants.wide <= 3.2

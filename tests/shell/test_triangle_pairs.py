@@ -124,7 +124,9 @@ def test_plane_waves_on_equilateral_triangles(poisson, softening, monkeypatch):
     assert (4.0 * found[1] - found[0]) / 3.0 == pytest.approx((1.0 - MEAN_WEIGHT) * softening, abs=2e-3)
 
 
-@pytest.mark.parametrize(("clamped", "exact"), [(False, 4.0624e-3), (True, 1.2653e-3)])
+@pytest.mark.parametrize(
+    ("clamped", "exact"), [pytest.param(False, 4.0624e-3, marks=pytest.mark.slow), (True, 1.2653e-3)]
+)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_plates_of_24_cells_bend_within_one_per_cent(family, clamped, exact):
     coarse, fine = (loaded_plate(family, (n, n), clamped, exact).error for n in (12, 24))

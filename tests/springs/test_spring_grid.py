@@ -12,7 +12,16 @@ from modalshell.springs import GridVerlet, SheetGrid
 from modalshell.springs.threads import ThreadChoice
 
 
-@pytest.mark.parametrize("shape", [(3, 3), (7, 4), (4, 19), (33, 48), (3, 1030)])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (3, 3),
+        pytest.param((7, 4), marks=pytest.mark.slow),
+        (4, 19),
+        pytest.param((33, 48), marks=pytest.mark.slow),
+        (3, 1030),
+    ],
+)
 @pytest.mark.parametrize("threads", [1, 3])
 def test_grid_kernel_is_the_general_path(shape, threads, monkeypatch):
     """Verlet on the grid against Verlet on SpringSheet, pinned corners, drag and gravity, to rounding."""

@@ -182,7 +182,7 @@ def dense_step(model, x, v, load, dt, drag, zeta):
     return change.reshape(-1, 3)
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_implicit_step_solves_the_equation_of_baraff_and_witkin(threads):
     grid = grid_of((7, 6), [(0, 0), (0, 5)], spring_damping=0.05)
     model = grid_model(grid)
@@ -258,7 +258,9 @@ def swung(ratio, **options):
     return run
 
 
-@pytest.mark.parametrize("ratio", [1e2, 1e5, 1e8])
+@pytest.mark.parametrize(
+    "ratio", [1e2, pytest.param(1e5, marks=pytest.mark.slow), pytest.param(1e8, marks=pytest.mark.slow)]
+)
 def test_implicit_euler_is_stable_at_a_frames_step(ratio):
     """Energy never rises above where the sheet was let go, and the sheet comes to hang."""
     run = swung(ratio)
@@ -306,7 +308,7 @@ def hanging(**options):
     "options",
     [
         {"integrator": "explicit"},
-        {"integrator": "verlet"},
+        pytest.param({"integrator": "verlet"}, marks=pytest.mark.slow),
         {"integrator": "implicit"},
         {"integrator": "linear_implicit"},
         {"integrator": "linear_implicit", "solver": "cg", "step_tolerance": 1e-9},

@@ -33,7 +33,7 @@ def twist(shell, positions):
     return abs(positions[tip[0], 2] - positions[tip[-1], 2])
 
 
-@pytest.mark.parametrize("gravity", [30.0, 42.0, 44.0])
+@pytest.mark.parametrize("gravity", [30.0, 42.0, pytest.param(44.0, marks=pytest.mark.slow)])
 def test_the_stiff_v_has_a_stable_answer(shell, gravity):
     answer = ms.DiscreteShell(shell).equilibrium(gravity=(0.0, 0.0, -gravity))
     check_minimum(shell, answer, gravity)

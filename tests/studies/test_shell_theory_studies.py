@@ -262,7 +262,7 @@ def test_shell_theory_buys_accuracy(quick_study):
     assert all(split < hinges for split, hinges in zip(errors["Isotropic"], errors["hinges"], strict=True))
 
 
-@pytest.mark.parametrize("width", [0.025, 0.05])
+@pytest.mark.parametrize("width", [pytest.param(0.025, marks=pytest.mark.slow), 0.05])
 @pytest.mark.parametrize("poisson", [0.0, 0.3])
 @pytest.mark.parametrize("family", shell_theory.FAMILIES)
 def test_strips_free_to_warp_buckle_sideways_where_the_closed_form_says(family, poisson, width):

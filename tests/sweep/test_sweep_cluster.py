@@ -1,4 +1,4 @@
-"""Sweeps over dask.distributed, on a cluster of two worker processes that the test starts on this machine."""
+"""Sweeps over dask.distributed, on a cluster of worker processes that the test starts on this machine."""
 
 import os
 import signal
@@ -23,11 +23,12 @@ SWEEP = (
 )
 
 
-@pytest.fixture(scope="module")
-def cluster():
+@pytest.fixture
+def cluster(request):
+    """As many workers as the test says."""
     quick = {"distributed.comm.timeouts.connect": "2s"}  # how long results are sought at a dead worker; else 30 s
     options = {"threads_per_worker": 1, "host": "127.0.0.1", "dashboard_address": None, "silence_logs": 50}
-    with dask.config.set(quick), distributed.LocalCluster(n_workers=2, **options) as started:
+    with dask.config.set(quick), distributed.LocalCluster(n_workers=request.param, **options) as started:
         yield started
 
 
@@ -39,6 +40,7 @@ def sweep(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("cluster", [2], indirect=True)
 def test_a_killed_worker_of_a_cluster_costs_nothing(cluster, sweep, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr("modalshell.sweep.driver.run_locally", lambda tasks, *_: (run_case(task) for task in tasks))
@@ -62,6 +64,7 @@ def test_a_killed_worker_of_a_cluster_costs_nothing(cluster, sweep, tmp_path, mo
     assert (again.computed, again.rows) == (0, result.rows)
 
 
+@pytest.mark.parametrize("cluster", [1], indirect=True)
 def test_a_case_that_kills_the_clusters_workers_is_recorded(cluster, sweep, tmp_path, monkeypatch):
     def deadly(task):
         if task.scene["loads"]["gravity"][2] == -3:

@@ -144,6 +144,7 @@ def test_thirty_kills_of_a_sweep_of_two_hundred_cases(tmp_path):
     assert done["driver"] >= 10
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_the_workers_and_says_how_to_go_on(tmp_path):
     sweep = write(tmp_path, (2, 4), 4, 150.0)  # so long that not all cases are done between two looks
     driver = started(sweep, tmp_path / "out")

@@ -23,18 +23,6 @@ NAMES = ("stretch", "shear", "flexure")
 DIGITS = 30
 
 
-def run_python(code, **environment):
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=REPOSITORY,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout
-
-
 def random_point(energy, seed):
     """Rational unknowns, exact in SymPy: the point is the same at every precision."""
     numbers = np.random.default_rng(seed).integers(-999, 1000, len(energy.unknowns))
@@ -60,10 +48,14 @@ def test_committed_files_are_what_the_generator_writes():
     assert fresh == committed()
 
 
-@pytest.mark.parametrize("seed", ["0", "4242"])
+@pytest.mark.parametrize("seed", [pytest.param("0", marks=pytest.mark.slow), "4242"])
 def test_generation_does_not_depend_on_the_hash_seed(seed):
     code = "import json\nfrom modalshell.symbolic.generator import generate_all\nprint(json.dumps(generate_all()))"
-    fresh = json.loads(run_python(code, PYTHONHASHSEED=seed))
+    environment = os.environ | {"PYTHONHASHSEED": seed}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=REPOSITORY, env=environment, capture_output=True, text=True, check=True
+    )
+    fresh = json.loads(done.stdout)
     assert {name: source.encode("utf-8") for name, source in fresh.items()} == committed()
 
 
@@ -72,7 +64,7 @@ def test_write_puts_the_same_files_elsewhere(tmp_path):
     assert {path.name: path.read_bytes() for path in paths} == committed()
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", NAMES)
 def test_closed_form_gradient_is_the_derivative_of_the_measure(all_energies, name, seed):
     energy = all_energies[name]
@@ -87,7 +79,7 @@ def test_fold_angle_is_the_atan2_of_the_paper(all_energies):
     e, a, b = (sp.Matrix(energy.unknowns[k : k + 3]) for k in (0, 3, 6))
     n1, n2 = e.cross(a), b.cross(e)
     textbook = sp.atan2(n1.cross(n2).dot(e) / sp.sqrt(e.dot(e)), n1.dot(n2))
-    for seed in range(8):
+    for seed in range(3):
         point = random_point(energy, seed)
         assert abs(evaluated(energy.measure - textbook, point)) < sp.Float(10) ** (4 - DIGITS)
 
@@ -98,16 +90,15 @@ def test_second_derivatives_are_symmetric(all_energies, name):
     size = len(energy.unknowns)
     lower = energy.hessian()
     assert len(lower) == size * (size + 1) // 2
-    for seed in range(2):
-        point = random_point(energy, seed)
-        for row in range(size):
-            for column in range(row):
-                packed = evaluated(lower[row * (row + 1) // 2 + column], point)
-                mirror = evaluated(sp.diff(energy.gradient[column], energy.unknowns[row]), point)
-                assert abs(packed - mirror) <= sp.Float(10) ** (5 - DIGITS) * (1 + abs(mirror))
+    point = random_point(energy, 0)  # an identity that does not hold is off at any point
+    for row in range(size):
+        for column in range(row):
+            packed = evaluated(lower[row * (row + 1) // 2 + column], point)
+            mirror = evaluated(sp.diff(energy.gradient[column], energy.unknowns[row]), point)
+            assert abs(packed - mirror) <= sp.Float(10) ** (5 - DIGITS) * (1 + abs(mirror))
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", NAMES)
 def test_split_of_the_second_variation_adds_up(all_energies, name, seed):
     """Hess g = sum a r r^T + sum (m n^T + n m^T), with a positive and m, n orthogonal."""
@@ -183,10 +174,7 @@ def test_generated_code_calls_no_power_and_no_acos():
         assert not any(isinstance(node, ast.Pow) for node in ast.walk(ast.parse(source))), name
 
 
-def test_import_stays_light():
-    code = (
-        "import sys, json\nimport modalshell\n"
-        "heavy = ('sympy', 'pyvista', 'vtkmodules', 'matplotlib', 'trimesh', 'imageio_ffmpeg', 'cyclopts', 'dask')\n"
-        "print(json.dumps([name for name in heavy if name in sys.modules]))"
-    )
-    assert json.loads(run_python(code)) == []
+def test_import_stays_light(imported):
+    heavy = {"sympy", "pyvista", "vtkmodules", "matplotlib", "trimesh", "imageio_ffmpeg", "cyclopts", "dask", "warp"}
+    assert {"modalshell.render", "modalshell.springs.device", "modalshell.crowd.device"} <= imported
+    assert heavy & imported == set()
