@@ -11,7 +11,6 @@ DOCUMENTED = "half of its lines are the docstring of its options"
 ARRAYS = "compiled function that takes raw arrays"
 KERNEL = "kernel whose numbers stay in registers from line to line"
 INTERFACE = "arguments of the generated kernels in whose place it stands"
-BEING_SPLIT = "solver that is being rewritten"
 REASONS = {
     "analysis.fit.fit": OPTIONS,
     "analysis.paths.equilibrium_path": OPTIONS,
@@ -20,7 +19,6 @@ REASONS = {
     "crowd.flock.Flock.__init__": OPTIONS,
     "models.hybrid_stress.HybridStress.trained": OPTIONS,
     "motion.simulate.simulate": OPTIONS,
-    "motion.stepping.Motion.__init__": OPTIONS,
     "render.film.write_film": OPTIONS,
     "render.views.draw_views": OPTIONS,
     "springs.spring_sheet.SpringSheet.__init__": OPTIONS,
@@ -28,7 +26,6 @@ REASONS = {
     "linalg.profile.factorise": KERNEL,
     "models.coarse.profile_newton.implicit_step": ARRAYS,
     "shell.mirrored_hinges.MirroredFlexure.add_stiffness": INTERFACE,
-    "models.coarse.coarse_shell.coarse_shell": BEING_SPLIT,
 }
 """Why each function is longer than MOST_LINES or has more than MOST_ARGUMENTS; kernels' files take raw arrays."""
 
