@@ -6,9 +6,9 @@ their own: after elimination the equations are Newton's, but the geometric part 
 the last linearised step instead of the (huge) stress of the over-stretched iterate. Full steps then converge in a few
 iterations whatever the membrane stiffness.
 
-The methods are written once, over eleven operations of a problem that holds its iterate. Python calls them with an
-object that has these operations as methods. Compiled code calls them with a record, a ``NamedTuple`` of arrays, whose
-operations are registered by :func:`operation_of`; they are compiled with their caller.
+The methods are written once, over nine operations of a problem that holds its iterate ``x`` and two ``slots`` of its
+shape. Python calls them with an object that has these operations as methods. Compiled code calls them with a record, a
+``NamedTuple`` of arrays, whose operations are registered by :func:`operation_of`; they are compiled with their caller.
 
 All residuals are relative to the problem's scale of forces.
 """
@@ -113,16 +113,6 @@ def advance(problem: Any) -> float:
     return float(problem.advance())
 
 
-def store(problem: Any, slot: int) -> None:
-    """Keep the iterate in a slot."""
-    problem.store(slot)
-
-
-def recall(problem: Any, slot: int) -> None:
-    """Take the iterate from a slot."""
-    problem.recall(slot)
-
-
 def is_minimum(problem: Any) -> bool:
     """Whether the Hessian is positive definite, at the iterate or as last factorised."""
     return bool(problem.is_minimum())
@@ -194,7 +184,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             if ended or iteration == rules.most or stalled == STALLED:
                 break
             if found_at == iteration:
-                store(problem, BEST)
+                problem.slots[BEST] = problem.x
             # As Newton's method converges by squares, so may the linear equations [dembo1982].
             accuracy = max(LINEAR * rules.goal / size, min(LINEAR, (size / last) ** 2))
             last = size
@@ -202,7 +192,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             break
         allowed = advance(problem)
     if 0 <= found_at < iteration:
-        recall(problem, BEST)
+        problem.x[:] = problem.slots[BEST]
     return Solved(best, iteration, solved, 0)
 
 
@@ -217,14 +207,14 @@ def descend(problem: Any, rules: Rules) -> Solved:
     value, size = potential(problem)
     factor, iterations, saddles = size * first_drag(problem), 0, 0
     for _ in range(DESCENT):
-        store(problem, START)
+        problem.slots[START] = problem.x
         drag(problem, factor)
         step = iterate(problem, loose)
         iterations += step.iterations
         drag(problem, 0.0)
         reached, size = potential(problem) if step.solved else (np.inf, np.inf)
         if not reached <= value:
-            recall(problem, START)
+            problem.x[:] = problem.slots[START]
             factor *= 4.0
             if not np.isfinite(factor):
                 break
@@ -234,12 +224,12 @@ def descend(problem: Any, rules: Rules) -> Solved:
             factor *= 0.5
         if size > NEAR or (size > LOOSE and not is_minimum(problem)):
             continue
-        store(problem, START)
+        problem.slots[START] = problem.x
         last = iterate(problem, Rules(rules.goal, rules.accepted, rules.accepted, ALL_CHECKED, SHORT))
         iterations += last.iterations
         reached = potential(problem)[0] if last.solved else np.inf
         if not reached <= value + HIGHER * abs(value):
-            recall(problem, START)
+            problem.x[:] = problem.slots[START]
             continue
         minimum = is_minimum(problem)
         if minimum or saddles == SADDLES:
@@ -256,8 +246,8 @@ def _leave_saddle(problem: Any, value: float) -> tuple[float, float]:
     Both ways are tried. Steps double for as long as the potential falls: the first valley is looked for, not the
     deepest one.
     """
-    store(problem, START)
-    store(problem, BEST)
+    problem.slots[START] = problem.x
+    problem.slots[BEST] = problem.x
     curvature = point_downhill(problem)
     for sign in (1.0, -1.0):
         last = np.inf
@@ -269,8 +259,8 @@ def _leave_saddle(problem: Any, value: float) -> tuple[float, float]:
             last = reached
             if reached < value:
                 value = reached
-                store(problem, BEST)
-    recall(problem, BEST)
+                problem.slots[BEST] = problem.x
+    problem.x[:] = problem.slots[BEST]
     return value, 2.0 * abs(curvature)
 
 
@@ -284,7 +274,7 @@ def solve_step(problem: Any, rules: Rules) -> Solved:
     found = iterate(problem, rules)
     if found.solved and is_minimum(problem):
         return found
-    recall(problem, START)
+    problem.x[:] = problem.slots[START]
     drag(problem, 0.0)
     further = descend(problem, rules)
     return Solved(further.residual, found.iterations + further.iterations, further.solved, further.saddles)

@@ -11,7 +11,7 @@ import numpy as np
 from modalshell.core.errors import SolverError
 from modalshell.core.typing import Array
 from modalshell.shell import EXACT, GAUSS_NEWTON, MIXED
-from modalshell.statics.mixed_newton import ACCEPTED, BEST, GOAL, MOST, Rules, Solved, iterate
+from modalshell.statics.mixed_newton import ACCEPTED, GOAL, MOST, Rules, Solved, iterate
 
 Matrix = TypeVar("Matrix")
 
@@ -233,12 +233,12 @@ class Iterate(ABC, Generic[Matrix]):
     def __init__(
         self, problem: Equations[Matrix], start: Array, scale: float, stresses: list[Array] | None = None
     ) -> None:
-        self.problem, self.x, self.scale, self.stresses = problem, start, scale, stresses
+        self.problem, self.x, self.scale, self.stresses = problem, start.copy(), scale, stresses
         self.factor: Factored | None = None
         self.factored_at: Array | None = None
         self.stable: bool | None = None
         self.moves = 0
-        self._slots = {int(BEST): start}
+        self.slots = np.stack([start, start])
         self._keeping = True
 
     def residual(self) -> float:
@@ -256,7 +256,7 @@ class Iterate(ABC, Generic[Matrix]):
             return False
         self._keeping = self._keeping and (kept is None or self.factor is kept)  # no second try once one was in vain
         if self.factor is not kept:
-            self.factored_at = self.x
+            self.factored_at = self.x.copy()
         return bool(np.isfinite(self._direction).all())
 
     def advance(self) -> float:
@@ -265,14 +265,6 @@ class Iterate(ABC, Generic[Matrix]):
         length = float(np.abs(moved - self.x).max())
         self.x, self.moves = moved, self.moves + 1
         return self.problem.rounding(moved, self._hessian, length) / self.scale
-
-    def store(self, slot: int) -> None:
-        """Keep the iterate."""
-        self._slots[int(slot)] = self.x
-
-    def recall(self, slot: int) -> None:
-        """Go back to a kept iterate."""
-        self.x = self._slots[int(slot)]
 
     def is_near(self) -> bool:
         """Whether the factor serves at the iterate."""

@@ -323,7 +323,7 @@ class _Descent(Iterate[sps.csc_array]):
 
     def drag(self, factor: float) -> None:
         """Add a drag about START, or leave it out."""
-        self.problem = self._free.dragged(self._slots[method.START], factor) if factor else self._free
+        self.problem = self._free.dragged(self.slots[method.START].copy(), factor) if factor else self._free
         self.stresses = _present(self.problem.shell, self.x)
         self.factor, self.factored_at, self.moves = None, None, 0
 
@@ -345,7 +345,7 @@ class _Descent(Iterate[sps.csc_array]):
 
     def step_aside(self, fraction: float) -> None:
         """Move along that mode, warped, so that the shell bends."""
-        start = self._slots[method.START]
+        start = self.slots[method.START]
         self.x = warped_step(self.problem.shell, start, fraction * self._way, method.LARGEST_TURN)[0]
 
 
@@ -360,7 +360,6 @@ def solve(
     """One implicit step: mixed Newton, and descent from its start where it fails or ends at no minimum."""
     if not problem.unsymmetric:
         state = _Descent(problem, start, scale, stresses)
-        state.store(method.START)
         return state.result(method.solve_step(state, rules_of(problem, goal)))
     result = mixed_newton(problem, start, scale, goal=goal, stresses=stresses)
     if is_minimum(problem, result):

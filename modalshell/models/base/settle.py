@@ -15,7 +15,7 @@ from modalshell.statics.continuation import Steps
 
 _TOLERANCE = 1e-9
 """Change of the positions, as a share of the shell's size, at which the loads have settled."""
-_STALLED = 12
+_PATIENCE = 12
 """Answers without halving the change after which the iteration gives up."""
 _KEPT = 6
 """Earlier answers that the next one is extrapolated from."""
@@ -50,7 +50,7 @@ def _fixed_point(solve: Solve, loading: Loading, fraction: float, start: Array |
     points: list[Array] = []
     misses: list[Array] = []
     iterations, least, stalled = 0, np.inf, 0
-    while stalled < _STALLED:
+    while stalled < _PATIENCE:
         found = solve(fraction * loading.force(x), begin)
         iterations += found.iterations
         if not found.converged:

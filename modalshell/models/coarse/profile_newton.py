@@ -94,6 +94,8 @@ class Step(NamedTuple):
     room: Room
     origin: Array
     viscous: Array
+    x: Array
+    slots: Array
 
 
 _SCALE, _INERTIA, _DRAG, _NEGATIVE = range(4)
@@ -148,7 +150,7 @@ def _predict(body, room, x):  # type: ignore[no-untyped-def]
 @njit(**_options)
 def _outer(p):  # type: ignore[no-untyped-def]
     """Residual of the whole step in order of elimination, and the potential without its elastic part."""
-    value, body, room, x, origin = 0.0, p.body, p.room, p.room.x, p.origin
+    value, body, room, x, origin = 0.0, p.body, p.room, p.x, p.origin
     displacement, residual, inertia, drag = (
         room.displacement,
         room.residual,
@@ -174,14 +176,14 @@ def _outer(p):  # type: ignore[no-untyped-def]
         for k in range(body.free.size):
             v = body.free[k]
             for axis in range(3):
-                residual[3 * k + axis] += drag * body.mass[v] * (x[v, axis] - room.slots[START, v, axis])
+                residual[3 * k + axis] += drag * body.mass[v] * (x[v, axis] - p.slots[START, v, axis])
     return value
 
 
 @operation_of(Step, method.residual, **_options)
 def _residual(p):  # type: ignore[no-untyped-def]
     """Size of the out-of-balance force."""
-    _gradient(p.body, p.room, p.room.x)
+    _gradient(p.body, p.room, p.x)
     _outer(p)
     return _size(p)
 
@@ -189,7 +191,7 @@ def _residual(p):  # type: ignore[no-untyped-def]
 @operation_of(Step, method.potential, **_options)
 def _potential(p):  # type: ignore[no-untyped-def]
     """Potential, and size of the out-of-balance force."""
-    value = _gradient(p.body, p.room, p.room.x) + _outer(p)
+    value = _gradient(p.body, p.room, p.x) + _outer(p)
     return value, _size(p)
 
 
@@ -207,7 +209,7 @@ def _solve(p, accuracy):  # type: ignore[no-untyped-def]  # noqa: ARG001
     """Newton's direction into ``room.step``."""
     body, room = p.body, p.room
     values, inertia = room.values, room.numbers[_INERTIA] + room.numbers[_DRAG]
-    _assemble(body, room, room.x)
+    _assemble(body, room, p.x)
     _outer(p)
     for k in range(body.free.size):
         begin, stride = body.starts[k], body.strides[body.free[k]]
@@ -248,22 +250,10 @@ def _warp(body, room, x):  # type: ignore[no-untyped-def]
 @operation_of(Step, method.advance, **_options)
 def _advance(p):  # type: ignore[no-untyped-def]
     """Move along the warped direction."""
-    _warp(p.body, p.room, p.room.x)
-    _predict(p.body, p.room, p.room.x)
-    p.room.x[:] = p.room.moved
+    _warp(p.body, p.room, p.x)
+    _predict(p.body, p.room, p.x)
+    p.x[:] = p.room.moved
     return 0.0
-
-
-@operation_of(Step, method.store, **_options)
-def _store(p, slot):  # type: ignore[no-untyped-def]
-    """Keep the iterate."""
-    p.room.slots[slot] = p.room.x
-
-
-@operation_of(Step, method.recall, **_options)
-def _recall(p, slot):  # type: ignore[no-untyped-def]
-    """Go back to a kept iterate."""
-    p.room.x[:] = p.room.slots[slot]
 
 
 @operation_of(Step, method.is_minimum, **_options)
@@ -277,7 +267,7 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
     """Set the drag about START, and the stresses of the iterate."""
     p.room.numbers[_DRAG] = factor
     p.room.step[:] = 0.0
-    _predict(p.body, p.room, p.room.x)
+    _predict(p.body, p.room, p.x)
 
 
 @operation_of(Step, method.first_drag, **_options)
@@ -309,8 +299,8 @@ def _point_downhill(p):  # type: ignore[no-untyped-def]
 def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
     """Move along that direction, warped."""
     _spread(p.body, p.room, p.room.way, fraction)
-    _warp(p.body, p.room, p.room.slots[START])
-    p.room.x[:] = p.room.moved
+    _warp(p.body, p.room, p.slots[START])
+    p.x[:] = p.room.moved
 
 
 @njit(**_options)
@@ -351,5 +341,6 @@ def implicit_step(body, room, origin, rates, load, dt, drag, resistances, tolera
     room.step[:] = x
     room.step[:] -= origin
     _predict(body, room, origin)
-    found = solve_step(Step(body, room, origin, viscous), Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
+    step = Step(body, room, origin, viscous, x, room.slots)
+    found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return x.copy(), found.iterations, found.solved

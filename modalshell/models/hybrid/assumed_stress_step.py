@@ -232,18 +232,6 @@ def _advance(p):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-@operation_of(Step, method.store, **_options)
-def _store(p, slot):  # type: ignore[no-untyped-def]
-    """Keep the iterate."""
-    p.slots[slot] = p.x
-
-
-@operation_of(Step, method.recall, **_options)
-def _recall(p, slot):  # type: ignore[no-untyped-def]
-    """Go back to a kept iterate."""
-    p.x[:] = p.slots[slot]
-
-
 @operation_of(Step, method.is_minimum, **_options)
 def _is_minimum(p):  # type: ignore[no-untyped-def]
     """Whether the last factor has no negative pivot."""
