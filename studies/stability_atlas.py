@@ -283,7 +283,7 @@ def table(result: StudyResult) -> str:
         for limit in found["limits"]
     ]
     explicit = {row["model"]: row for row in found["limits"] if row["rule"] == "Verlet" and "(undamped)" in row["what"]}
-    steps = " and ".join(f"{1e3 * explicit[model]['theory']:.2g} ms for {model}" for model in ("DS", "springs"))
+    steps = " and ".join(f"{1e3 * explicit[model]['theory']:.2g} ms for {model}" for model in sorted(explicit))
     cells = [c for maps in found["rows"].values() for one in maps.values() for line in one["classes"] for c in line]
     return paragraphs(
         ADVICE.format(steps=f" (here, undamped, {steps})").rstrip("\n"),

@@ -94,7 +94,7 @@ class EquilibriumPath:
     mesh: TriangleMesh | None = field(default=None, repr=False)
 
     @classmethod
-    def of(
+    def _of(
         cls, trace: Trace, followed: _Followed, iterations: int, seconds: float, parent: int | None = None
     ) -> EquilibriumPath:
         """The path of a trace."""
@@ -231,7 +231,7 @@ def equilibrium_path(
         if begin != 0.0 and followed.first is None:
             x = equilibrium(problem.loaded(begin), None).point
         trace = follow(walker, walker.first(x, begin, np.sign(until - begin)), span, on_point=on_step)
-        path = EquilibriumPath.of(trace, followed, walker.iterations, watch_time())
+        path = EquilibriumPath._of(trace, followed, walker.iterations, watch_time())
         crossings = [event for event in trace.events if event.kind == BIFURCATION]
         ends = [trace.points[event.index] for event in crossings]
         for event, side in itertools.product(crossings[:branches], (1.0, -1.0)):
@@ -240,7 +240,9 @@ def equilibrium_path(
             begun = switched(walker, trace.points[event.index], side)
             if begun is not None:
                 branch = follow(walker, begun, span, on_point=on_step, ends=ends)
-                path.branches.append(EquilibriumPath.of(branch, followed, walker.iterations, watch_time(), event.index))
+                path.branches.append(
+                    EquilibriumPath._of(branch, followed, walker.iterations, watch_time(), event.index)
+                )
     return path
 
 

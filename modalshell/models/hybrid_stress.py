@@ -39,6 +39,8 @@ from modalshell.statics.verdict import verdict
 
 _MISSED, _OFF = 0.02, 0.05
 """Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""
+_SOFTEST = 1e-12
+"""Least stiffness of a coordinate, over the largest, that statics scales forces by."""
 _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
@@ -80,7 +82,7 @@ class HybridStress(FrameModel):
     membrane the stresses do not see, and steps that fail are handed to :class:`CoarseDiscreteShell`, and taken back
     when they may be. Damping by the stiffness has trained stresses of its own: those that resist the strains' rates, by
     which frames that turn the shell far are damped most. ``residual`` of statics is the reduced gradient over the
-    load's.
+    load's, each coordinate's over the root of its stiffness.
 
     Use :meth:`trained` or :meth:`load`.
 
@@ -118,8 +120,9 @@ class HybridStress(FrameModel):
         self._bytes = sum(part.nbytes for part in read)
         self._checked = sum(elements.rest.size for elements in coarse.elements[:2])
         self._scaling = np.ones(size)
-        own = self._energy(np.zeros(size))[2]
-        self._scaling = np.sqrt(np.diagonal(own))
+        own = self._hessian(np.zeros(size))
+        stiffness_at_rest = np.diagonal(own)
+        self._scaling = np.sqrt(np.maximum(stiffness_at_rest, _SOFTEST * stiffness_at_rest.max()))
         self._compliances = [np.linalg.inv(self._basis.T @ (stiffness @ self._basis)), scipy.linalg.pinvh(own)]
         self._last_load = PerThread(_LastLoad)
         self._free = coarse.free_unknowns
@@ -282,11 +285,13 @@ class HybridStress(FrameModel):
         error = f"{100 * self.held_out_error:.1f} %"
         return f"trained on {self.training}; error {error} on held-out loads (90th percentile), more just below a snap"
 
-    def _energy(self, z: Array) -> tuple[float, Array, Array]:
-        """Energy, gradient and Hessian, that of hinges with a rest angle without their second derivatives."""
-        problem = self._statics(np.zeros_like(z))
-        value, gradient = problem.potential(z)
-        return value, gradient, problem.linearise(z, EXACT)[1]
+    def _hessian(self, z: Array) -> Array:
+        """Hessian of the energy, that of hinges with a rest angle without their second derivatives."""
+        return self._statics(np.zeros_like(z)).linearise(z, EXACT)[1]
+
+    def _energy(self, z: Array) -> tuple[float, Array]:
+        """Energy [J] and its gradient."""
+        return self._statics(np.zeros_like(z)).potential(z)
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium under dead loads as trained, no matter what training would change.
@@ -306,7 +311,7 @@ class HybridStress(FrameModel):
         """Lowest eigenvalue [1/s^2] of the reduced Hessian; None of answers by the coarse shell."""
         if answer.coordinates is None:
             return None
-        return float(scipy.linalg.eigvalsh(self._energy(answer.coordinates)[2], subset_by_index=(0, 0))[0])
+        return float(scipy.linalg.eigvalsh(self._hessian(answer.coordinates), subset_by_index=(0, 0))[0])
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest, of coordinates (m,)."""

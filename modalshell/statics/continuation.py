@@ -19,10 +19,12 @@ _LOAD_STEPS = 200
 _BEYOND = 1.02
 """Load at which a shell is equilibrated after a snap, over the last one of its branch."""
 _SMALLEST_LOAD = 1e-3
-_GROWTH, _SHRINK = 2.0, 0.25
-"""Factors on the step after a success and a failure: a failure costs as much as several successes."""
-_SMALLEST_STEP = 1.0 / 256.0
-"""Smallest step: it tells a branch that ends from one that is only steep."""
+_GROWTH = 2.0
+"""Factor on the step after a success."""
+_SHRINK, _SMALLEST_STEP = 0.25, 1.0 / 256.0
+"""Factor after a failure, which costs as much as several successes, and the smallest step."""
+_FINE_SHRINK, _FINE_SMALLEST_STEP = 0.5, 1.0 / 1024.0
+"""The same where failures are cheap: small steps tell a branch that ends from one that is only steep."""
 
 
 @final
@@ -33,6 +35,8 @@ class Steps:
     ----------
     first : float
         The first step.
+    fine : bool
+        Whether failures are cheap, so that steps shrink slowly and far.
 
     Attributes
     ----------
@@ -42,8 +46,9 @@ class Steps:
         The next step.
     """
 
-    def __init__(self, first: float = 1.0) -> None:
+    def __init__(self, first: float = 1.0, *, fine: bool = False) -> None:
         self.fraction, self.step = 0.0, first
+        self._shrink, self._smallest = (_FINE_SHRINK, _FINE_SMALLEST_STEP) if fine else (_SHRINK, _SMALLEST_STEP)
 
     @property
     def target(self) -> float:
@@ -61,8 +66,8 @@ class Steps:
 
     def refuse(self) -> bool:
         """Shorten the step; False, and the step as it was, where it would become too small."""
-        possible = _SHRINK * self.step >= _SMALLEST_STEP
-        self.step *= _SHRINK if possible else 1.0
+        possible = self._shrink * self.step >= self._smallest
+        self.step *= self._shrink if possible else 1.0
         return possible
 
 

@@ -53,7 +53,7 @@ SADDLES = 4
 HALVINGS = 20
 """Halvings of the state's size where the search along the way off a saddle begins."""
 ALL_CHECKED: int = np.int64(0)  # type: ignore[assignment]
-"""Of the first iterations go without a residual."""
+"""No iteration goes without a residual."""
 START: int = np.int64(0)  # type: ignore[assignment]
 BEST: int = np.int64(1)  # type: ignore[assignment]
 """Slots of a problem: where a solve, or a step of a descent, begins; and the best iterate so far."""
@@ -114,7 +114,7 @@ def advance(problem: Any) -> float:
 
 
 def is_minimum(problem: Any) -> bool:
-    """Whether the Hessian is positive definite, at the iterate or as last factorised."""
+    """Whether the Hessian is positive definite: at the iterate, or in compiled code and steps as last factorised."""
     return bool(problem.is_minimum())
 
 
@@ -129,9 +129,9 @@ def drag(problem: Any, factor: float) -> None:
     problem.drag(factor)
 
 
-def first_drag(problem: Any) -> float:
-    """Drag under which the mass moves by :data:`FIRST_MOVE` of the shell's size, by a residual of one."""
-    return float(problem.first_drag())
+def first_drag(problem: Any, size: float) -> float:
+    """Drag under which a residual of ``size`` moves the mass by about :data:`FIRST_MOVE` of the shell's size."""
+    return float(problem.first_drag(size))
 
 
 def point_downhill(problem: Any) -> float:
@@ -186,7 +186,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             if found_at == iteration:
                 problem.slots[BEST] = problem.x
             # As Newton's method converges by squares, so may the linear equations [dembo1982].
-            accuracy = max(LINEAR * rules.goal / size, min(LINEAR, (size / last) ** 2))
+            accuracy = max(LINEAR * rules.goal / size, min(LINEAR, min(1.0, size / last) ** 2))
             last = size
         if not solve(problem, accuracy):
             break
@@ -205,27 +205,27 @@ def descend(problem: Any, rules: Rules) -> Solved:
     """
     loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
     value, size = potential(problem)
-    factor, iterations, saddles = size * first_drag(problem), 0, 0
+    factor, iterations, saddles = first_drag(problem, size), 0, 0
     for _ in range(DESCENT):
         problem.slots[START] = problem.x
         drag(problem, factor)
         step = iterate(problem, loose)
         iterations += step.iterations
         drag(problem, 0.0)
-        reached, size = potential(problem) if step.solved else (np.inf, np.inf)
+        reached, out_of_balance = potential(problem) if step.solved else (np.inf, np.inf)
         if not reached <= value:
             problem.x[:] = problem.slots[START]
             factor *= 4.0
             if not np.isfinite(factor):
                 break
             continue
-        value = reached
+        value, size = reached, out_of_balance
         if step.iterations <= EASY:
             factor *= 0.5
         if size > NEAR or (size > LOOSE and not is_minimum(problem)):
             continue
         problem.slots[START] = problem.x
-        last = iterate(problem, Rules(rules.goal, rules.accepted, rules.accepted, ALL_CHECKED, SHORT))
+        last = iterate(problem, Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT))
         iterations += last.iterations
         reached = potential(problem)[0] if last.solved else np.inf
         if not reached <= value + HIGHER * abs(value):
@@ -275,6 +275,5 @@ def solve_step(problem: Any, rules: Rules) -> Solved:
     if found.solved and is_minimum(problem):
         return found
     problem.x[:] = problem.slots[START]
-    drag(problem, 0.0)
     further = descend(problem, rules)
     return Solved(further.residual, found.iterations + further.iterations, further.solved, further.saddles)

@@ -12,7 +12,6 @@ import scipy.linalg
 from modalshell.core.errors import SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.shell import EXACT
 from modalshell.statics.continuation import Steps
 from modalshell.statics.dense import DenseFactor
 from modalshell.statics.least_potential import WOUND_UP, Statics
@@ -47,23 +46,33 @@ class _ModalBalance(Equations[Array]):
         """Q (m,), rigid modes at zero."""
         return np.concatenate([np.zeros(self.rigid), y / self.root])
 
+    def residual(self, x: Array) -> Array:
+        """Out-of-balance force."""
+        return np.asarray(x - self.force(self.coordinates(x), self.fraction)[self.rigid :] / self.root)
+
     def linearise(
         self,
         x: Array,
-        geometric: int = EXACT,  # noqa: ARG002 (there are no stresses)
+        geometric: int,  # noqa: ARG002 (there are no stresses)
         stresses: list[Array] | None = None,  # noqa: ARG002
     ) -> tuple[Array, Array]:
-        """Out-of-balance force and Jacobian, which is unsymmetric."""
-        q, elastic, jacobian = self.coordinates(x), slice(self.rigid, None), np.eye(x.size)
-        if self.fraction:
-            jacobian -= self.slope(q, self.fraction)[elastic, elastic] / self.root[:, None] / self.root
-        return x - self.force(q, self.fraction)[elastic] / self.root, jacobian
+        """Out-of-balance force, and where the Jacobian is: the last iterate needs none."""
+        return self.residual(x), x
+
+    def jacobian(self, x: Array) -> Array:
+        """Derivatives of the out-of-balance force, unsymmetric."""
+        if not self.fraction:
+            return np.eye(x.size)
+        elastic = slice(self.rigid, None)
+        slope = self.slope(self.coordinates(x), self.fraction)[elastic, elastic]
+        return np.asarray(np.eye(x.size) - slope / self.root[:, None] / self.root)
 
     def factor(self, hessian: Array) -> DenseFactor:
-        """The Jacobian itself, which is small; SolverError where it is singular."""
-        if not np.linalg.cond(hessian) <= _CONDITION:
+        """Factor of the Jacobian at an iterate; SolverError where it is singular."""
+        jacobian = self.jacobian(hessian)
+        if not np.linalg.cond(jacobian) <= _CONDITION:
             raise SolverError("the Jacobian of the modal force is singular")
-        return DenseFactor(hessian, np.ones(len(hessian)))
+        return DenseFactor(jacobian, np.ones(len(jacobian)))
 
     def moved(self, x: Array, direction: Array, reach: float | None = None) -> tuple[Array, list[Array], float]:  # noqa: ARG002
         """A straight step."""
@@ -119,12 +128,11 @@ def balance(
     if start is None or (retry and not solved):
         y, used, solved = _follow(whole, turn, scale, first_step)
         iterations += used
-    q, (force_left, jacobian) = whole.coordinates(y), whole.linearise(y)
-    residual = whole.measure(force_left) / scale
+    q, residual = whole.coordinates(y), whole.measure(whole.residual(y)) / scale
     if not solved:
         message = "the branch from rest ends before this load"
         return Statics(q, residual, iterations, Outcome.NO_FIXED_POINT, message)
-    stable = bool(scipy.linalg.eigvals(jacobian).real.min() > 0.0)
+    stable = bool(scipy.linalg.eigvals(whole.jacobian(y)).real.min() > 0.0)
     if turn(q) > WOUND_UP:
         message = "a part of the shell has turned by more than 2 pi"
         return Statics(q, residual, iterations, Outcome.WOUND_UP, message, stable)
@@ -144,13 +152,13 @@ def _follow(
     whole: _ModalBalance, turn: Callable[[Array], float], scale: float, first_step: float
 ) -> tuple[Array, int, bool]:
     """The fixed point under the whole load on the branch from rest, or the last one before the branch's end."""
-    y, steps, iterations = np.zeros(whole.root.size), Steps(first_step), 0
+    y, steps, iterations = np.zeros(whole.root.size), Steps(first_step, fine=True), 0
     first = -whole.residual(y)
     while steps.fraction < 1.0:
         here = replace(whole, fraction=steps.fraction)
         # dy/dfraction = J^-1 p / sqrt(lambda), and p / sqrt(lambda) = y / fraction on the branch.
         push = y / steps.fraction if steps.fraction else first
-        tangent = np.asarray(np.linalg.solve(here.linearise(y)[1], push))
+        tangent = np.asarray(np.linalg.solve(here.jacobian(y), push))
         step = steps.limit(_LOAD_TURN / max(turn(whole.coordinates(tangent)), 1e-300))
         trial, used, solved = _newton(replace(whole, fraction=steps.target), y + step * tangent, scale)
         iterations += used

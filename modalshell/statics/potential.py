@@ -313,6 +313,7 @@ class _Descent(Iterate[sps.csc_array]):
         """
         if self.problem.quadratic is None or self.factor is None or self.moves < 2:
             self.factor = self.problem.definite_factor(self.problem.linearise(self.x, EXACT)[1])
+            self.factored_at = self.x.copy()
         self.stable = self.factor is not None and self.factor.is_definite()
         return self.stable
 
@@ -325,12 +326,12 @@ class _Descent(Iterate[sps.csc_array]):
         """Add a drag about START, or leave it out."""
         self.problem = self._free.dragged(self.slots[method.START].copy(), factor) if factor else self._free
         self.stresses = _present(self.problem.shell, self.x)
-        self.factor, self.factored_at, self.moves = None, None, 0
+        self.factor, self.factored_at, self.moves, self._keeping = None, None, 0, True
 
-    def first_drag(self) -> float:
+    def first_drag(self, size: float) -> float:
         """Drag to begin with."""
         shell = self.problem.shell
-        return self.scale / (float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * shell.size)
+        return size * self.scale / (float(np.linalg.norm(shell.mass[shell.free])) * method.FIRST_MOVE * shell.size)
 
     def point_downhill(self) -> float:
         """Find the lowest mode of the exact Hessian."""
@@ -339,7 +340,7 @@ class _Descent(Iterate[sps.csc_array]):
             tangent = TangentStiffness(shell, problem.linearise(self.x, EXACT)[1], problem.factoriser)
             lowest, direction = tangent.lowest_mode()
         except SolverError:
-            lowest, direction = 0.0, np.zeros(len(self._gradient))
+            lowest, direction = 0.0, np.zeros(self.problem.push.size)
         self._way = direction * (shell.size / max(float(np.abs(direction).max()), 1e-300))
         return lowest
 

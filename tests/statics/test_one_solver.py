@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import modalshell as ms
+from modalshell.models.coarse import profile_step
+from modalshell.shell import EXACT
 from modalshell.statics import mixed_newton as method
 from modalshell.statics.continuation import Steps
 from modalshell.statics.newton import NewtonIterate
@@ -93,10 +95,22 @@ def test_it_stops_after_so_many_steps(steps):
     assert found.residual == pytest.approx(reached, rel=1e-9)
 
 
-def test_profile_and_sparse_algebra_take_the_same_steps():
-    """Long steps under a load that crumples the strip, descents among them: one method, two storages."""
-    mesh = ms.v_beam(fold=150.0, cells=(10, 4))
-    shell = ms.Shell(mesh, ms.Material(2000.0, 2000.0, 0.05, 0.2), mesh.vertices[:, 0] < 0.15)
+def held_beam(mesh, stiffness=2000.0):
+    """A beam clamped at its end, its membrane stiff."""
+    material = ms.Material(stiffness, stiffness, 0.05, 0.2)
+    return ms.Shell(mesh, material, mesh.vertices[:, 0] < 0.15)
+
+
+def test_profile_and_sparse_algebra_agree_on_steps_of_many_iterations(monkeypatch):
+    """Long steps under a load that crumples the beam: one method, two storages."""
+    shell, counts = held_beam(ms.v_beam(fold=150.0, cells=(10, 4))), []
+    compiled_step = profile_step.implicit_step
+
+    def counted(*arguments):
+        counts.append(compiled_step(*arguments))
+        return counts[-1]
+
+    monkeypatch.setattr(profile_step, "implicit_step", counted)
     load = shell.gravity_force((0.0, 40.0, -200.0))
     compiled = ms.CoarseDiscreteShell(shell, shell, step_tolerance=1e-9)
     sparse = ms.DiscreteShell(shell, step_tolerance=1e-9)
@@ -108,3 +122,37 @@ def test_profile_and_sparse_algebra_take_the_same_steps():
         assert expected
         apart = np.abs(compiled.positions(one) - sparse.positions(other)).max()
         assert apart < 1e-5 * shell.size
+    assert len(counts) == 8  # none was left to the sparse solver
+    assert max(iterations for _, iterations, _ in counts) > 15  # more than mixed Newton alone takes
+
+
+def test_compiled_steps_end_at_minima():
+    """Where a flat strip is compressed beyond buckling, the exact Hessian with the inertia is positive definite."""
+    shell = held_beam(ms.flat_beam(cells=(8, 3)))
+    step, rng, hard = profile_step.profile_step(shell), np.random.default_rng(1), 0
+    for trial in range(40):
+        dt, pull = 10.0 ** rng.uniform(-1.0, 1.5), 10.0 ** rng.uniform(2.0, 4.0)
+        load = shell.gravity_force((-pull, 0.01 * pull * (trial % 2), 0.0))
+        x, rates = shell.rest_positions, np.zeros_like(shell.rest_positions)
+        moved, solved = step(x, rates, load, dt, ms.Damping(0.5, 0.0), 1e-2)
+        hard += np.abs(moved - x)[:, 2].max() > 0.1
+        hessian = shell.energy_gradient_hessian(moved, EXACT)[2]
+        hessian[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + 0.5 / dt)
+        root = np.sqrt(np.repeat(shell.mass[shell.free], 3))
+        matrix = shell.pattern.free_matrix(hessian).toarray() / root[:, None] / root
+        assert not solved or np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0] > -1e-6 / dt**2
+    assert hard > 5
+
+
+@pytest.mark.parametrize("gravity", [0.0, 1e-170, 10.0, 1e4])
+def test_compiled_steps_of_a_flat_hybrid_are_finite(gravity):
+    """No hinge is bent at rest, and the load may be none at all."""
+    shell = held_beam(ms.flat_beam(cells=(8, 2)))
+    hybrid = ms.HybridStress.trained(shell, gravity=(0.0, 3.0, -10.0), modes=8, motions=4)
+    state = hybrid.start_motion()
+    for _ in range(3):
+        state, solved = hybrid.step(state, 1 / 30, shell.gravity_force((0.0, 0.3 * gravity, -gravity)), ms.Damping(0.5))
+        assert solved
+        assert np.isfinite(state.coordinates).all()
+    if gravity < 1.0:
+        assert state.coordinates.ndim == 1  # the reduced steps hold a shell at rest

@@ -170,7 +170,7 @@ class ModalModel(Warp, FrameModel):
             )
         compliance = 1.0 / self.basis.eigenvalues
         q = np.zeros(self.basis.count) if start is None else start
-        targets = self.targets(constraints, q)
+        targets = self._targets(constraints, q)
         change, iterations, nearest = np.inf, 0, np.inf
         while change > _FIXED_POINT and iterations < _FIXED_POINT_LIMIT:
             if iterations == _OUT_OF_REACH_LIMIT and nearest > CONSTRAINT_MET:
@@ -320,7 +320,7 @@ class ModalModel(Warp, FrameModel):
         """Rows (k, 3, m) of the patch's vertices in a (3n, m) matrix."""
         return np.asarray(matrix.reshape(-1, 3, matrix.shape[1])[vertices])
 
-    def targets(
+    def _targets(
         self, constraints: Sequence[Constraint], present: Array, time: float = 0.0, pose: Pose | None = None
     ) -> PatchTargets:
         """Constraints at ``time`` [s] as equations in q, near ``present`` (m,), in the frame of the supports."""
@@ -368,7 +368,7 @@ class ModalStepper(Stepper):
         if self.setup.constraints:
             time, dt = (count + 1) * self.setup.dt, self.setup.dt
             pose = None if self._frame is None else self._frame.at(time)
-            targets = self.model.targets(self.setup.constraints, state.coordinates, time, pose)
+            targets = self.model._targets(self.setup.constraints, state.coordinates, time, pose)
             after, self.residuals = self.model.meet_constraints(after, dt, self.setup.damping, targets)
         return after, solved
 

@@ -1,4 +1,4 @@
-"""Compiled Newton solver of implicit Euler for small discrete shells: assembly, factorisation, line search.
+"""Compiled Newton solver of implicit Euler for small discrete shells: assembly, factorisation, warped steps.
 
 The method is that of :mod:`modalshell.statics.mixed_newton`, on the storage of a profile factorisation.
 """
@@ -271,12 +271,12 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
 
 
 @operation_of(Step, method.first_drag, **_options)
-def _first_drag(p):  # type: ignore[no-untyped-def]
+def _first_drag(p, size):  # type: ignore[no-untyped-def]
     """Drag to begin with."""
     total = 0.0
     for k in range(p.body.free.size):
         total += p.body.mass[p.body.free[k]] ** 2
-    return p.room.numbers[_SCALE] / (np.sqrt(total) * FIRST_MOVE * p.body.size)
+    return size * p.room.numbers[_SCALE] / (np.sqrt(total) * FIRST_MOVE * p.body.size)
 
 
 @operation_of(Step, method.point_downhill, **_options)
@@ -337,7 +337,8 @@ def implicit_step(body, room, origin, rates, load, dt, drag, resistances, tolera
             x[v, axis] = origin[v, axis] + dt * rates[v, axis]
             forces += push[v, axis] ** 2
             displaced += (body.mass[v] * (origin[v, axis] - body.rest[v, axis])) ** 2
-    numbers[_SCALE] = max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
+    scale = max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
+    numbers[_SCALE] = scale if scale > 0.0 else 1.0
     room.step[:] = x
     room.step[:] -= origin
     _predict(body, room, origin)

@@ -14,7 +14,7 @@ from modalshell.kernels.compiler import njit
 from modalshell.models.hybrid.assumed_stress import ReducedStress
 from modalshell.shell.kernels.generated.flexure import first_derivatives
 from modalshell.statics import mixed_newton as method
-from modalshell.statics.mixed_newton import ALL_CHECKED, FIRST_MOVE, MOST, START, Rules, operation_of, solve_step
+from modalshell.statics.mixed_newton import ALL_CHECKED, MOST, START, Rules, operation_of, solve_step
 
 _options: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "nogil": True}
 _summing = _options | {"fastmath": {"contract", "nsz", "reassoc"}}
@@ -247,13 +247,9 @@ def _drag(p, factor):  # type: ignore[no-untyped-def]
 
 
 @operation_of(Step, method.first_drag, **_options)
-def _first_drag(p):  # type: ignore[no-untyped-def]
-    """Drag to begin with, for coordinates of unit mass, that move vertices by the modes' mean."""
-    rest, modes, size = p.reduced.rest, p.reduced.modes, 0.0
-    for axis in range(3):
-        size = max(size, rest[:, axis].max() - rest[:, axis].min())
-    mean = np.sqrt(np.sum(modes * modes) / modes.size)
-    return p.numbers[_SCALE] / (np.sqrt(p.x.size) * FIRST_MOVE * size / mean)
+def _first_drag(p, size):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    """Drag to begin with: a hundredth of the inertia, as coordinates have no size of their own."""
+    return 0.01 * p.outer[0, 0]
 
 
 @operation_of(Step, method.point_downhill, **_options)
@@ -310,6 +306,7 @@ def implicit_step(reduced, z, rates, force, dt, drag, viscosity, tolerance):  # 
         outer[i, i] += 1.0 / (dt * dt) + drag / dt
     push = force + rates / dt
     scale = max(np.sqrt(np.sum(push * push)), 1e-3 * np.sqrt(np.sum(z * z)) / (dt * dt))
+    scale = scale if scale > 0.0 else 1.0
     stresses = np.zeros(modes)
     _quadratic(reduced.membrane, z, stresses, strains, slopes, unused)
     _predict(slopes, dt * rates, strains, stresses)
