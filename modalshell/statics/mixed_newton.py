@@ -6,9 +6,10 @@ their own: after elimination the equations are Newton's, but the geometric part 
 the last linearised step instead of the (huge) stress of the over-stretched iterate. Full steps then converge in a few
 iterations whatever the membrane stiffness.
 
-The methods are written once, over nine operations of a problem that holds its iterate ``x`` and two ``slots`` of its
-shape. Python calls them with an object that has these operations as methods. Compiled code calls them with a record, a
-``NamedTuple`` of arrays, whose operations are registered by :func:`operation_of`; they are compiled with their caller.
+The methods are written once, over nine operations of a problem that holds its iterate ``x``, changed in place, and two
+``slots`` of its shape. Python calls them with an object that has these operations as methods. Compiled code calls them
+with a record, a ``NamedTuple`` of arrays, whose operations are registered by :func:`operation_of`; they are compiled
+with their caller.
 
 All residuals are relative to the problem's scale of forces.
 """
@@ -167,6 +168,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
 
     The problem's best iterate is its iterate at the end.
     """
+    x, slots = problem.x, problem.slots
     best, found_at, stalled, allowed, last, solved = np.inf, -1, 0, 0.0, np.inf, False
     accuracy = LINEAR
     for iteration in range(rules.most + 1):
@@ -184,7 +186,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             if ended or iteration == rules.most or stalled == STALLED:
                 break
             if found_at == iteration:
-                problem.slots[BEST] = problem.x
+                slots[BEST] = x
             # As Newton's method converges by squares, so may the linear equations [dembo1982].
             accuracy = max(LINEAR * rules.goal / size, min(LINEAR, min(1.0, size / last) ** 2))
             last = size
@@ -192,7 +194,7 @@ def iterate(problem: Any, rules: Rules) -> Solved:
             break
         allowed = advance(problem)
     if 0 <= found_at < iteration:
-        problem.x[:] = problem.slots[BEST]
+        x[:] = slots[BEST]
     return Solved(best, iteration, solved, 0)
 
 
@@ -203,18 +205,19 @@ def descend(problem: Any, rules: Rules) -> Solved:
     Steps of implicit Euler on ``drag M dx/dt = -grad V``, each solved by mixed Newton, whose number of iterations does
     not feel the membrane. The drag falls with success, down to plain Newton steps, and grows where a step fails.
     """
+    x, slots = problem.x, problem.slots
     loose = Rules(LOOSE, LOOSE, GOAL, ALL_CHECKED, SHORT)
     value, size = potential(problem)
     factor, iterations, saddles = first_drag(problem, size), 0, 0
     for _ in range(DESCENT):
-        problem.slots[START] = problem.x
+        slots[START] = x
         drag(problem, factor)
         step = iterate(problem, loose)
         iterations += step.iterations
         drag(problem, 0.0)
         reached, out_of_balance = potential(problem) if step.solved else (np.inf, np.inf)
         if not reached <= value:
-            problem.x[:] = problem.slots[START]
+            x[:] = slots[START]
             factor *= 4.0
             if not np.isfinite(factor):
                 break
@@ -224,12 +227,12 @@ def descend(problem: Any, rules: Rules) -> Solved:
             factor *= 0.5
         if size > NEAR or (size > LOOSE and not is_minimum(problem)):
             continue
-        problem.slots[START] = problem.x
+        slots[START] = x
         last = iterate(problem, Rules(rules.goal, rules.accepted, rules.untouched, ALL_CHECKED, SHORT))
         iterations += last.iterations
         reached = potential(problem)[0] if last.solved else np.inf
         if not reached <= value + HIGHER * abs(value):
-            problem.x[:] = problem.slots[START]
+            x[:] = slots[START]
             continue
         minimum = is_minimum(problem)
         if minimum or saddles == SADDLES:
@@ -246,8 +249,9 @@ def _leave_saddle(problem: Any, value: float) -> tuple[float, float]:
     Both ways are tried. Steps double for as long as the potential falls: the first valley is looked for, not the
     deepest one.
     """
-    problem.slots[START] = problem.x
-    problem.slots[BEST] = problem.x
+    x, slots = problem.x, problem.slots
+    slots[START] = x
+    slots[BEST] = x
     curvature = point_downhill(problem)
     for sign in (1.0, -1.0):
         last = np.inf
@@ -259,8 +263,8 @@ def _leave_saddle(problem: Any, value: float) -> tuple[float, float]:
             last = reached
             if reached < value:
                 value = reached
-                problem.slots[BEST] = problem.x
-    problem.x[:] = problem.slots[BEST]
+                slots[BEST] = x
+    x[:] = slots[BEST]
     return value, 2.0 * abs(curvature)
 
 

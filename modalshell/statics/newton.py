@@ -263,7 +263,8 @@ class Iterate(ABC, Generic[Matrix]):
         """Move along the direction."""
         moved, self.stresses, _ = self.problem.moved(self.x, self._direction)
         length = float(np.abs(moved - self.x).max())
-        self.x, self.moves = moved, self.moves + 1
+        self.x[:] = moved
+        self.moves += 1
         return self.problem.rounding(moved, self._hessian, length) / self.scale
 
     def is_near(self) -> bool:

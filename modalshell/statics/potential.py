@@ -347,7 +347,7 @@ class _Descent(Iterate[sps.csc_array]):
     def step_aside(self, fraction: float) -> None:
         """Move along that mode, warped, so that the shell bends."""
         start = self.slots[method.START]
-        self.x = warped_step(self.problem.shell, start, fraction * self._way, method.LARGEST_TURN)[0]
+        self.x[:] = warped_step(self.problem.shell, start, fraction * self._way, method.LARGEST_TURN)[0]
 
 
 def _present(shell: Shell, x: Array) -> list[Array]:
