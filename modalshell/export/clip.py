@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from modalshell.core.checks import LARGEST
 from modalshell.core.outcome import Outcome
+from modalshell.core.units import UnitSystem
 from modalshell.export.compression import CompressedMotion, compress
 from modalshell.export.near_origin import demand_near_origin
-from modalshell.files.archive import Archive, Field
+from modalshell.files.archive import UNITS, Archive, Field
 from modalshell.files.atomic_io import write_npz
 from modalshell.motion import Trajectory
 
@@ -60,7 +61,9 @@ def read_clip(path: str | os.PathLike[str]) -> CompressedMotion:
     with _CLIP.read(path) as data:
         _check_values(data)
         values: dict[str, Any] = {_NAMES.get(name, name): data[name] for name in _CLIP.fields}
-        return CompressedMotion(**values | {"error": float(data["error"]), "units": _CLIP.check(data)})
+        return CompressedMotion(
+            **values | {"error": float(data["error"]), "units": UnitSystem.from_array(data[UNITS[1]])}
+        )
 
 
 def _check_values(data: dict[str, NDArray[Any]]) -> None:

@@ -35,12 +35,11 @@ from modalshell.models.hybrid.training import Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
 from modalshell.shell import EXACT, Shell
 from modalshell.statics.continuation import equilibrium
+from modalshell.statics.dense import force_scaling
 from modalshell.statics.verdict import verdict
 
 _MISSED, _OFF = 0.02, 0.05
 """Largest fractions of a load's linear compliance outside the basis, and by which the reduced energy's is off."""
-_SOFTEST = 1e-12
-"""Least stiffness of a coordinate, over the largest, that statics scales forces by."""
 _STEP_GOAL = 1e-3
 """Tolerance of a step's residual, relative to its load and inertia."""
 _LEFT = 0.01
@@ -121,8 +120,7 @@ class HybridStress(FrameModel):
         self._checked = sum(elements.rest.size for elements in coarse.elements[:2])
         self._scaling = np.ones(size)
         own = self._hessian(np.zeros(size))
-        stiffness_at_rest = np.diagonal(own)
-        self._scaling = np.sqrt(np.maximum(stiffness_at_rest, _SOFTEST * stiffness_at_rest.max()))
+        self._scaling = force_scaling(own)
         self._compliances = [np.linalg.inv(self._basis.T @ (stiffness @ self._basis)), scipy.linalg.pinvh(own)]
         self._last_load = PerThread(_LastLoad)
         self._free = coarse.free_unknowns

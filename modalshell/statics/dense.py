@@ -167,6 +167,12 @@ class WorkPotential(DenseProblem):
         return x + share * direction, [], share
 
 
+def force_scaling(hessian: Array) -> Array:
+    """Square root of the stiffness of each unknown (r,), no less than a small share of the largest."""
+    stiffness = np.abs(np.diagonal(hessian))
+    return np.asarray(np.sqrt(np.maximum(stiffness, _SOFTEST * stiffness.max(initial=0.0))))
+
+
 @final
 class EnergyFunction:
     """A user-defined elastic energy of any unknowns, for :func:`modalshell.equilibrium_path`.
@@ -208,8 +214,7 @@ class EnergyFunction:
         self.size = checked_number("size", size, above=0.0)
         self.function = function
         hessian = self(self.rest)[2]
-        stiffness = np.abs(np.diagonal(hessian))
-        self.scaling = np.sqrt(np.maximum(stiffness, _SOFTEST * stiffness.max(initial=0.0)))
+        self.scaling = force_scaling(hessian)
         if not (self.scaling > 0.0).all():
             raise OptionError("function's Hessian at rest has a zero diagonal: no unknown has any stiffness")
 

@@ -249,7 +249,7 @@ class Iterate(ABC, Generic[Matrix]):
 
     def solve(self, accuracy: float) -> bool:
         """Find Newton's direction."""
-        kept = self.factor if self._keeping and self.is_near() else None
+        kept = self.factor if self._keeping and _serves(self.problem, self.factored_at, self.x) else None
         try:
             self.factor, self._direction = self.problem.direction(self._hessian, self._gradient, kept, accuracy)
         except SolverError:
@@ -266,11 +266,6 @@ class Iterate(ABC, Generic[Matrix]):
         self.x[:] = moved
         self.moves += 1
         return self.problem.rounding(moved, self._hessian, length) / self.scale
-
-    def is_near(self) -> bool:
-        """Whether the factor serves at the iterate."""
-        at = self.factored_at
-        return at is not None and self.problem.keeps_factor(float(np.abs(self.x - at).max(initial=0.0)))
 
     def result(self, solved: Solved) -> NewtonResult:
         """The iterate as the result of a method that ended so."""
@@ -312,10 +307,13 @@ def is_minimum(problem: Problem[Matrix], result: NewtonResult, *, exactly: bool 
     """
     if not result.converged:
         return False
-    at, near = result.factored_at, False
-    if not exactly and at is not None:
-        near = problem.keeps_factor(float(np.abs(result.point - at).max(initial=0.0)))
+    near = not exactly and _serves(problem, result.factored_at, result.point)
     if not (near and result.factor is not None and result.factor.is_definite()):
         result.factor = problem.definite_factor(problem.linearise(result.point, EXACT)[1])
     result.stable = result.factor is not None
     return result.stable
+
+
+def _serves(problem: Equations[Matrix], factored_at: Array | None, x: Array) -> bool:
+    """Whether the factor of the Hessian at one iterate, if there is any, serves at x."""
+    return factored_at is not None and problem.keeps_factor(float(np.abs(x - factored_at).max(initial=0.0)))

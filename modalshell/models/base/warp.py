@@ -1,4 +1,4 @@
-"""Base of modal models: displacements of a shell as a function of modal coordinates, and the modal forces of loads."""
+"""Warps: displacements of a shell as a function of modal coordinates, and the modal forces of loads."""
 
 from __future__ import annotations
 
