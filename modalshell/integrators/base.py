@@ -26,9 +26,11 @@ class Integrator(ABC):
     name: ClassVar[str]
     known: ClassVar[Registry[type[Any]]]
 
-    def __init_subclass__(cls, *, key: str = "") -> None:
+    def __init_subclass__(cls, *, key: str = "", alias: str = "") -> None:
         if key:
             cls.key, cls.known[key] = key, cls
+        if alias:
+            cls.known[alias] = cls
 
     @classmethod
     def chosen(cls, choice: str | Self) -> Self:

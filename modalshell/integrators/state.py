@@ -109,8 +109,8 @@ class MotionState:
     ----------
     coordinates, rates : ndarray
         In the model's own unknowns.
-    memory : dict of ndarray, shape (n, 3)
-        Vectors that the model's rule keeps from its last step, by name; a rule that finds none starts without.
+    memory : dict of ndarray
+        What the model's rule keeps from its last step, by name: vectors in the unknowns' shape, and flags (1,).
     """
 
     coordinates: Array

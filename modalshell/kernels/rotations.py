@@ -100,6 +100,14 @@ def largest_angle(rotation_vectors):  # type: ignore[no-untyped-def]
 
 
 @_kernel
+def largest_turn(positions, displacements, faces):  # type: ignore[no-untyped-def]
+    """Largest rotation [rad] of a vertex by small ``displacements`` (n, 3); see :func:`vertex_rotations`."""
+    turns = np.empty(positions.shape)
+    vertex_rotations(positions, displacements, faces, turns)
+    return largest_angle(turns)
+
+
+@_kernel
 def rotated_load_jacobian(rotation_vectors, load, jacobians):  # type: ignore[no-untyped-def]
     """``jacobians_i = d(R(w_i)^T f_i)/dw_i = [R^T f] Rt(-w)``, written into (n, 3, 3)."""
     rotated = np.empty(3)

@@ -13,9 +13,12 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import MeshError
 from modalshell.core.typing import Array
+from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
 from modalshell.integrators.state import Damping, MotionState
+from modalshell.kernels.rotations import largest_turn
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import FrameModel
+from modalshell.models.base.implicit import ImplicitModel, implicit_rule
 from modalshell.models.coarse.profile_step import profile_step
 from modalshell.models.coarse.prolongation import Prolongation, closest_points
 from modalshell.models.discrete_shell import DiscreteShell
@@ -26,7 +29,7 @@ _APART = 0.2
 
 
 @final
-class CoarseDiscreteShell(FrameModel):
+class CoarseDiscreteShell(ImplicitModel):
     """DS on fewer vertices: it bends, stiffens and snaps as a shell does, a little too stiff and a little too coarse.
 
     Positions are prolonged to the fine mesh by moving least squares in the tangent plane [lancaster1981], which stop at
@@ -43,6 +46,8 @@ class CoarseDiscreteShell(FrameModel):
         :func:`coarse_shell`.
     step_tolerance : float
         Out-of-balance force at which a step's Newton stops, as a share of its load and inertia.
+    integrator : str or FullIntegrator
+        Rule of its steps: "bdf2", "sdirk2" or "implicit" (Euler).
 
     Raises
     ------
@@ -54,7 +59,15 @@ class CoarseDiscreteShell(FrameModel):
 
     name = "coarse DS"
 
-    def __init__(self, shell: Shell, coarse: Shell, *, step_tolerance: float = 1e-3) -> None:
+    def __init__(
+        self,
+        shell: Shell,
+        coarse: Shell,
+        *,
+        step_tolerance: float = 1e-3,
+        integrator: str | FullIntegrator = "bdf2",
+    ) -> None:
+        self.integrator = implicit_rule(integrator)
         self.shell = checked_kind("shell", shell, Shell)
         self.step_tolerance = checked_number("step_tolerance", step_tolerance, above=0.0, at_most=1e-2)
         self.coarse = DiscreteShell(checked_kind("coarse", coarse, Shell), step_tolerance=self.step_tolerance)
@@ -122,20 +135,22 @@ class CoarseDiscreteShell(FrameModel):
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State of the coarse shell at rest."""
-        return self.coarse.start_motion(
-            None if positions is None else self.sampled(self.shell.checked_positions(positions))
-        )
+        begin = None if positions is None else self.sampled(self.shell.checked_positions(positions))
+        return self.integrator.at_rest(self.coarse.start_motion(begin).coordinates)
 
-    def step(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
-    ) -> tuple[MotionState, bool]:
-        """One implicit Euler step of the coarse shell, in the frame of its supports."""
-        down, x = self._prolongation.restrict(load), state.coordinates
+    def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
+        """Positions (k, 3) [m] of the coarse shell after a step of implicit Euler, in the frame of its supports."""
+        down = self._prolongation.restrict(load)
         if self._step is not None:
-            moved, solved = self._step(x, state.rates, down, dt, damping, self.step_tolerance)
+            moved, solved = self._step(start, down, damping, self.step_tolerance)
             if solved:
-                return MotionState(moved, (moved - x) / dt), True
-        return self.coarse.step(state, dt, down, damping)
+                return moved, True
+        after, solved = ShellSteps(self.coarse, lambda _: (self.coarse, down, None), damping).solve(start)
+        return after.coordinates, solved
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a coarse vertex by a small ``move`` (k, 3) [m]."""
+        return float(largest_turn(coordinates, move, self.coarse.shell.mesh.faces))
 
     def positions(self, state: MotionState) -> Array:
         """Fine positions (n, 3) [m]."""

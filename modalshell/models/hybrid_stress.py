@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Self, final
 
@@ -20,11 +20,13 @@ from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array, Progress
 from modalshell.files.archive import Archive, Field
 from modalshell.files.atomic_io import write_npz
+from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.linalg import ProfileAnalysis
 from modalshell.loads import Load
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import FrameModel
+from modalshell.models.base.implicit import ImplicitModel, LoadAt, implicit_rule
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, reduce_energy
@@ -72,7 +74,7 @@ class _LastLoad:
 
 
 @final
-class HybridStress(FrameModel):
+class HybridStress(ImplicitModel):
     """POD of a coarse discrete shell with assumed membrane stresses; it follows a snap in a tenth of a millisecond.
 
     Positions are in the span of m vectors, trained on random loads about a given one; the membrane's energy is that of
@@ -102,9 +104,12 @@ class HybridStress(FrameModel):
 
     name = "hybrid"
 
-    def __init__(self, shell: Shell, coarse: Shell, trained: Trained) -> None:
+    def __init__(
+        self, shell: Shell, coarse: Shell, trained: Trained, *, integrator: str | FullIntegrator = "bdf2"
+    ) -> None:
         self.shell = checked_kind("shell", shell, Shell)
-        self.coarse = CoarseDiscreteShell(shell, trainable(coarse))
+        self.integrator = implicit_rule(integrator)
+        self.coarse = CoarseDiscreteShell(shell, trainable(coarse), integrator=self.integrator)
         self.held_out_error, self.training = trained.held_out_error, trained.description
         self._trained, self._basis = trained, trained.basis
         parts = trained.basis, trained.stresses, trained.viscous
@@ -142,6 +147,7 @@ class HybridStress(FrameModel):
         seed: int = 0,
         error: float | None = None,
         on_step: Progress | None = None,
+        integrator: str | FullIntegrator = "bdf2",
     ) -> HybridStress:
         """Train on random loads about a given one.
 
@@ -165,6 +171,8 @@ class HybridStress(FrameModel):
             says so.
         on_step : callable, optional
             Called with the motions done and their total.
+        integrator : str or FullIntegrator
+            Rule of its steps: "bdf2", "sdirk2" or "implicit" (Euler).
 
         Raises
         ------
@@ -174,7 +182,8 @@ class HybridStress(FrameModel):
         checked_kind("shell", shell, Shell)
         load, small = shell.total_load(gravity, force, loads), trainable(coarse or shell)
         training = Training(modes, motions, seed, error)
-        return cls(shell, small, train(small, CoarseDiscreteShell(shell, small).restrict(load), training, on_step))
+        found = train(small, CoarseDiscreteShell(shell, small).restrict(load), training, on_step)
+        return cls(shell, small, found, integrator=integrator)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the trained data to an ``.npz`` file (no pickle)."""
@@ -182,7 +191,14 @@ class HybridStress(FrameModel):
         write_npz(path, **_HYBRID.arrays(values | {"rest": self.coarse.coarse.shell.rest_positions}))
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str], shell: Shell, coarse: Shell | None = None) -> HybridStress:
+    def load(
+        cls,
+        path: str | os.PathLike[str],
+        shell: Shell,
+        coarse: Shell | None = None,
+        *,
+        integrator: str | FullIntegrator = "bdf2",
+    ) -> HybridStress:
         """Read what :meth:`save` wrote, for the same shells; FileFormatError if it is damaged or of other shells."""
         small = coarse or shell
         with _HYBRID.read(path) as data:
@@ -194,7 +210,7 @@ class HybridStress(FrameModel):
             arrays = data["basis"], data["stresses"], data["viscous"]
             numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
             trained = Trained(*arrays, *numbers, str(data["description"]))
-        return cls(shell, small, trained)
+        return cls(shell, small, trained, integrator=integrator)
 
     def centred(self) -> tuple[Self, Array]:
         """The same model about the origin, and where its origin was."""
@@ -316,30 +332,39 @@ class HybridStress(FrameModel):
         z = np.zeros(self._basis.shape[1])
         if positions is not None:
             z = self._coordinates_of(self.coarse.sampled(self.shell.checked_positions(positions)))
-        return MotionState(z, np.zeros_like(z))
+        return self.integrator.at_rest(z)
 
-    def step(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
-    ) -> tuple[MotionState, bool]:
-        """One implicit Euler step in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
+    def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
+        """Steps in the coordinates, or of the coarse shell's positions (k, 3) where that must be."""
+        if (reduced := self._taken_back(state)) is not None:
+            after, solved = super().march(reduced, dt, load_at, damping)
+            if solved:
+                return after, True
+        if state.coordinates.ndim == 1:
+            spread = self._basis
+            state = _mapped(state, self._coarse_positions, lambda vector: (spread @ vector).reshape(-1, 3))
+        return self.coarse.march(state, dt, load_at, damping)
+
+    def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
+        """Coordinates after a step of implicit Euler; not solved where the trained model does not hold it."""
         last = self._last_load()
         if not np.array_equal(last.load, load):
             down = self.coarse.restrict(load)
             last.load, last.push, last.seen = load.copy(), down.ravel() @ self._basis, not self.refusal(down)
-        if last.seen and (reduced := self._taken_back(state)) is not None:
-            z, rates = reduced.coordinates, reduced.rates
-            factors = damping.mass_factor, damping.stiffness_factor
-            moved, solved, energy, seen, iterations = implicit_step(
-                self._reduced, z, rates, last.push, dt, *factors, _STEP_GOAL
-            )
-            self._count(iterations + 2)
-            count_solves(len(z), iterations)
-            if solved and self._sees(moved, energy, seen):
-                return MotionState(moved, (moved - z) / dt), True
-        if state.coordinates.ndim == 1:
-            rates = (self._basis @ state.rates).reshape(-1, 3)
-            state = MotionState(self._coarse_positions(state.coordinates), rates)
-        return self.coarse.step(state, dt, load, damping)
+        if not last.seen:
+            return start.near, False
+        begin = start.origin, start.rates, start.near, start.viscous_at
+        factors = damping.mass_factor, damping.stiffness_factor
+        moved, solved, energy, seen, iterations = implicit_step(
+            self._reduced, begin, last.push, start.dt, *factors, _STEP_GOAL
+        )
+        self._count(iterations + 2)
+        count_solves(moved.size, iterations)
+        return moved, bool(solved) and self._sees(moved, energy, seen)
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a coarse vertex by a small ``move`` (m,) of the coordinates."""
+        return self.coarse.turn(self._coarse_positions(coordinates), (self._basis @ move).reshape(-1, 3))
 
     def _taken_back(self, state: MotionState) -> MotionState | None:
         """The coordinates of a state; None where the basis does not hold a coarse one."""
@@ -351,7 +376,7 @@ class HybridStress(FrameModel):
         mass = shell.mass[:, None]
         if np.sum(mass * outside**2) > _LEFT**2 * np.sum(mass * displacement**2) or not self._sees_state(z):
             return None
-        return MotionState(z, self._weighted @ state.rates.ravel())
+        return _mapped(state, lambda _: z, lambda vectors: self._weighted @ vectors.ravel())
 
     def positions(self, state: MotionState) -> Array:
         """Fine positions (n, 3) [m]."""
@@ -371,6 +396,15 @@ class HybridStress(FrameModel):
         return self.coarse.kinetic_energy(state) if state.rates.ndim == 2 else float(0.5 * np.sum(state.rates**2))
 
 
+def _mapped(
+    state: MotionState, place: Callable[[Array], Array], turn: Callable[[Array], Array]
+) -> MotionState:
+    """A state in other unknowns: coordinates by ``place``, rates and what a rule keeps of them by ``turn``."""
+    shape = state.rates.shape
+    memory = {name: turn(kept) if kept.shape == shape else kept for name, kept in state.memory.items()}
+    return MotionState(place(state.coordinates), turn(state.rates), memory)
+
+
 def trainable(coarse: Shell) -> Shell:
     """``coarse`` itself; an error if no hybrid can be made of it."""
     checked_kind("coarse", coarse, Shell)
@@ -386,7 +420,9 @@ def trainable(coarse: Shell) -> Shell:
 
 def trained_on_load(
     shell: Shell, coarse: Shell, load: Array, *, modes: int | None = None, motions: int = 40, seed: int = 0,
-    error: float | None = None,
+    error: float | None = None, integrator: str = "bdf2",
 ) -> HybridStress:  # fmt: skip
     """The rung trained about a load (n, 3) [N]; see :meth:`HybridStress.trained`."""
-    return HybridStress.trained(shell, force=load, coarse=coarse, modes=modes, motions=motions, seed=seed, error=error)
+    return HybridStress.trained(
+        shell, force=load, coarse=coarse, modes=modes, motions=motions, seed=seed, error=error, integrator=integrator
+    )

@@ -14,10 +14,13 @@ from modalshell.core.cost import count_read
 from modalshell.core.errors import OptionError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
+from modalshell.integrators.full import FullIntegrator
+from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import Damping, MotionState
+from modalshell.kernels.rotations import largest_turn
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import FrameModel
+from modalshell.models.base.implicit import ImplicitModel, implicit_rule
 from modalshell.models.base.reduced_sensitivity import LinearTangent, dead_state, gradients_by_rest_angles
 from modalshell.models.reduction.cubature import Cubature, checked_loads, default_loads, train
 from modalshell.models.reduction.derivatives import modal_derivatives
@@ -35,7 +38,7 @@ _STEP_GOAL = 1e-6
 
 
 @final
-class ModalDerivatives(FrameModel):
+class ModalDerivatives(ImplicitModel):
     """MD-ROM: ``x = X + U z``, U of modes and modal derivatives, under the shell's own energy of x.
 
     Stiffening, twist and couplings of modes come from the energy itself, and a linear basis with derivatives holds
@@ -61,6 +64,8 @@ class ModalDerivatives(FrameModel):
         :func:`modalshell.models.reduction.cubature.default_loads`.
     backend : str, optional
         Factorisation to use; see :class:`modalshell.modes.Factoriser`.
+    integrator : str or FullIntegrator
+        Rule of its steps: "bdf2", "sdirk2" or "implicit" (Euler).
 
     Attributes
     ----------
@@ -87,7 +92,9 @@ class ModalDerivatives(FrameModel):
         cubature: bool | int = False,
         training_loads: Sequence[ArrayLike] | None = None,
         backend: str | None = None,
+        integrator: str | FullIntegrator = "bdf2",
     ) -> None:
+        self.integrator = implicit_rule(integrator)
         self.shell = checked_kind("shell", shell, Shell)
         self._distortion = Distortion(shell.mesh)
         most = None if isinstance(cubature, bool) else checked_count("cubature", cubature)
@@ -171,26 +178,29 @@ class ModalDerivatives(FrameModel):
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """State at rest."""
         z = np.zeros(self.basis.size) if positions is None else self.coordinates_of(positions)
-        return MotionState(z, np.zeros_like(z))
+        return self.integrator.at_rest(z)
 
-    def step(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
-    ) -> tuple[MotionState, bool]:
-        """Implicit Euler: minimise ``E + d.(I/h^2 + C/h) d / 2 - (p + v/h).d``, d the step, C at its beginning."""
-        z = state.coordinates
+    def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
+        """Minimise ``E + d.(I/h^2 + C/h) d / 2 - (p + v/h).d``, d the step of h."""
+        z, dt = start.origin, start.dt
         quadratic = np.eye(z.size) * (1.0 / dt**2 + damping.mass_factor / dt)
         if damping.stiffness_factor:
-            quadratic += damping.stiffness_factor / dt * self.energy.hessian(z, GAUSS_NEWTON)[2]
-        push = load.ravel() @ self._vectors + state.rates / dt
+            quadratic += damping.stiffness_factor / dt * self.energy.hessian(start.viscous_at, GAUSS_NEWTON)[2]
+        push = load.ravel() @ self._vectors + start.rates / dt
         scaling = np.sqrt(self.basis.eigenvalues + np.diagonal(quadratic))
         problem = ReducedPotential(push, z, self.energy, scaling, self.basis.edge_change, quadratic=quadratic)
         scale = problem.scale_at(z)
-        guess = dt * state.rates
-        stresses = self.energy.predicted_stresses(z, guess)
-        answer = mixed_newton(problem, z + guess, scale, goal=_STEP_GOAL, stresses=stresses)
+        guess = z + dt * start.rates
+        stresses = self.energy.predicted_stresses(start.near, guess - start.near)
+        answer = mixed_newton(problem, guess, scale, goal=_STEP_GOAL, stresses=stresses)
         if not answer.converged:
-            answer = problem.descend(z, scale)
-        return MotionState(answer.point, (answer.point - z) / dt), answer.converged
+            answer = problem.descend(start.near, scale)
+        return answer.point, answer.converged
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` (r,) of the coordinates."""
+        moved = (self._vectors @ move).reshape(-1, 3)
+        return float(largest_turn(self._positions(coordinates), moved, self.shell.mesh.faces))
 
     def dragged(
         self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array

@@ -278,7 +278,7 @@ def _check_held(basis: Basis) -> None:
 
 
 def trained_on_loads(
-    basis: Basis, loads: Array, *, integrator: str = "implicit_euler", rank: int = 32, mixtures: int = 16
+    basis: Basis, loads: Array, *, integrator: str = "exponential", rank: int = 32, mixtures: int = 16
 ) -> ReducedRotationStrain:
     """Reduced RSW trained on the loads (k, n, 3) [N] of a scene, and on random coordinates about their answers."""
     full = RotationStrain(basis, integrator=integrator)

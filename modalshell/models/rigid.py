@@ -133,6 +133,13 @@ class RigidShell(FrameModel):
         z = state.coordinates
         return Rotation.from_rotvec(z[3:]).apply(self._arms) + self._centre + z[:3]
 
+    def velocities(self, state: MotionState, lead: float) -> Array:  # noqa: ARG002 (they are known)
+        """Velocities (n, 3) [m/s] of the body's motion and spin."""
+        if not self._free:
+            return np.zeros_like(self._arms)
+        arms = Rotation.from_rotvec(state.coordinates[3:]).apply(self._arms)
+        return np.asarray(state.rates[:3] + np.cross(state.rates[3:], arms))
+
     def angular_momentum(self, state: MotionState) -> Array:
         """Angular momentum (3,) about the centre of mass [kg m^2/s], in the world's frame."""
         if not self._free:

@@ -51,7 +51,7 @@ class RotationStrain(TurnedTriangles):
     name = "RSW"
 
     def __init__(
-        self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler", backend: str | None = None
+        self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential", backend: str | None = None
     ) -> None:
         fit = PoissonFit(checked_kind("basis", basis, Basis).shell, backend)
         modal = tiled(triangle_modes(basis, fit)).reshape(-1, basis.count, 6 * TILE)

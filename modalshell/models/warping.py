@@ -53,7 +53,7 @@ class ModalWarping(ModalModel):
     name = "MWTS"
 
     def __init__(
-        self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler", consistent_force: bool = False
+        self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential", consistent_force: bool = False
     ) -> None:
         super().__init__(basis, integrator=integrator)
         self.consistent_force = self.conservative = consistent_force
@@ -175,6 +175,6 @@ class ModalWarping(ModalModel):
         return balance(force, slope, self.basis.eigenvalues, self.basis.rigid_modes, self.largest_turn, start)
 
 
-def consistent_warping(basis: Basis, *, integrator: str = "implicit_euler") -> ModalWarping:
+def consistent_warping(basis: Basis, *, integrator: str = "exponential") -> ModalWarping:
     """MWTS under the consistent modal force ``J^T f``, a separate entry of the registry."""
     return ModalWarping(basis, integrator=integrator, consistent_force=True)

@@ -14,7 +14,7 @@ from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import OptionError, SupportError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array
-from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.integrators.state import Damping, MotionSetup
 from modalshell.loads import Loading
 from modalshell.models import Model
 from modalshell.shell import Shell
@@ -22,6 +22,8 @@ from modalshell.supports import SupportPath
 
 STEPS = (1e-15, 1e15)
 """Shortest and longest step [s] that is taken: squares of steps enter sums with one."""
+_STATE = "state_"
+"""Before the names of the state's arrays in a checkpoint."""
 _FARTHEST = 1e60
 """Coordinate or rate from which a motion counts as diverged: energies hold fourth powers of lengths."""
 
@@ -76,7 +78,6 @@ class Motion:
         self.load = loading.dead
         self.stepper = model.stepper(self.setup)
         self.state = self.stepper.start(None if start is None else shell.checked_positions(start))
-        self._before = self.state
         self.count, self.unconverged, self.finite = 0, 0, True
         self._remarks: dict[str, int] = {}
         self._moved = np.empty(shell.rest_positions.shape)
@@ -112,7 +113,7 @@ class Motion:
 
     def place(self, positions: Array) -> None:
         """Put every vertex at ``positions`` (n, 3) [m] at rest, as far as the model can."""
-        self.state = self._before = self.stepper.state_at(positions, self.time)
+        self.state = self.stepper.state_at(positions, self.time)
 
     def energies(self) -> Array:
         """Kinetic and elastic energy and potential of the load (3,) [J]."""
@@ -131,12 +132,12 @@ class Motion:
     def advance(self) -> None:
         """Take one step."""
         with np.errstate(over="ignore", invalid="ignore"):
-            state, converged = self.stepper.advance(self.count, self.state, self._before, self.load)
+            state, converged = self.stepper.advance(self.count, self.state, self.load)
             # False for NaN, too.
             squares = float(np.vdot(state.coordinates, state.coordinates) + np.vdot(state.rates, state.rates))
             self.finite = squares < _FARTHEST**2
         self.unconverged += not converged
-        self._before, self.state = self.state, state
+        self.state = state
         self.count += 1
         if remark := self.model.remark(state):
             self._remarks.setdefault(remark, self.count)
@@ -153,20 +154,12 @@ class Motion:
         """Checkpoint: all arrays that the next step depends on; :meth:`restore` resumes from it bit for bit."""
         counts = np.array([self.count, self.unconverged], dtype=np.float64)
         arrays = {"counts": counts, "constraint_residuals": self.constraint_residuals}
-        for name, state in self._states().items():
-            arrays |= {f"{name}_{part}": array for part, array in state.arrays().items()}
-        return arrays
-
-    def _states(self) -> dict[str, MotionState]:
-        """The states that the next step depends on."""
-        return {"now": self.state} | ({"before": self._before} if self.stepper.keeps_last else {})
+        return arrays | {f"{_STATE}{part}": array for part, array in self.state.arrays().items()}
 
     def restore(self, arrays: dict[str, Array]) -> None:
         """Resume from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.stepper.residuals = np.array(arrays["constraint_residuals"])
-        states = [
-            state.with_arrays({part: np.array(arrays[f"{name}_{part}"]) for part in state.arrays()})
-            for name, state in self._states().items()
-        ]
-        self.state, self._before = states[0], states[-1]
+        self.state = self.state.with_arrays(
+            {part: np.array(arrays[f"{_STATE}{part}"]) for part in self.state.arrays()}
+        )

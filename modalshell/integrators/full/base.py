@@ -45,6 +45,9 @@ class Body(Protocol):
     def start_shell(self) -> Shell:
         """The shell with what clamps its edges where it is at the beginning of a step."""
 
+    def support_rate(self, x: Array) -> Array | float:
+        """Rate [N/s] at which supports that move change the gradient at ``x`` at the step's end."""
+
 
 class FullIntegrator(Integrator):
     """A rule for ``M x'' + C x' = f(x) + load``, every vertex an unknown.
@@ -121,15 +124,18 @@ def inner_force(shell: Shell, x: Array, rates: Array, damping: Damping, by_suppo
     return force
 
 
-def step_potential(body: Body, state: MotionState, dt: float, load: Array, damping: Damping) -> tuple[Potential, float]:
-    """``E + |x - x_n|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(x - x_n)``, C at the step's beginning; and its scale."""
-    shell, x = body.shell, state.coordinates
-    quadratic = np.zeros(shell.pattern.size)
-    if damping.stiffness_factor or shell.has_dashpots:
-        quadratic = body.start_shell.damping_matrix(x, damping.stiffness_factor) / dt
+def step_potential(
+    body: Body, x: Array, rates: Array, dt: float, load: Array, damping: Damping, viscosity: Array | None = None
+) -> tuple[Potential, float]:
+    """``E + |y - x|^2 (M/h^2 + C/h) / 2 - (f + M v/h).(y - x)`` of a step from x (n, 3), rates v; and its scale.
+
+    ``viscosity`` is the viscous matrix, if there is one.
+    """
+    shell = body.shell
+    quadratic = np.zeros(shell.pattern.size) if viscosity is None else viscosity / dt
     quadratic[shell.pattern.diagonal] += np.repeat(shell.mass, 3) * (1.0 / dt**2 + damping.mass_factor / dt)
-    push = load + shell.mass[:, None] * state.rates / dt
+    push = load + shell.mass[:, None] * rates / dt
     if damping.stiffness_factor:
-        push -= damping.stiffness_factor * pull_rate(body, x, dt)
+        push -= damping.stiffness_factor * body.support_rate(x)
     problem = Potential(push, x, shell, body.factoriser, body.costs, body.live, quadratic=quadratic, kept_within=np.inf)
     return problem, problem.scale_at(x)

@@ -33,7 +33,10 @@ class LinearImplicitEuler(FullIntegrator, key="linear_implicit"):
             load = load - (dt + damping.stiffness_factor) * by_supports
             body, shell = copy.copy(body), body.start_shell
             body.shell = shell
-        problem, _ = step_potential(body, state, dt, load, damping)
+        viscosity = None
+        if damping.stiffness_factor or shell.has_dashpots:
+            viscosity = shell.damping_matrix(x, damping.stiffness_factor)
+        problem, _ = step_potential(body, x, state.rates, dt, load, damping, viscosity)
         move = hold(shell, x, held) - x
         gradient, hessian = problem.linearise(x, PROJECTED, led=move)
         factor = problem.definite_factor(hessian)

@@ -12,9 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from modalshell.core.registry import Registry
 from modalshell.core.typing import Array
 from modalshell.integrators.base import Integrator
+from modalshell.integrators.state import MotionState
 
 Force = Callable[[Array], Array]
 """Modal force at coordinates of any shape (..., m), in the same shape."""
+ForceInTime = Callable[[Array, Array, float], Array]
+"""Modal force (m,) at coordinates (m,) and rates (m,), at a share of the step from its beginning."""
 Step = float | Array
 
 
@@ -23,7 +26,14 @@ class ModalIntegrator(Integrator):
 
     A subclass defines the step. It is linear in q, v and p, so that its linear theory is obtained by
     stepping unit vectors: a new rule needs no more than :meth:`step`.
+
+    Attributes
+    ----------
+    backward : bool
+        Whether rates are the differences of the coordinates over a step.
     """
+
+    backward: ClassVar[bool] = True
 
     known: ClassVar[Registry[type[ModalIntegrator]]] = Registry("integrator")
 
@@ -45,13 +55,51 @@ class ModalIntegrator(Integrator):
             Step [s].
         """
 
-    def compliance(self, stiffness: Array, damp: Array, h: float) -> Array:
-        """Change (m,) of each coordinate within a step per unit of modal force [s^2]."""
+    def at_rest(self, coordinates: Array) -> MotionState:
+        """State at rest, with what the rule keeps from step to step."""
+        return MotionState(coordinates, np.zeros_like(coordinates))
+
+    def advance(
+        self,
+        state: MotionState,
+        force: ForceInTime,
+        stiffness: Array,
+        damp: Array,
+        h: float,
+        size: float,  # noqa: ARG002 (for rules that judge a motion)
+    ) -> MotionState:
+        """State after one step of ``h`` [s].
+
+        Parameters
+        ----------
+        state : MotionState
+            At its beginning.
+        force : callable
+            Modal force, its rates those of the coordinates.
+        stiffness, damp : ndarray, shape (m,)
+            As in :meth:`step`.
+        h : float
+            Step [s].
+        size : float
+            Size of the shell in the norm of the mass [m sqrt(kg)].
+        """
+        v = state.rates
+        return MotionState(*self.step(state.coordinates, v, lambda q: force(q, v, 1.0), stiffness, damp, h))
+
+    def response(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
+        """Change (m,) of coordinates and rates within a step per unit of modal force at its end."""
+        return self.impulse(stiffness, damp, h)
+
+    def impulse(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
+        """Change (m,) of coordinates [s^2] and rates [s] within a step per unit of a modal force throughout it."""
         rest = np.zeros_like(stiffness)
-        return self.step(rest, rest, np.ones_like, stiffness, damp, h)[0]
+        return self.step(rest, rest, np.ones_like, stiffness, damp, h)
 
     def matrix(self, stiffness: Array, damp: Array, h: float, slope: Array) -> Array:
-        """Matrix (2m, 2m) that takes small deviations of q and v over a step, under modal forces ``slope q`` (m, m)."""
+        """Matrix (2m, 2m) that takes small deviations of q and v over a step, under modal forces ``slope q`` (m, m).
+
+        Larger where a rule keeps more.
+        """
         q, v = np.split(np.eye(2 * stiffness.size), 2, axis=1)
         return np.hstack(self.step(q, v, lambda q: q @ slope.T, stiffness, damp, h)).T
 

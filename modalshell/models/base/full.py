@@ -16,12 +16,13 @@ from modalshell.core.checks import checked_kind, checked_number
 from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.timings import Timings
 from modalshell.core.typing import Array, Index
-from modalshell.integrators.full import ExplicitEuler, FullIntegrator
+from modalshell.integrators.full import ExplicitEuler, FullIntegrator, ImplicitRule
 from modalshell.integrators.full.base import hold
+from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import Model, Stepper
+from modalshell.models.base.model import LEAD, Model, Stepper
 from modalshell.models.base.sensitivity import checked_names, checked_state, checked_weights
 from modalshell.models.base.tangent import Tangent
 from modalshell.modes import Factoriser, TangentStiffness, largest_eigenvalue, lowest_tangent_eigenvalue
@@ -36,7 +37,7 @@ from modalshell.statics.path import Followable
 from modalshell.statics.potential import Potential
 from modalshell.statics.refine import refine
 from modalshell.statics.verdict import verdict
-from modalshell.supports import Pose
+from modalshell.supports import Pose, SupportPath
 
 _ENDS = {LIMIT: "limit point", BIFURCATION: "bifurcation"}
 _LEFT = "symmetry was broken: a saddle was left along its unstable mode, to the lower of both sides"
@@ -77,7 +78,7 @@ class FullModel(Model):
         self,
         shell: Shell,
         *,
-        integrator: str | FullIntegrator = "implicit",
+        integrator: str | FullIntegrator = "sdirk2",
         allow_unstable_step: bool = False,
         step_tolerance: float = 1e-6,
         backend: str | None = None,
@@ -91,6 +92,7 @@ class FullModel(Model):
         self.costs = Timings()
         self.live: LiveLoads | None = None
         self._start_shell: Shell | None = None
+        self._earlier: tuple[Shell, float] | None = None
 
     def _solve(self, load: Array, start: Array | None) -> Equilibrium:
         return self._solve_live(Loading(self.shell.rest_positions, load), start)
@@ -252,6 +254,10 @@ class FullModel(Model):
         """Vertex positions (n, 3) [m]: the coordinates themselves, copied."""
         return state.coordinates.copy()
 
+    def velocities(self, state: MotionState, lead: float) -> Array:  # noqa: ARG002 (they are known)
+        """Velocities (n, 3) [m/s]: the rates themselves."""
+        return state.rates
+
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; patches under constraints are moved as boundaries."""
         patches = held_patches(setup.constraints, self.shell) if setup.constraints else []
@@ -264,18 +270,29 @@ class FullModel(Model):
         """The shell with what clamps its edges where it is at the beginning of a step."""
         return self._start_shell or self.shell
 
-    def carried(self, before: Pose, after: Pose) -> Self:
-        """The model for a step of moving supports, which take along what clamps edges next to the held vertices."""
-        if (end := self.shell.posed(after.to_world)) is self.shell:
+    def support_rate(self, x: Array) -> Array | float:
+        """Rate [N/s] at which supports that move change the gradient at ``x`` (n, 3) at the step's end."""
+        if self._earlier is None:
+            return 0.0
+        shell, lead = self._earlier
+        return shell.elastic_energy.pull(x, self.shell.elastic_energy) / lead
+
+    def carried(self, path: SupportPath, begin: float, end: float, lead: float) -> Self:
+        """The model for a step from ``begin`` to ``end`` [s] of moving supports, which take along what clamps edges.
+
+        How fast they move at its end shows in where they were a ``lead`` [s] before.
+        """
+        if (after := self.shell.posed(path.at(end).to_world)) is self.shell:
             return self
         model = copy.copy(self)
-        model.shell, model._start_shell = end, self.shell.posed(before.to_world)
+        model.shell, model._start_shell = after, self.shell.posed(path.at(begin).to_world)
+        model._earlier = self.shell.posed(path.at(end - lead).to_world), lead
         return model
 
     def placed(self, state: MotionState, pose: Pose) -> MotionState:
         """``state`` moved with the supports: positions, rates and the integrator's memory."""
-        memory = {name: vectors @ pose.rotation.T for name, vectors in state.memory.items()}
-        return MotionState(pose.to_world(state.coordinates), state.rates @ pose.rotation.T, memory)
+        turned = {name: kept @ pose.rotation.T if kept.ndim == 2 else kept for name, kept in state.memory.items()}
+        return MotionState(pose.to_world(state.coordinates), state.rates @ pose.rotation.T, turned)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
@@ -283,31 +300,21 @@ class FullModel(Model):
         """One step of the integrator; for implicit ones, whether the solve converged."""
         return self.integrator.step(self, state, dt, load, damping, held)
 
-    def step_live(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None, live: LiveLoads
-    ) -> tuple[MotionState, bool]:
-        """One step under loads that change, as at its end if the integrator takes them so, else as at its beginning."""
-        x = state.coordinates
-        if not self.integrator.takes_live:
-            force = live.loading.live_force(x + live.origin, state.rates, live.time)
-            return self.step(state, dt, load + force, damping, held)
+    def under(self, live: LiveLoads, before: Array, dt: float) -> Self:
+        """The model under loads that change within a step of ``dt`` [s] from the positions ``before`` (n, 3) [m]."""
         body = copy.copy(self)
-        body.live = replace(live, before=x, rate=1.0 / dt)
-        return self.integrator.step(body, state, dt, load, damping, held)
+        body.live = replace(live, before=before, rate=1.0 / dt)
+        return body
 
 
 @final
 class FullStepper(Stepper):
     """Steps that take loads as they change within them, and edges clamped to supports along with these.
 
-    In the frame of supports that move, loads are those at a step's beginning: they act in the world.
+    In the frame of supports that move, loads are those expected at the end of a step: they act in the world.
     """
 
     model: FullModel
-
-    def __init__(self, model: FullModel, setup: MotionSetup, patches: Sequence[HeldPatch], *, in_frame: bool) -> None:
-        super().__init__(model, setup, patches, in_frame=in_frame)
-        self._lagging &= self._frame is not None
 
     def start(self, positions: Array | None) -> MotionState:
         """State at rest, moved with the supports to where these are at time 0."""
@@ -323,27 +330,34 @@ class FullStepper(Stepper):
 
     def model_at(self, time: float) -> Model:
         """The model with its supports where they are at ``time`` [s]."""
-        if self._path is None:
-            return self.model
-        pose = self._path.at(time)
-        return self.model.carried(pose, pose)
+        return self.model if self._path is None else self.model.carried(self._path, time, time, self.setup.dt)
 
-    @property
-    def keeps_last(self) -> bool:
-        """Whether a step depends on the state before its first."""
-        return self._frame is not None
+    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """One step of the model's rule."""
+        dt, damping, rule = self.setup.dt, self.setup.damping, self.model.integrator
+        if isinstance(rule, ImplicitRule):
+            steps = ShellSteps(self.model, lambda start: self._at(count, start, load), damping)
+            return rule.march(steps, state, dt)
+        whole = EulerStart(state.coordinates, state.rates, dt, 1.0, state.rates, state.coordinates, state.coordinates, 0.0)
+        body, load, held = self._at(count, whole, load, begins=not rule.takes_live)
+        return rule.step(body, state, dt, load, damping, held)
 
-    def _step(
-        self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
-    ) -> tuple[MotionState, bool]:
-        dt, damping, loading, model = self.setup.dt, self.setup.damping, self.setup.loading, self.model
-        time = (count + 1) * dt
-        if self._path is not None and pose is not None:
-            model = model.carried(self._path.at(count * dt), pose)
-        held = self._held_positions(time, pose)
-        if not loading.live or self._lagging:
-            return model.step(state, dt, load, damping, held)
-        return model.step_live(state, dt, load, damping, held, LiveLoads(loading, time, self.origin))
+    def _at(
+        self, count: int, start: EulerStart, load: Array, *, begins: bool = False
+    ) -> tuple[FullModel, Array, Array | None]:
+        """Model, dead load and held places of a step of implicit Euler; loads as where it ``begins`` if asked for."""
+        dt, model, loading = self.setup.dt, self.model, self.setup.loading
+        time, path = (count + start.end) * dt, self._path or self._frame
+        if self._path is not None:
+            model = model.carried(self._path, (count + start.viscous_time) * dt, time, LEAD * dt)
+        held = self._held_positions(time, None if path is None else path.at(time))
+        if self._frame is not None:
+            load, _ = self.felt(time, load, MotionState(start.origin, start.rates) if begins else start.guess)
+        elif loading.live and begins:
+            load = load + loading.live_force(start.origin + self.origin, start.rates, time)
+        elif loading.live:
+            model = model.under(LiveLoads(loading, time, self.origin), start.origin, start.dt)
+        return model, load, held
 
 
 def _reactions(

@@ -20,11 +20,12 @@ from modalshell.core.errors import OptionError, SolverError
 from modalshell.core.outcome import Outcome
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
+from modalshell.integrators.modal.base import ForceInTime
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.distortion import Distortion
 from modalshell.models.base.equilibrium import Equilibrium
-from modalshell.models.base.model import FrameModel, Model, Stepper
+from modalshell.models.base.model import LEAD, FrameModel, Model, Stepper
 from modalshell.models.base.reduced_sensitivity import ModalTangent
 from modalshell.models.base.settle import self_consistent
 from modalshell.models.base.warp import Warp
@@ -56,20 +57,21 @@ class ModalModel(Warp, FrameModel):
     basis : Basis
         Modes, eigenvalues and modal rotations of the shell.
     integrator : str or ModalIntegrator
-        "implicit_euler" (first order, loses energy), "implicit_midpoint" (second order, keeps the energy of linear
-        motion), the key of any other :class:`ModalIntegrator`, or a rule itself.
+        "exponential" (second order, exact where the modal forces do not turn), "implicit_euler" (first order, loses
+        energy; that of the paper), "implicit_midpoint" (second order, keeps the energy of linear motion), the key of
+        any other :class:`ModalIntegrator`, or a rule itself.
     """
 
-    def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "implicit_euler") -> None:
+    def __init__(self, basis: Basis, *, integrator: str | ModalIntegrator = "exponential") -> None:
         self.basis = checked_kind("basis", basis, Basis)
         self.shell = basis.shell
         self.integrator: ModalIntegrator = ModalIntegrator.chosen(integrator)
         self._identity = np.eye(basis.count)
         self._distortion = Distortion(self.shell.mesh)
         self._damp: tuple[Damping, Array] | None = None
-        self._unit_step: tuple[tuple[float, Damping], tuple[Array, Array]] | None = None
         self._mass = np.repeat(self.shell.mass, 3)
         self._size = float(np.ptp(self.shell.rest_positions, axis=0).max())
+        self._mass_size = self._size * float(np.sqrt(self.shell.mass.sum()))
 
     def sensitivity(self, state: Equilibrium, wrt: str | Sequence[str], *, of: ArrayLike | None = None) -> Array:
         """Derivative of an equilibrium under dead loads, that of the modes by the material with it; see :class:`Model`.
@@ -227,17 +229,18 @@ class ModalModel(Warp, FrameModel):
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """Modal state at rest."""
-        q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
-        return MotionState(q, np.zeros_like(q))
+        return self.integrator.at_rest(np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions))
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """One step of the integrator for every mode."""
-        q, v, eigenvalues = state.coordinates, state.rates, self.basis.eigenvalues
+        return self.march(state, dt, lambda q, v, share: self.modal_force(q, load), damping), True
+
+    def march(self, state: MotionState, dt: float, force: ForceInTime, damping: Damping) -> MotionState:
+        """One step of the integrator under modal forces that are asked for where they are needed."""
         damp = self._modal_damping(damping)
-        after = self.integrator.step(q, v, lambda q: self.modal_force(q, load), eigenvalues, damp, dt)
-        return MotionState(*after), True
+        return self.integrator.advance(state, force, self.basis.eigenvalues, damp, dt, self._mass_size)
 
     def _modal_damping(self, damping: Damping) -> Array:
         """Damping [1/s] of the modes (m,), kept from step to step."""
@@ -246,40 +249,26 @@ class ModalModel(Warp, FrameModel):
             kept = self._damp = damping, damping.of_modes(self.basis.eigenvalues)
         return kept[1]
 
-    def dragged(
-        self, state: MotionState, before: MotionState, dt: float, damping: Damping, vertices: Index, drag: Array
-    ) -> MotionState:
-        """The modal forces' fall ``-D (v - v_n)``, D the drag in the turned modes, taken at the step's end."""
-        rows = self.turned_rows(before.coordinates, vertices)
-        return self._slowed(state, before, dt, damping, np.tensordot(rows, drag @ rows, ((0, 1), (0, 1))))
+    def drag_at(self, q: Array, vertices: Index, drag: Array) -> Array:
+        """Drag (m, m) in the turned modes of one (k, 3, 3) [N s/m] at some vertices."""
+        rows = self.turned_rows(q, vertices)
+        return np.tensordot(rows, drag @ rows, ((0, 1), (0, 1)))
 
     def load_quadrature(self, loading: Loading) -> LoadQuadrature | None:
         """A cheap sum of the loads that change, for steps of this model, if there is one."""
         return None
 
-    def step_by_quadrature(
-        self, state: MotionState, dt: float, load: Array, damping: Damping, pushed: tuple[Array, Array]
-    ) -> MotionState:
-        """One step under a dead load (n, 3) [N] and what a :class:`LoadQuadrature` says of the others."""
-        (push, drag), q, v, eigenvalues = pushed, state.coordinates, state.rates, self.basis.eigenvalues
-        damp = self._modal_damping(damping)
-        after = self.integrator.step(q, v, lambda q: self.modal_force(q, load) + push, eigenvalues, damp, dt)
-        return self._slowed(MotionState(*after), state, dt, damping, drag) if drag.any() else MotionState(*after)
-
-    def _slowed(
-        self, state: MotionState, before: MotionState, dt: float, damping: Damping, matrix: Array
-    ) -> MotionState:
-        """``state`` corrected by implicit modal forces ``-matrix (v - v_n)``."""
-        if self._unit_step is None or self._unit_step[0] != (dt, damping):
-            eigenvalues = self.basis.eigenvalues
-            rest, damp = np.zeros_like(eigenvalues), damping.of_modes(eigenvalues)
-            self._unit_step = (dt, damping), self.integrator.step(rest, rest, np.ones_like, eigenvalues, damp, dt)
-        by_position, by_rate = self._unit_step[1]
+    def slowed(self, state: MotionState, rates: Array, dt: float, damping: Damping, drag: Array) -> MotionState:
+        """``state`` after a step, corrected by implicit modal forces ``-drag (v - rates)`` at its end."""
+        by_position, by_rate = self.integrator.response(self.basis.eigenvalues, self._modal_damping(damping), dt)
         # LAPACK at once: this runs each frame, and NumPy takes three times as long to check its arguments.
-        whole = self._identity + by_rate[:, None] * matrix
-        gain = scipy.linalg.lapack.dgesv(whole, state.rates - before.rates)[2]
-        force = -(matrix @ gain)
-        return MotionState(state.coordinates + by_position * force, state.rates + by_rate * force)
+        whole = self._identity + by_rate[:, None] * drag
+        gain = scipy.linalg.lapack.dgesv(whole, state.rates - rates)[2]
+        force = -(drag @ gain)
+        memory = state.memory
+        if "force" in memory:
+            memory = memory | {"force": memory["force"] + force}
+        return MotionState(state.coordinates + by_position * force, state.rates + by_rate * force, memory)
 
     def turned_rows(self, q: Array, vertices: Index) -> Array:
         """Rows (k, 3, m) of the modes at some vertices, rotated with them."""
@@ -297,14 +286,23 @@ class ModalModel(Warp, FrameModel):
         return self.integrator.decay_rate(eigenvalues, damping.of_modes(eigenvalues), dt)
 
     def meet_constraints(
-        self, state: MotionState, dt: float, damping: Damping, targets: PatchTargets
+        self, state: MotionState, dt: float, damping: Damping, targets: PatchTargets, earlier: PatchTargets, lead: float
     ) -> tuple[MotionState, Array]:
-        """Move the step's end onto the constraints by the modal forces of least work [choi2007, section 4.4]."""
-        free = state.coordinates
-        eigenvalues = self.basis.eigenvalues
-        compliance = self.integrator.compliance(eigenvalues, damping.of_modes(eigenvalues), dt)
-        q, residual = meet(targets, free, compliance, free)
-        return MotionState(q, state.rates + (q - free) / dt), targets.lengths(residual)
+        """Move the step's end onto the constraints by the modal forces of least work [choi2007, section 4.4].
+
+        Rates become the differences of coordinates, or go with the targets from where they were ``earlier``, a
+        ``lead`` [s] before.
+        """
+        free, eigenvalues, damp = state.coordinates, self.basis.eigenvalues, self._modal_damping(damping)
+        by_position, by_rate = self.integrator.impulse(eigenvalues, damp, dt)
+        q, residual = meet(targets, free, by_position, free)
+        if self.integrator.backward:
+            rates = state.rates + (q - free) / dt
+        else:
+            rates = state.rates + by_rate / by_position * (q - free)
+            wanted, jacobian = (residual - earlier(q)[0]) / lead, targets(q)[1]
+            rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=None)[0]
+        return MotionState(q, rates, state.memory), targets.lengths(residual)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
@@ -349,28 +347,50 @@ class ModalStepper(Stepper):
     def __init__(self, model: ModalModel, setup: MotionSetup) -> None:
         super().__init__(model, setup, in_frame=True)
         self._quadrature = None if setup.supports is not None else self.model.load_quadrature(setup.loading)
-        self._lagging &= self._quadrature is None
 
-    def _step(
-        self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
-    ) -> tuple[MotionState, bool]:
-        dt, damping, time = self.setup.dt, self.setup.damping, (count + 1) * self.setup.dt
-        if self._quadrature is None:
-            return self.model.step(state, dt, load, damping)
-        load = self._quadrature.dead(load, time)
-        own, last = self.own_positions(state), self.own_positions(before)
-        pushed = self._quadrature.push(state.coordinates, own, last, 1.0 / dt, time)
-        return self.model.step_by_quadrature(state, dt, load, damping, pushed), True
+    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """One step of the model's rule, onto the constraints."""
+        model, dt, damping = self.model, self.setup.dt, self.setup.damping
+        last: list[tuple[Array, Array]] = []
 
-    def advance(self, count: int, state: MotionState, before: MotionState, load: Array) -> tuple[MotionState, bool]:
-        """As of every stepper, onto the constraints."""
-        after, solved = super().advance(count, state, before, load)
+        def force(q: Array, rates: Array, share: float) -> Array:
+            pushed, drag = self._push((count + share) * dt, load, MotionState(q, rates))
+            last[:] = [] if drag is None else [(rates, drag)]
+            return pushed
+
+        after = model.march(state, dt, force, damping)
+        if last:
+            after = model.slowed(after, last[0][0], dt, damping, last[0][1])
         if self.setup.constraints:
-            time, dt = (count + 1) * self.setup.dt, self.setup.dt
-            pose = None if self._frame is None else self._frame.at(time)
-            targets = self.model._targets(self.setup.constraints, state.coordinates, time, pose)
-            after, self.residuals = self.model.meet_constraints(after, dt, self.setup.damping, targets)
-        return after, solved
+            after = self._met(count, state, after)
+            if "force" in after.memory:
+                after.memory["force"] = force(after.coordinates, after.rates, 1.0)
+        return after, True
+
+    def _push(self, time: float, load: Array, state: MotionState) -> tuple[Array, Array | None]:
+        """Modal force (m,) of all loads on a state, and how it falls with the rates (m, m)."""
+        q, model = state.coordinates, self.model
+        if self._quadrature is None:
+            load, drag = self.felt(time, load, state)
+            return model.modal_force(q, load), None if drag is None else model.drag_at(q, *drag)
+        own, lead = self.own_positions(state), LEAD * self.setup.dt
+        by_velocity = self.setup.loading.by_velocity
+        last = own - lead * model.velocities(state, lead) if by_velocity else own
+        push, slope = self._quadrature.push(q, own, last, 1.0 / lead, time)
+        push += model.modal_force(q, self._quadrature.dead(load, time))
+        return push, slope if by_velocity else None
+
+    def _met(self, count: int, state: MotionState, free: MotionState) -> MotionState:
+        """``free``, the state after a step from ``state``, moved onto the constraints."""
+        time, dt, damping = (count + 1) * self.setup.dt, self.setup.dt, self.setup.damping
+        times = time, time - LEAD * dt
+        poses = [None if self._frame is None else self._frame.at(moment) for moment in times]
+        targets, earlier = (
+            self.model._targets(self.setup.constraints, state.coordinates, moment, pose)
+            for moment, pose in zip(times, poses, strict=True)
+        )
+        after, self.residuals = self.model.meet_constraints(free, dt, damping, targets, earlier, LEAD * dt)
+        return after
 
 
 def as_modal(model: Model) -> ModalModel | None:

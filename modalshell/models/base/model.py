@@ -27,6 +27,10 @@ from modalshell.supports import Pose, SupportPath
 
 NO_POTENTIAL = "follower load"
 """Said of every answer under a load without a potential: no fault."""
+Drag = tuple[Index, Array]
+"""Vertices (k,), and minus the derivatives (k, 3, 3) [N s/m] of the forces there by their velocities."""
+LEAD = 1e-3
+"""Share of a step over which velocities are differences of positions."""
 RIGID_LOAD = 1e-9
 """Share of the load's norm that may act on rigid motions before a free shell counts as having no equilibrium."""
 
@@ -210,6 +214,11 @@ class Model(ABC):
     def positions(self, state: MotionState) -> Array:
         """Vertex positions (n, 3) [m] of a state, a new array each time."""
 
+    def velocities(self, state: MotionState, lead: float) -> Array:
+        """Velocities (n, 3) [m/s] of a state, by where the vertices were a short time ``lead`` [s] before."""
+        earlier = MotionState(state.coordinates - lead * state.rates, state.rates)
+        return np.asarray((self.positions(state) - self.positions(earlier)) / lead)
+
     def centred(self) -> tuple[Model, Array]:
         """The model to step, and where its origin lies (3,) [m]: that of a shell far away is one about the origin."""
         return self, np.zeros(3)
@@ -293,8 +302,6 @@ class Stepper(ABC):
         self._frame: SupportPath | None = path if in_frame else None
         self._path: SupportPath | None = None if in_frame else path
         self._patches = patches
-        self._lagging = bool(setup.loading.live)
-        """Whether loads that change are taken as they are at a step's beginning."""
         self._known: list[tuple[MotionState, Array]] = []
 
     def start(self, positions: Array | None) -> MotionState:
@@ -317,7 +324,9 @@ class Stepper(ABC):
 
     def positions(self, state: MotionState, time: float) -> Array:
         """Positions (n, 3) [m] in the world."""
-        own = self.own_positions(state)
+        return self._in_world(self.own_positions(state), time)
+
+    def _in_world(self, own: Array, time: float) -> Array:
         if self._frame is not None:
             own = self._frame.at(time).to_world(own)
         return own + self.origin if self._off_centre else own
@@ -326,40 +335,38 @@ class Stepper(ABC):
         """The model with its supports where they are at ``time`` [s]."""
         return self.model
 
-    @property
-    def keeps_last(self) -> bool:
-        """Whether a step depends on the state before its first."""
-        return self._frame is not None or self.setup.loading.by_velocity
-
-    def advance(self, count: int, state: MotionState, before: MotionState, load: Array) -> tuple[MotionState, bool]:
+    @abstractmethod
+    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """The state a step after ``state``, that of step ``count``; also whether the model's own solver converged.
 
-        ``before`` is the state of the step before, ``load`` (n, 3) [N] the sum of the dead loads in the world.
+        ``load`` (n, 3) [N] is the sum of the dead loads in the world.
         """
-        loading, dt = self.setup.loading, self.setup.dt
-        time, path = (count + 1) * dt, self._frame or self._path
-        pose = None if path is None else path.at(time)
-        if self._lagging:
-            now = self.positions(state, count * dt)
-            last = self.positions(before, max(count - 1, 0) * dt)
-            load = loading.moving_force(load, now, last, 1.0 / dt, time)
-        if pose is not None and self._frame is not None:
-            own = self.own_positions(state)
-            rates = (own - self.own_positions(before)) / dt
-            load = pose.shell_load(load, self.model.shell.mass, own, rates)
-        after, solved = self._step(count, state, before, load, pose)
-        if self._lagging and loading.by_velocity:
-            vertices, drag = loading.drag(now, (now - last) / dt, time)
-            if pose is not None:
-                drag = pose.rotation.T @ drag @ pose.rotation
-            after = self.model.dragged(after, state, dt, self.setup.damping, vertices, drag)
-        return after, solved
 
-    @abstractmethod
-    def _step(
-        self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
-    ) -> tuple[MotionState, bool]:
-        """What :meth:`advance` returns, under a ``load`` in the frame of the states; ``pose`` is of the step's end."""
+    def felt(self, time: float, load: Array, state: MotionState) -> tuple[Array, Drag | None]:
+        """Load (n, 3) [N] in the frame of the states at ``time`` [s], inertial ones with it, and how it falls.
+
+        ``load`` (n, 3) [N] are the dead loads in the world, ``state`` is where the shell is then. How the load falls
+        with velocities is None where it does not.
+        """
+        loading, pose = self.setup.loading, None if self._frame is None else self._frame.at(time)
+        live = bool(loading.live)
+        turns = pose is not None and bool(pose.turn_rate.any() or pose.turn_acceleration.any())
+        if pose is None and not live:
+            return load, None
+        own = self.own_positions(state) if live or turns else self.model.shell.rest_positions
+        rates, drag, lead = np.zeros_like(own), None, LEAD * self.setup.dt
+        if turns or loading.by_velocity:
+            rates = self.model.velocities(state, lead)
+        if live:
+            now = last = self._in_world(own, time)
+            if loading.by_velocity:
+                last = self._in_world(own - lead * rates, time - lead)
+                vertices, slopes = loading.drag(now, (now - last) / lead, time)
+                drag = vertices, slopes if pose is None else pose.rotation.T @ slopes @ pose.rotation
+            load = loading.moving_force(load, now, last, 1.0 / lead if loading.by_velocity else 0.0, time)
+        if pose is not None:
+            load = pose.shell_load(load, self.model.shell.mass, own, rates)
+        return load, drag
 
     def _held_positions(self, time: float, pose: Pose | None) -> Array | None:
         """Where the held vertices are at ``time``, in their order; None where they rest."""
@@ -382,9 +389,10 @@ class DeadLoadStepper(Stepper):
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=in_frame)
 
-    def _step(
-        self, count: int, state: MotionState, before: MotionState, load: Array, pose: Pose | None
-    ) -> tuple[MotionState, bool]:
-        dt = self.setup.dt
-        held = self._held_positions((count + 1) * dt, pose)
-        return self.model.step(state, dt, load, self.setup.damping, held)
+    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """One step of the model."""
+        dt, damping, time = self.setup.dt, self.setup.damping, (count + 1) * self.setup.dt
+        load, drag = self.felt(time, load, state)
+        pose = None if self._path is None else self._path.at(time)
+        after, solved = self.model.step(state, dt, load, damping, self._held_positions(time, pose))
+        return (after if drag is None else self.model.dragged(after, state, dt, damping, *drag)), solved

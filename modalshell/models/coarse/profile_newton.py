@@ -87,6 +87,15 @@ def make_room(body: Body) -> Room:
     )  # fmt: skip
 
 
+class Start(NamedTuple):
+    """Where a step begins; see :class:`modalshell.integrators.full.implicit_rule.EulerStart`."""
+
+    origin: Array
+    rates: Array
+    near: Array
+    viscous_at: Array
+
+
 class Step(NamedTuple):
     """A step about ``origin`` (n, 3): the problem of :mod:`modalshell.statics.mixed_newton`."""
 
@@ -304,7 +313,7 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def implicit_step(body, room, origin, rates, load, dt, drag, resistances, tolerance):  # type: ignore[no-untyped-def]
+def implicit_step(body, room, start, load, dt, drag, resistances, tolerance):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton [magisano2017], and descent where that fails.
 
     ``drag`` is damping by the mass [1/s]; ``resistances`` are the weights of that by the elements' rates, empty if
@@ -320,16 +329,17 @@ def implicit_step(body, room, origin, rates, load, dt, drag, resistances, tolera
         Whether the residual met the tolerance and the last Hessian was positive definite.
     """
     x, push, viscous, numbers = room.x, room.push, room.viscous[:0], room.numbers
+    origin, rates = start.origin, start.rates
     numbers[_INERTIA], numbers[_DRAG] = 1.0 / (dt * dt) + drag / dt, 0.0
     if resistances[0].size:
         viscous = room.viscous
-        _add_viscosity(body, room, origin, resistances)
+        _add_viscosity(body, room, start.viscous_at, resistances)
         viscous /= dt
     forces, displaced = 0.0, 0.0
     for v in range(origin.shape[0]):
         for axis in range(3):
             push[v, axis] = load[v, axis] + body.mass[v] * rates[v, axis] / dt
-    room.slots[START] = origin
+    room.slots[START] = start.near
     x[:] = body.rest
     for k in range(body.free.size):
         v = body.free[k]
@@ -340,8 +350,8 @@ def implicit_step(body, room, origin, rates, load, dt, drag, resistances, tolera
     scale = max(np.sqrt(forces), _FLOOR * np.sqrt(displaced) / (dt * dt))
     numbers[_SCALE] = scale if scale > 0.0 else 1.0
     room.step[:] = x
-    room.step[:] -= origin
-    _predict(body, room, origin)
+    room.step[:] -= start.near
+    _predict(body, room, start.near)
     step = Step(body, room, origin, viscous, x, room.slots)
     found = solve_step(step, Rules(tolerance, tolerance, 0.0, _UNCHECKED, MOST))
     return x.copy(), found.iterations, found.solved

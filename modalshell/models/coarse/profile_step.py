@@ -15,9 +15,10 @@ import numpy as np
 from modalshell.core.cost import count_elements, count_factorisation, count_solves
 from modalshell.core.thread_safety import PerThread
 from modalshell.core.typing import Array
+from modalshell.integrators.full.implicit_rule import EulerStart
 from modalshell.integrators.state import Damping
 from modalshell.linalg import ProfileAnalysis
-from modalshell.models.coarse.profile_newton import Body, Elements, implicit_step, make_room
+from modalshell.models.coarse.profile_newton import Body, Elements, Start, implicit_step, make_room
 from modalshell.shell import Isotropic, Shell
 from modalshell.shell.kernels.generated import flexure, shear, stretch
 
@@ -72,10 +73,8 @@ class ProfileStep:
         )
         self._room = PerThread(functools.partial(make_room, self._body))
 
-    def __call__(
-        self, x: Array, rates: Array, load: Array, dt: float, damping: Damping, tolerance: float
-    ) -> tuple[Array, bool]:
-        """Positions (n, 3) [m] after ``dt`` [s] under ``load`` (n, 3) [N], and whether the step's equations are solved.
+    def __call__(self, start: EulerStart, load: Array, damping: Damping, tolerance: float) -> tuple[Array, bool]:
+        """Positions (n, 3) [m] after a step under ``load`` (n, 3) [N], and whether the step's equations are solved.
 
         The held vertices rest. ``tolerance`` is the residual over the push of load and inertia.
         """
@@ -84,8 +83,9 @@ class ProfileStep:
         if rate or self._shell.has_dashpots:
             resistances = tuple(elements.resistance(rate) for elements in self._shell.elements)
         moved, iterations, solved = implicit_step(
-            self._body, self._room(), x, rates, load, dt, damping.mass_factor, resistances, tolerance
-        )
+            self._body, self._room(), Start(start.origin, start.rates, start.near, start.viscous_at), load, start.dt,
+            damping.mass_factor, resistances, tolerance,
+        )  # fmt: skip
         count_elements(3 * (iterations + 1) * self._elements)  # gradient, Hessian and stresses
         count_factorisation(self._unknowns, iterations, self._products)
         count_solves(self._unknowns, iterations)

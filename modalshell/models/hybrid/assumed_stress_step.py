@@ -272,11 +272,12 @@ def _step_aside(p, fraction):  # type: ignore[no-untyped-def]
 
 
 @njit(**_options)
-def implicit_step(reduced, z, rates, force, dt, drag, viscosity, tolerance):  # type: ignore[no-untyped-def]
+def implicit_step(reduced, start, force, dt, drag, viscosity, tolerance):  # type: ignore[no-untyped-def]
     """One step of implicit Euler by mixed Newton, and descent where that fails.
 
+    ``start`` holds coordinates and rates, a state without false strains, and where the viscous matrix is taken.
     ``force`` (m,) is the load's; ``drag`` [1/s] and ``viscosity`` [s] are Rayleigh's factors. The viscous matrix is
-    that of the strains' slopes before the step, as for discrete shells.
+    that of the strains' slopes, as for discrete shells.
 
     Returns
     -------
@@ -289,14 +290,15 @@ def implicit_step(reduced, z, rates, force, dt, drag, viscosity, tolerance):  # 
     iterations : int
         Iterations.
     """
+    z, rates, near, viscous_at = start
     count, modes = reduced.membrane.linear.shape
     further = reduced.viscous.linear.shape[1]
     slopes = np.empty((count, max(modes, further) + reduced.angles.size))
     strains, unused, outer = np.empty(slopes.shape[1]), np.empty((count, count)), np.zeros((count, count))
     if viscosity > 0.0:
-        _quadratic(reduced.viscous, z, np.zeros(further), strains, slopes, unused)
+        _quadratic(reduced.viscous, viscous_at, np.zeros(further), strains, slopes, unused)
         _add_squares(slopes[:, :further], viscosity / dt, outer)
-        _hinges(reduced, z, strains, slopes)
+        _hinges(reduced, viscous_at, strains, slopes)
         _add_squares(slopes[:, modes : modes + reduced.angles.size], viscosity / dt, outer)
         for i in range(count):
             for j in range(i):
@@ -308,11 +310,11 @@ def implicit_step(reduced, z, rates, force, dt, drag, viscosity, tolerance):  # 
     scale = max(np.sqrt(np.sum(push * push)), 1e-3 * np.sqrt(np.sum(z * z)) / (dt * dt))
     scale = scale if scale > 0.0 else 1.0
     stresses = np.zeros(modes)
-    _quadratic(reduced.membrane, z, stresses, strains, slopes, unused)
-    _predict(slopes, dt * rates, strains, stresses)
+    _quadratic(reduced.membrane, near, stresses, strains, slopes, unused)
+    _predict(slopes, z + dt * rates - near, strains, stresses)
     slopes, strains = np.empty((count, modes + reduced.angles.size)), np.empty(modes + reduced.angles.size)
     slots = np.empty((2, count))
-    slots[START] = z
+    slots[START] = near
     step = Step(
         reduced, z, outer, push, z + dt * rates, stresses, strains, slopes, np.empty(count), unused, slots,
         np.empty(count), np.array([scale, 0.0, 0.0, np.inf]),

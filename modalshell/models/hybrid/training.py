@@ -11,7 +11,10 @@ import numpy as np
 from modalshell.core.checks import checked_count, checked_number
 from modalshell.core.errors import ModalShellWarning, OptionError, SolverError
 from modalshell.core.typing import Array, Progress
-from modalshell.integrators.state import Damping
+from modalshell.integrators.full import BDF2
+from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.kernels.rotations import largest_turn
 from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, position_modes, reduce_energy, stress_modes
 from modalshell.models.hybrid.assumed_stress_step import implicit_step
@@ -239,23 +242,43 @@ def _membrane(coarse: Shell, x: Array, step: Array) -> Array:
     return np.concatenate(coarse.predicted_stresses(x, step)[:2])
 
 
+@final
+class _ReducedSteps:
+    """Steps of implicit Euler of the reduced shell, under a force ``push`` (m,) on its coordinates."""
+
+    def __init__(self, found: Trained, reduced: ReducedStress, coarse: Shell, damping: Damping) -> None:
+        self._basis, self._reduced, self._coarse = found.basis, reduced, coarse
+        self._factors = damping.mass_factor, damping.stiffness_factor
+        self.push, self.energies = np.zeros(found.basis.shape[1]), (0.0, 0.0)
+
+    def positions(self, z: Array) -> Array:
+        return self._coarse.rest_positions + (self._basis @ z).reshape(-1, 3)
+
+    def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
+        begin = start.origin, start.rates, start.near, start.viscous_at
+        z, solved, *energies, _ = implicit_step(self._reduced, begin, self.push, start.dt, *self._factors, 1e-3)
+        self.energies = energies[0], energies[1]
+        return start.after(z), bool(solved)
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        moved = (self._basis @ move).reshape(-1, 3)
+        return float(largest_turn(self.positions(coordinates), moved, self._coarse.mesh.faces))
+
+
 def _held_out(
     found: Trained, reduced: ReducedStress, coarse: Shell, load: Array, damping: Damping, truth: Array
 ) -> tuple[float, float]:
     """Error of a motion over its size, 1 where it fails, and its largest share of unseen membrane energy."""
-    push = load.ravel() @ found.basis
-    z = np.zeros_like(push)
-    rates, frames, unseen = np.zeros_like(z), [], 0.0
-    factors = damping.mass_factor, damping.stiffness_factor
+    push, rule = load.ravel() @ found.basis, BDF2()
+    steps, state = _ReducedSteps(found, reduced, coarse, damping), rule.at_rest(np.zeros_like(push))
+    frames, unseen = [], 0.0
     for frame in range(LOADED + RELEASED):
-        force = push if frame < LOADED else np.zeros_like(push)
-        moved, solved, energy, seen, _ = implicit_step(reduced, z, rates, force, DT, *factors, 1e-3)
+        steps.push = push if frame < LOADED else np.zeros_like(push)
+        state, solved = rule.march(steps, state, DT)
         if not solved:
             return 1.0, unseen
-        rates, z = (moved - z) / DT, moved
-        x = coarse.rest_positions + (found.basis @ z).reshape(-1, 3)
-        unseen = max(unseen, found.unseen(coarse, x, energy, seen))
-        frames.append(x)
+        frames.append(steps.positions(state.coordinates))
+        unseen = max(unseen, found.unseen(coarse, frames[-1], *steps.energies))
     mass, exact = coarse.mass[:, None], truth[1:]
     off = np.sum(mass * (np.array(frames) - exact) ** 2)
     return float(np.sqrt(off / np.sum(mass * (exact - coarse.rest_positions) ** 2))), unseen

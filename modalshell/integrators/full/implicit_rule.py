@@ -1,0 +1,162 @@
+"""Implicit rules of order one and two, each made of steps of implicit Euler of another length from another state.
+
+``IE(h', x', v')`` minimises ``E(x) + |x - x'|^2 (M/h'^2 + C/h') / 2 - (f + M v'/h').(x - x')``, and ``v = (x - x')/h'``.
+Every rule here asks for such steps alone, so that one solver serves them all, sparse, dense and compiled.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import Protocol, final
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
+from modalshell.integrators.state import Damping, MotionState
+from modalshell.kernels.rotations import largest_turn
+from modalshell.statics.potential import solve
+
+VIOLENT = 0.3
+"""Turn [rad] of a vertex, by the last change of velocity over a step, from which motion is not smooth: there a rule of
+order two keeps a false velocity."""
+
+
+@final
+@dataclass(frozen=True, eq=False)
+class EulerStart:
+    """Where a step of implicit Euler within a rule's step begins, and ends.
+
+    Attributes
+    ----------
+    origin, rates : ndarray
+        x' and v', in the model's own unknowns.
+    dt : float
+        h' [s].
+    end : float
+        When it ends, as a share of the rule's step.
+    expected_rates : ndarray
+        Rates expected at its end, at which loads that are not solved for are taken.
+    near : ndarray
+        A state without false strains, about which the first guess is linearised.
+    viscous_at : ndarray
+        Where the viscous matrix is taken.
+    viscous_time : float
+        When that is, as a share of the rule's step.
+    """
+
+    origin: Array
+    rates: Array
+    dt: float
+    end: float
+    expected_rates: Array
+    near: Array
+    viscous_at: Array
+    viscous_time: float
+
+    @property
+    def guess(self) -> MotionState:
+        """State expected at its end."""
+        return MotionState(self.origin + self.dt * self.rates, self.expected_rates)
+
+    def after(self, coordinates: Array) -> MotionState:
+        """State at its end, at ``coordinates``."""
+        return MotionState(coordinates, (coordinates - self.origin) / self.dt)
+
+
+class EulerSteps(Protocol):
+    """Steps of implicit Euler of one model within one step of a rule."""
+
+    def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
+        """State at the end, and whether its equations were solved."""
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+
+
+class ImplicitRule(FullIntegrator):
+    """A rule made of steps of implicit Euler; see :class:`EulerStart`.
+
+    Where the motion is violent, where a rule has no step before to go on from, and where its own equations are not
+    solved, steps of implicit Euler stand in for it.
+    """
+
+    takes_live = True
+
+    @abstractmethod
+    def march(self, euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s]; also returns whether the equations were solved."""
+
+    def at_rest(self, coordinates: Array) -> MotionState:
+        """State at rest, with what the rule keeps from step to step."""
+        return MotionState(coordinates, np.zeros_like(coordinates))
+
+    def start(self, body: Body, positions: Array) -> MotionState:  # noqa: ARG002
+        """State at rest at ``positions`` (n, 3) [m]."""
+        return self.at_rest(positions)
+
+    def step(
+        self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None
+    ) -> tuple[MotionState, bool]:
+        """Advance under a ``load`` that stays, held vertices going straight to where they are ``held``."""
+        first = state.coordinates[body.shell.clamped]
+
+        def at(start: EulerStart) -> tuple[Body, Array, Array | None]:
+            return body, load, None if held is None else first + start.end * (held - first)
+
+        return self.march(ShellSteps(body, at, damping), state, dt)
+
+
+def euler_step(euler: EulerSteps, state: MotionState, dt: float, begin: float, end: float) -> tuple[MotionState, bool]:
+    """A step of implicit Euler over the part of a step of ``dt`` [s] from ``begin`` to ``end``, shares of it."""
+    x, v = state.coordinates, state.rates
+    return euler.solve(EulerStart(x, v, (end - begin) * dt, end, v, x, x, begin))
+
+
+def two_euler_steps(euler: EulerSteps, state: MotionState, dt: float) -> tuple[MotionState, bool]:
+    """Two half steps of implicit Euler, as a start [rannacher1984]."""
+    middle, first = euler_step(euler, state, dt, 0.0, 0.5)
+    after, second = euler_step(euler, middle, dt, 0.5, 1.0)
+    return after, first and second
+
+
+class StageOf(Protocol):
+    """What a shell feels in a step of implicit Euler."""
+
+    def __call__(self, start: EulerStart, /) -> tuple[Body, Array, Array | None]:
+        """Body, dead load (n, 3) [N], and places (h, 3) [m] of the held vertices, at the end of a step."""
+
+
+@final
+class ShellSteps:
+    """Steps of implicit Euler of a shell whose unknowns are its vertices."""
+
+    def __init__(self, body: Body, at: StageOf, damping: Damping) -> None:
+        self._body, self._at, self._damping = body, at, damping
+        self._viscous: tuple[Array, Array] | None = None
+
+    def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
+        """Minimise the potential of the step, starting from the explicit prediction."""
+        body, load, held = self._at(start)
+        shell = body.shell
+        first = hold(shell, start.origin + start.dt * start.rates, held)
+        viscosity = self._viscosity(body, start)
+        problem, scale = step_potential(body, start.origin, start.rates, start.dt, load, self._damping, viscosity)
+        # Where what clamps the edges has moved on, the stresses there are not those at the step's beginning.
+        near = start.near if shell is body.start_shell else first
+        result = solve(problem, first, scale, body.step_tolerance, shell.predicted_stresses(near, first - near))
+        return start.after(result.point), result.converged
+
+    def _viscosity(self, body: Body, start: EulerStart) -> Array | None:
+        """Viscous matrix, kept from one part of a step to the next."""
+        if not (self._damping.stiffness_factor or body.shell.has_dashpots):
+            return None
+        if self._viscous is None or self._viscous[0] is not start.viscous_at:
+            matrix = body.start_shell.damping_matrix(start.viscous_at, self._damping.stiffness_factor)
+            self._viscous = start.viscous_at, matrix
+        return self._viscous[1]
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small move (n, 3) [m]."""
+        return float(largest_turn(coordinates, move, self._body.shell.mesh.faces))

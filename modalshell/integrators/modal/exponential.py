@@ -1,0 +1,86 @@
+"""Exponential integrator of modal coordinates."""
+
+from __future__ import annotations
+
+from typing import final
+
+import numpy as np
+
+from modalshell.core.typing import Array
+from modalshell.integrators.modal.base import Force, ForceInTime, ModalIntegrator, Step
+from modalshell.integrators.modal.flow import Flow, flow
+from modalshell.integrators.state import MotionState
+
+_VIOLENT = 3e-3
+"""Change of the coordinates within a step by what was not expected of the force, as a share of the shell's size in the
+norm of the mass, from which the force is asked for again."""
+
+
+@final
+class Exponential(ModalIntegrator, key="exponential"):
+    r"""The exact flow of every damped mode, under a force that is predicted and kept [hochbruck2010, section 2].
+
+    With the :func:`flow`'s coefficients, and :math:`p_n` the force kept from the step before,
+
+    .. math:: q^* = e_{11} q + e_{12} v + a_1 p_n, \quad p^* = p(q^*), \quad
+              q_{n+1} = q^* + a_2 (p^* - p_n), \quad v_{n+1} = v^* + b_2 (p^* - p_n), \quad p_{n+1} = p^*.
+
+    Order two, at one modal force a step, and at a second one, at :math:`q_{n+1}`, where the force changes violently.
+    Exact at any step, damping too, under dead modal forces that are piecewise linear in time. Forces that turn with the
+    shell can feed undamped motion that implicit Euler would damp.
+    """
+
+    name = "exponential"
+    backward = False
+
+    def __init__(self) -> None:
+        self._kept: tuple[Array, Array, float, Flow] | None = None
+
+    def at_rest(self, coordinates: Array) -> MotionState:
+        """State at rest; the last modal force, and whether it is known, are kept."""
+        none = np.zeros_like(coordinates)
+        return MotionState(coordinates, none, {"force": none.copy(), "known": np.zeros(1)})
+
+    def advance(
+        self, state: MotionState, force: ForceInTime, stiffness: Array, damp: Array, h: float, size: float
+    ) -> MotionState:
+        """State after a step."""
+        q, v, c = state.coordinates, state.rates, self._flow(stiffness, damp, h)
+        kept = state.memory["force"] if state.memory["known"][0] else force(q, v, 0.0)
+        ahead, rates = c.e11 * q + c.e12 * v + c.a1 * kept, c.e21 * q + c.e22 * v + c.b1 * kept
+        pushed = force(ahead, rates, 1.0)
+        change = pushed - kept
+        missed = c.a2 * change
+        ahead, rates = ahead + missed, rates + c.b2 * change
+        if missed @ missed > (_VIOLENT * size) ** 2:
+            pushed = force(ahead, rates, 1.0)
+        return MotionState(ahead, rates, {"force": pushed, "known": np.ones(1)})
+
+    def step(self, q: Array, v: Array, force: Force, stiffness: Array, damp: Array, h: Step) -> tuple[Array, Array]:
+        """Coordinates and rates after a step that keeps nothing: the force of the beginning and one predicted."""
+        c = flow(stiffness, damp, h)
+        first = force(q)
+        ahead = c.e11 * q + c.e12 * v + c.a1 * first
+        change = force(ahead) - first
+        return ahead + c.a2 * change, c.e21 * q + c.e22 * v + c.b1 * first + c.b2 * change
+
+    def response(self, stiffness: Array, damp: Array, h: float) -> tuple[Array, Array]:
+        """Change (m,) of coordinates and rates by a unit force at the step's end: one that grows from none."""
+        c = self._flow(stiffness, damp, h)
+        return c.a2, c.b2
+
+    def matrix(self, stiffness: Array, damp: Array, h: float, slope: Array) -> Array:
+        """Matrix (3m, 3m) of small deviations of coordinates, rates and the kept force, under forces ``slope q``."""
+        c, count = flow(stiffness, damp, h), stiffness.size
+        ahead = np.hstack([np.diag(c.e11), np.diag(c.e12), np.diag(c.a1)])
+        rates = np.hstack([np.diag(c.e21), np.diag(c.e22), np.diag(c.b1)])
+        pushed = slope @ ahead
+        change = pushed - np.eye(count, 3 * count, 2 * count)
+        return np.vstack([ahead + c.a2[:, None] * change, rates + c.b2[:, None] * change, pushed])
+
+    def _flow(self, stiffness: Array, damp: Array, h: float) -> Flow:
+        """The coefficients, kept from step to step."""
+        kept = self._kept  # read once: another thread may ask for others meanwhile
+        if kept is None or kept[0] is not stiffness or kept[1] is not damp or kept[2] != h:
+            kept = self._kept = stiffness, damp, h, flow(stiffness, damp, h)
+        return kept[3]

@@ -1,0 +1,100 @@
+"""Base of models that are stepped by steps of implicit Euler of their own, in the frame of their supports."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable
+from typing import final
+
+from modalshell.core.errors import OptionError
+from modalshell.core.typing import Array
+from modalshell.integrators.full import FullIntegrator, ImplicitRule
+from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.state import Damping, MotionSetup, MotionState
+from modalshell.models.base.model import Drag, FrameModel, Stepper
+
+LoadAt = Callable[[EulerStart], tuple[Array, Drag | None]]
+"""The load (n, 3) [N] of a step of implicit Euler, and how it falls with velocities."""
+
+
+def implicit_rule(choice: str | FullIntegrator) -> ImplicitRule:
+    """The implicit rule of a key; OptionError for any other."""
+    rule = FullIntegrator.chosen(choice)
+    if not isinstance(rule, ImplicitRule):
+        kept = [key for key, kind in FullIntegrator.known.items() if issubclass(kind, ImplicitRule)]
+        raise OptionError(f"integrator must be one of {', '.join(kept)} for this model (got {rule.key!r})")
+    return rule
+
+
+class ImplicitModel(FrameModel):
+    """A model with states in the frame of its supports that solves a step of implicit Euler.
+
+    Attributes
+    ----------
+    integrator : ImplicitRule
+        What makes a step of these.
+    """
+
+    integrator: ImplicitRule
+
+    @abstractmethod
+    def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
+        """Coordinates after a step of implicit Euler under ``load`` (n, 3) [N]; also whether it was solved."""
+
+    @abstractmethod
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+
+    def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
+        return self.integrator.march(ModelSteps(self, load_at, damping), state, dt)
+
+    def step(
+        self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
+    ) -> tuple[MotionState, bool]:
+        """Advance by ``dt`` [s] under a ``load`` (n, 3) [N] that stays."""
+        return self.march(state, dt, lambda start: (load, None), damping)
+
+    def stepper(self, setup: MotionSetup) -> Stepper:
+        """What takes the steps of one motion; see :meth:`Model.stepper`."""
+        return ImplicitStepper(self, setup)
+
+
+@final
+class ModelSteps:
+    """Steps of implicit Euler of a model."""
+
+    def __init__(self, model: ImplicitModel, load_at: LoadAt, damping: Damping) -> None:
+        self._model, self._load_at, self._damping = model, load_at, damping
+        self.turn = model.turn
+
+    def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
+        """State at the end, and whether its equations were solved."""
+        load, drag = self._load_at(start)
+        coordinates, solved = self._model.euler_step(start, load, self._damping)
+        after = start.after(coordinates)
+        if drag is not None:
+            expected = MotionState(start.origin, start.expected_rates)
+            after = self._model.dragged(after, expected, start.dt, self._damping, *drag)
+        return after, solved
+
+
+@final
+class ImplicitStepper(Stepper):
+    """Steps under loads as they are expected at the end of each step of implicit Euler, without constraints."""
+
+    model: ImplicitModel
+
+    def __init__(self, model: ImplicitModel, setup: MotionSetup) -> None:
+        if setup.constraints:
+            raise model.no_constraints()
+        super().__init__(model, setup, in_frame=True)
+
+    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """One step of the model's rule."""
+        dt, damping = self.setup.dt, self.setup.damping
+
+        def load_at(start: EulerStart) -> tuple[Array, Drag | None]:
+            return self.felt((count + start.end) * dt, load, start.guess)
+
+        return self.model.march(state, dt, load_at, damping)
