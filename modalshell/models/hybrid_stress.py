@@ -396,9 +396,7 @@ class HybridStress(ImplicitModel):
         return self.coarse.kinetic_energy(state) if state.rates.ndim == 2 else float(0.5 * np.sum(state.rates**2))
 
 
-def _mapped(
-    state: MotionState, place: Callable[[Array], Array], turn: Callable[[Array], Array]
-) -> MotionState:
+def _mapped(state: MotionState, place: Callable[[Array], Array], turn: Callable[[Array], Array]) -> MotionState:
     """A state in other unknowns: coordinates by ``place``, rates and what a rule keeps of them by ``turn``."""
     shape = state.rates.shape
     memory = {name: turn(kept) if kept.shape == shape else kept for name, kept in state.memory.items()}

@@ -160,6 +160,4 @@ class Motion:
         """Resume from a :meth:`snapshot` of the same motion."""
         self.count, self.unconverged = (int(number) for number in arrays["counts"])
         self.stepper.residuals = np.array(arrays["constraint_residuals"])
-        self.state = self.state.with_arrays(
-            {part: np.array(arrays[f"{_STATE}{part}"]) for part in self.state.arrays()}
-        )
+        self.state = self.state.with_arrays({part: np.array(arrays[f"{_STATE}{part}"]) for part in self.state.arrays()})

@@ -20,7 +20,9 @@ from modalshell.integrators.state import MotionState
 
 @final
 class BDF2(ImplicitRule, key="bdf2"):
-    r"""BDF2 [hairer1996, section V.1], as a step of implicit Euler of :math:`h' = 2h/3` from
+    r"""BDF2 [hairer1996, section V.1], as one step of implicit Euler.
+
+    Its length is :math:`h' = 2h/3`, and it begins at
 
     .. math:: x' = (4 x_n - x_{n-1}) / 3, \qquad v' = (4 v_n - v_{n-1}) / 3.
 

@@ -254,7 +254,7 @@ class FullModel(Model):
         """Vertex positions (n, 3) [m]: the coordinates themselves, copied."""
         return state.coordinates.copy()
 
-    def velocities(self, state: MotionState, lead: float) -> Array:  # noqa: ARG002 (they are known)
+    def velocities(self, state: MotionState, lead: float) -> Array:
         """Velocities (n, 3) [m/s]: the rates themselves."""
         return state.rates
 
@@ -338,7 +338,8 @@ class FullStepper(Stepper):
         if isinstance(rule, ImplicitRule):
             steps = ShellSteps(self.model, lambda start: self._at(count, start, load), damping)
             return rule.march(steps, state, dt)
-        whole = EulerStart(state.coordinates, state.rates, dt, 1.0, state.rates, state.coordinates, state.coordinates, 0.0)
+        x, rates = state.coordinates, state.rates
+        whole = EulerStart(x, rates, dt, 1.0, rates, x, x, 0.0)
         body, load, held = self._at(count, whole, load, begins=not rule.takes_live)
         return rule.step(body, state, dt, load, damping, held)
 

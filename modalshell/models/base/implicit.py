@@ -53,7 +53,7 @@ class ImplicitModel(FrameModel):
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """Advance by ``dt`` [s] under a ``load`` (n, 3) [N] that stays."""
-        return self.march(state, dt, lambda start: (load, None), damping)
+        return self.march(state, dt, lambda _: (load, None), damping)
 
     def stepper(self, setup: MotionSetup) -> Stepper:
         """What takes the steps of one motion; see :meth:`Model.stepper`."""

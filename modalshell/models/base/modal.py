@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import cast, final
@@ -229,13 +229,14 @@ class ModalModel(Warp, FrameModel):
 
     def start_motion(self, positions: Array | None = None) -> MotionState:
         """Modal state at rest."""
-        return self.integrator.at_rest(np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions))
+        q = np.zeros(self.basis.count) if positions is None else self.coordinates_of(positions)
+        return self.integrator.at_rest(q)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
     ) -> tuple[MotionState, bool]:
         """One step of the integrator for every mode."""
-        return self.march(state, dt, lambda q, v, share: self.modal_force(q, load), damping), True
+        return self.march(state, dt, lambda q, *_: self.modal_force(q, load), damping), True
 
     def march(self, state: MotionState, dt: float, force: ForceInTime, damping: Damping) -> MotionState:
         """One step of the integrator under modal forces that are asked for where they are needed."""
@@ -286,23 +287,31 @@ class ModalModel(Warp, FrameModel):
         return self.integrator.decay_rate(eigenvalues, damping.of_modes(eigenvalues), dt)
 
     def meet_constraints(
-        self, state: MotionState, dt: float, damping: Damping, targets: PatchTargets, earlier: PatchTargets, lead: float
+        self,
+        before: MotionState,
+        free: MotionState,
+        dt: float,
+        damping: Damping,
+        targets_at: Callable[[float], PatchTargets],
     ) -> tuple[MotionState, Array]:
-        """Move the step's end onto the constraints by the modal forces of least work [choi2007, section 4.4].
+        """Move a step's end onto the constraints by the modal forces of least work [choi2007, section 4.4].
 
-        Rates become the differences of coordinates, or go with the targets from where they were ``earlier``, a
-        ``lead`` [s] before.
+        ``free`` is the end of a step from ``before`` without them, ``targets_at`` gives targets at a share of the step.
+        The forces act throughout the step, and patches then move with their targets. Where rates are the differences of
+        coordinates, and where a target was not met at the step's beginning, so that it jumps, the forces act at the
+        step's end.
         """
-        free, eigenvalues, damp = state.coordinates, self.basis.eigenvalues, self._modal_damping(damping)
-        by_position, by_rate = self.integrator.impulse(eigenvalues, damp, dt)
-        q, residual = meet(targets, free, by_position, free)
-        if self.integrator.backward:
-            rates = state.rates + (q - free) / dt
+        eigenvalues, damp, targets = self.basis.eigenvalues, self._modal_damping(damping), targets_at(1.0)
+        compliance, by_rate = self.integrator.impulse(eigenvalues, damp, dt)
+        q, residual = meet(targets, free.coordinates, compliance, free.coordinates)
+        move = q - free.coordinates
+        if self.integrator.backward or np.abs(targets_at(0.0)(before.coordinates)[0]).max() > CONSTRAINT_MET:
+            rates = free.rates + move / dt
         else:
-            rates = state.rates + by_rate / by_position * (q - free)
-            wanted, jacobian = (residual - earlier(q)[0]) / lead, targets(q)[1]
+            rates, jacobian = free.rates + by_rate / compliance * move, targets(q)[1]
+            wanted = (residual - targets_at(1.0 - LEAD)(q)[0]) / (LEAD * dt)
             rates = rates + np.linalg.lstsq(jacobian, wanted - jacobian @ rates, rcond=None)[0]
-        return MotionState(q, rates, state.memory), targets.lengths(residual)
+        return MotionState(q, rates, free.memory), targets.lengths(residual)
 
     def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m)."""
@@ -382,14 +391,14 @@ class ModalStepper(Stepper):
 
     def _met(self, count: int, state: MotionState, free: MotionState) -> MotionState:
         """``free``, the state after a step from ``state``, moved onto the constraints."""
-        time, dt, damping = (count + 1) * self.setup.dt, self.setup.dt, self.setup.damping
-        times = time, time - LEAD * dt
-        poses = [None if self._frame is None else self._frame.at(moment) for moment in times]
-        targets, earlier = (
-            self.model._targets(self.setup.constraints, state.coordinates, moment, pose)
-            for moment, pose in zip(times, poses, strict=True)
-        )
-        after, self.residuals = self.model.meet_constraints(free, dt, damping, targets, earlier, LEAD * dt)
+        setup = self.setup
+
+        def targets_at(share: float) -> PatchTargets:
+            time = (count + share) * setup.dt
+            pose = None if self._frame is None else self._frame.at(time)
+            return self.model._targets(setup.constraints, state.coordinates, time, pose)
+
+        after, self.residuals = self.model.meet_constraints(state, free, setup.dt, setup.damping, targets_at)
         return after
 
 
