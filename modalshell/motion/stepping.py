@@ -132,7 +132,7 @@ class Motion:
     def advance(self) -> None:
         """Take one step."""
         with np.errstate(over="ignore", invalid="ignore"):
-            state, converged = self.stepper.advance(self.count, self.state, self.load)
+            state, converged = self.stepper.advance(self.count * self.setup.dt, self.setup.dt, self.state, self.load)
             # False for NaN, too.
             squares = float(np.vdot(state.coordinates, state.coordinates) + np.vdot(state.rates, state.rates))
             self.finite = squares < _FARTHEST**2

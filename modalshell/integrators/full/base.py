@@ -68,6 +68,14 @@ class FullIntegrator(Integrator):
         """State at rest at ``positions`` (n, 3) [m]."""
         return MotionState(positions, np.zeros_like(positions))
 
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:  # noqa: ARG002
+        """Error in the coordinates that a step of ``dt`` [s] has made; None where it is not known."""
+        return None
+
+    def growth(self, rate: complex) -> complex:  # noqa: ARG002
+        """What ``y' = lambda y`` is multiplied by in a step of h, for ``rate = h lambda``; not a number if not known."""
+        return complex(np.nan)
+
     @abstractmethod
     def step(
         self, body: Body, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None

@@ -90,11 +90,10 @@ class ImplicitStepper(Stepper):
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=True)
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule."""
-        dt, damping = self.setup.dt, self.setup.damping
 
         def load_at(start: EulerStart) -> tuple[Array, Drag | None]:
-            return self.felt((count + start.end) * dt, load, start.guess)
+            return self.felt(begin + start.end * dt, load, start.guess)
 
-        return self.model.march(state, dt, load_at, damping)
+        return self.model.march(state, dt, load_at, self.setup.damping)

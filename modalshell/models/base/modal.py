@@ -357,13 +357,13 @@ class ModalStepper(Stepper):
         super().__init__(model, setup, in_frame=True)
         self._quadrature = None if setup.supports is not None else self.model.load_quadrature(setup.loading)
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints."""
-        model, dt, damping = self.model, self.setup.dt, self.setup.damping
+        model, damping = self.model, self.setup.damping
         last: list[tuple[Array, Array]] = []
 
         def force(q: Array, rates: Array, share: float) -> Array:
-            pushed, drag = self._push((count + share) * dt, load, MotionState(q, rates))
+            pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
@@ -371,7 +371,7 @@ class ModalStepper(Stepper):
         if last:
             after = model.slowed(after, last[0][0], dt, damping, last[0][1])
         if self.setup.constraints:
-            after = self._met(count, state, after)
+            after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
         return after, True
@@ -389,16 +389,16 @@ class ModalStepper(Stepper):
         push += model.modal_force(q, self._quadrature.dead(load, time))
         return push, slope if by_velocity else None
 
-    def _met(self, count: int, state: MotionState, free: MotionState) -> MotionState:
+    def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
         """``free``, the state after a step from ``state``, moved onto the constraints."""
         setup = self.setup
 
         def targets_at(share: float) -> PatchTargets:
-            time = (count + share) * setup.dt
+            time = begin + share * dt
             pose = None if self._frame is None else self._frame.at(time)
             return self.model._targets(setup.constraints, state.coordinates, time, pose)
 
-        after, self.residuals = self.model.meet_constraints(state, free, setup.dt, setup.damping, targets_at)
+        after, self.residuals = self.model.meet_constraints(state, free, dt, setup.damping, targets_at)
         return after
 
 

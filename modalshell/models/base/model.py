@@ -336,10 +336,11 @@ class Stepper(ABC):
         return self.model
 
     @abstractmethod
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
-        """The state a step after ``state``, that of step ``count``; also whether the model's own solver converged.
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+        """The state a step of ``dt`` [s] after ``state``, that at the time ``begin`` [s].
 
-        ``load`` (n, 3) [N] is the sum of the dead loads in the world.
+        ``load`` (n, 3) [N] is the sum of the dead loads in the world. Also returns whether the model's own solver
+        converged.
         """
 
     def felt(self, time: float, load: Array, state: MotionState) -> tuple[Array, Drag | None]:
@@ -389,9 +390,9 @@ class DeadLoadStepper(Stepper):
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=in_frame)
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model."""
-        dt, damping, time = self.setup.dt, self.setup.damping, (count + 1) * self.setup.dt
+        damping, time = self.setup.damping, begin + dt
         load, drag = self.felt(time, load, state)
         pose = None if self._path is None else self._path.at(time)
         after, solved = self.model.step(state, dt, load, damping, self._held_positions(time, pose))
