@@ -1,4 +1,4 @@
-"""Numbers of theory 6: in-plane bending of a clamped strip with several ways to share a triangle's area by its edges."""
+"""Numbers of theory 6: in-plane bending of a clamped strip, by several parts of triangles' areas for their edges."""
 
 from __future__ import annotations
 
@@ -55,6 +55,7 @@ def statements() -> list[str]:
     slender = [deflection("right", (20, 1), FOURTH, least) / exact for least in (1e-12, LEAST)]
     return [
         *rows,
+        f"with a Poisson's ratio of {POISSON}",
         f"it falls to {finer[0]:.1f} % by thirds and to {finer[1]:.2f} % by the fourth power",
         f"{slender[0]:.0f} times too far without a least part and {slender[1]:.1f} times with it",
         f"by at least {LEAST} of",

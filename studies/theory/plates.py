@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.sparse as sps
-import scipy.sparse.linalg as spla
 
 from modalshell.core.typing import Array
 from modalshell.mesh import TriangleMesh
@@ -22,7 +21,7 @@ def single_moments(mesh: TriangleMesh, poisson: float, free: bool = True) -> Arr
 
 
 def shared_folds(mesh: TriangleMesh, poisson: float) -> tuple[sps.csr_array, sps.csr_array, sps.csr_array]:
-    """Second derivatives by folds, by shares and folds, and by shares (H, H): gamma = delta / 2 + f and delta / 2 - f."""
+    """K_dd, K_fd and K_ff (H, H) of theory 4, eq. 10, for gamma = delta / 2 + f and delta / 2 - f."""
     hinges = len(mesh.hinges)
     number = np.full(len(mesh.edges), -1)
     number[mesh.hinge_edges] = np.arange(hinges)
