@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 import modalshell as ms
-from modalshell.core.typing import Array
 
 LINKS, GAMMA, MOST = 20, 4.0, 200
 STIFFNESSES = (1e2, 1e4, 1e6, 1e8)
@@ -38,7 +37,9 @@ def chain(stiffness: float, mixed: bool) -> int | None:
         if np.linalg.norm(residual[free]) < 1e-5 * np.linalg.norm(load):
             return step
         forces = stress if mixed else stiffness * strain
-        hessian = bending + size * stiffness * slopes.T @ slopes + size * np.einsum("k,kij,kil->jl", forces, sides, sides)
+        hessian = (
+            bending + size * stiffness * slopes.T @ slopes + size * np.einsum("k,kij,kil->jl", forces, sides, sides)
+        )
         move = np.zeros_like(x)
         move[free] = np.linalg.solve(hessian[np.ix_(free, free)], -residual[free])
         stress = stiffness * (strain + slopes @ move)
