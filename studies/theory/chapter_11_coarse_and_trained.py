@@ -17,8 +17,7 @@ STATES, UNSEEN, VECTORS = 24, 6, 8
 def v_beam() -> ms.Shell:
     """A V-beam of hinges with a stiff membrane, clamped at one end."""
     mesh = ms.v_beam(length=1.0, width=0.2, fold=150.0, cells=(20, 4))
-    material = ms.Material(stretch=2e4, shear=2e4, flexure=0.05, density=0.2)
-    return ms.Shell(mesh, material, clamped=mesh.vertices[:, 0] < 0.051)
+    return ms.Shell(mesh, ms.Material(2e4, 2e4, flexure=0.05, density=0.2), clamped=mesh.vertices[:, 0] < 0.051)
 
 
 def answers(shell: ms.Shell) -> Array:
