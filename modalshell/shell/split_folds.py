@@ -10,7 +10,7 @@ without mass, which parts the fold between its triangles: :math:`\gamma_{T,e} = 
 
 The energy is least for the shares at which the bending moment across each edge is continuous ([morley1968]; the
 mixed element of [herrmann1967] and [johnson1973]). The shares follow linearly from the fold angles, so the bending
-energy is :math:`\delta^T H \delta / 2` with one constant matrix H.
+energy is :math:`\delta^T H \delta / 2` with one constant matrix H (theory 4, eq. 3 to 10).
 
 Most triangles bend in pairs, which know how moments vary (:mod:`modalshell.shell.triangle_pairs`): the fold inside a
 pair counts in it whole, without a share, and the moment inside it is that across its five edges. Which of two pairs is

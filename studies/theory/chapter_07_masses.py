@@ -13,7 +13,7 @@ WIDTH = 0.2
 
 
 def strip(family: str, across: int) -> TriangleMesh:
-    """A strip of five widths with so many cells across."""
+    """A strip of five widths with a number of cells across."""
     stretch = 2.0 / np.sqrt(3.0) if family == "equilateral" else 1.0
     cells = (round(5 * across * stretch), across)
     return ms.flat_beam(length=5.0 * WIDTH, width=WIDTH, cells=cells, family=family)

@@ -23,7 +23,8 @@ def row(poisson: float, thickness: float, gamma: float) -> str:
     gravity = (0.0, 0.0, -gamma)
     answer, truth = (each.equilibrium(gravity=gravity) for each in (model, ms.DiscreteShell(shell)))
     error = 100.0 * ms.measure.displacement_error(answer.positions, truth.positions, shell)
-    ratio = shell.energy(answer.positions) / (0.5 * model.basis.eigenvalues @ answer.coordinates**2)
+    coordinates = np.asarray(answer.coordinates)
+    ratio = shell.energy(answer.positions) / (0.5 * model.basis.eigenvalues @ coordinates**2)
     return f"| {poisson} | 1/{1.0 / thickness:.0f} | {gamma:g} | {error:.2g} | {ratio:.3g} |"
 
 

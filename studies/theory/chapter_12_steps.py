@@ -22,7 +22,7 @@ def flow(step: float, ratio: float) -> Array:
 
 def euler(step: float, ratio: float) -> Array:
     """One step of implicit Euler."""
-    return np.linalg.inv(np.eye(2) - step * np.array([[0.0, 1.0], [-1.0, -2.0 * ratio]]))
+    return np.asarray(np.linalg.inv(np.eye(2) - step * np.array([[0.0, 1.0], [-1.0, -2.0 * ratio]])))
 
 
 def midpoint(step: float, ratio: float) -> Array:

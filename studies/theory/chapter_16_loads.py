@@ -7,7 +7,7 @@ import scipy.linalg
 from scipy.optimize import brentq
 
 import modalshell as ms
-from modalshell.core.typing import Array
+from modalshell.core.typing import Array, Index
 
 ELEMENTS = 8
 
@@ -50,13 +50,15 @@ def asymmetry() -> tuple[float, float]:
     load = ms.Pressure(1.0).applied(flat, np.ones(len(x)))
     assert load is not None
     blocks = load.stiffness(x, None, 0.0, 0.0)
-    whole = np.zeros((len(x), 3, len(x), 3))
+    whole = np.zeros((x.size, x.size))
     for corners, block in zip(load.stencils, blocks, strict=True):
-        whole[np.ix_(corners, range(3), corners, range(3))] += block
+        own = (3 * corners[:, None] + np.arange(3)).ravel()
+        whole[np.ix_(own, own)] += block.reshape(9, 9)
     inside = np.setdiff1d(np.arange(len(x)), flat.boundary_vertices)
 
-    def share(vertices: Array) -> float:
-        part = whole[np.ix_(vertices, range(3), vertices, range(3))].reshape(3 * len(vertices), -1)
+    def share(vertices: Index) -> float:
+        own = (3 * vertices[:, None] + np.arange(3)).ravel()
+        part = whole[np.ix_(own, own)]
         return float(np.linalg.norm(part - part.T) / np.linalg.norm(part))
 
     return share(np.arange(len(x))), share(inside)

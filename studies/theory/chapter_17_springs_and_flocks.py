@@ -21,7 +21,8 @@ def waves() -> tuple[float, float]:
 
 def across() -> tuple[float, float]:
     """Energy of the spring across a flat hinge over the hinge's, at half of the reference fold and at twice it."""
-    mesh = ms.TriangleMesh([[0, 0, 0], [1, 0, 0], [0.5, 0.8, 0], [0.5, -0.8, 0]], [[0, 1, 2], [1, 0, 3]])
+    corners = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 0.8, 0.0], [0.5, -0.8, 0.0]])
+    mesh = ms.TriangleMesh(corners, [[0, 1, 2], [1, 0, 3]])
     shell = ms.Shell(mesh, ms.Material(stretch=1.0, shear=1.0, flexure=1.0, density=1.0))
     springs = shell_springs(shell)
     number = int(np.flatnonzero((springs.pairs == (2, 3)).all(axis=1))[0])
