@@ -27,7 +27,9 @@ writes `results/flat_vs_v_beam.json`, `.npz` and `.md`, and the picture into `re
 meshes, `--all` runs every study. The page and the findings that are committed here as `studies/NAME.md` and
 `studies/NAME.json` are of a full run; its times hold for the machine that ran it. Findings whose record names a page
 were read from that page, to its precision. [.github/CONTRIBUTING.md](../.github/CONTRIBUTING.md) explains how to add a
-study. `python -m studies.readme` writes this page. [theory/README.md](theory/README.md) derives what modalshell computes.
+study. `python -m studies.readme` writes this page.
+
+[theory/README.md](theory/README.md) derives what modalshell computes.
 
 ## The paper's figures
 

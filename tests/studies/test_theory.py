@@ -83,6 +83,17 @@ def test_equations_are_numbered_and_their_numbers_resolve(chapter):
 
 
 @pytest.mark.parametrize("chapter", CHAPTERS)
+def test_formulas_are_those_that_markdown_leaves_alone(chapter):
+    text = re.sub(r"`[^`\n]+`", " ", read(CHAPTERS[chapter]))
+    for formula in re.findall(r"\$\$(.*?)\$\$", text, re.DOTALL) + re.findall(r"(?<!\$)\$([^$\n]+)\$", text):
+        assert formula.count("{") == formula.count("}"), formula
+        assert len(re.findall(r"\\left\b", formula)) == len(re.findall(r"\\right\b", formula)), formula
+        # Markdown takes a backslash before punctuation away, and < and > for tags.
+        assert not re.search(r"\\[^a-zA-Z ]|[<>]", formula), formula
+    assert text.replace("$$", "").count("$") % 2 == 0
+
+
+@pytest.mark.parametrize("chapter", CHAPTERS)
 def test_chapters_end_with_what_is_not_known_and_what_failed(chapter):
     titles = re.findall(r"^#+ (.*)$", read(CHAPTERS[chapter]), re.MULTILINE)
     assert titles[0].startswith(f"{chapter} ")

@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 
 from modalshell import Isotropic, Shell, TriangleMesh, sheet
+from modalshell.shell.smoothed_membrane import membrane_elements, membrane_matrix, plane_stress, strained_elements
 from modalshell.shell.triangle_pairs import fold_moments
 from modalshell.shell.vertex_masses import vertex_masses
 
@@ -99,6 +100,37 @@ def test_the_stiffness_of_a_sheet_of_one_pair():
     expected = np.outer(slopes, slopes) * rigidity / float(derived_pair(1)[0, 0])
     found = Shell(mesh, Isotropic(young, 0.25, thickness, 1000.0)).stiffness().toarray()[2::3, 2::3]
     np.testing.assert_allclose(found, expected, rtol=1e-11)
+
+
+def flat_edges(points, pairs):
+    return [points[b] - points[a] for a, b in pairs]
+
+
+def test_the_membrane_of_a_pair():
+    """Theory 6, eq. 2 to 6: Q of the inner edge of two coplanar triangles, and of each by itself at its free edges."""
+    points = [np.array([float(value) for value in corner]) for corner in [*CORNERS, ACROSS]]
+    mesh = flat_mesh([*CORNERS, ACROSS], [[0, 1, 2], [1, 0, 3]])
+    elasticity = plane_stress(np.full(2, 7.0), np.full(2, 0.25))
+    nobody, none = np.zeros(4, dtype=bool), np.zeros(0, dtype=np.int64)
+    elements = membrane_elements(strained_elements(mesh, nobody, np.zeros(1), none), elasticity)
+    found = membrane_matrix(elements, len(mesh.edges)).toarray()
+    number = {tuple(edge): k for k, edge in enumerate(mesh.edges.tolist())}
+    stress = 7.0 * np.array([[1.0, 0.25, 0.0], [0.25, 1.0, 0.0], [0.0, 0.0, 0.375]])
+    expected, mean, inner_area = np.zeros((5, 5)), np.zeros((3, 5)), 0.0
+    for apex in (2, 3):
+        pairs = [(0, 1), (0, apex), (1, apex)]
+        along = flat_edges(points, pairs)  # the inner edge lies along the first axis, in both triangles
+        rows = [[d[0] ** 2, d[1] ** 2, d[0] * d[1]] for d in along]  # d . E d of (E11, E22, 2 E12)
+        strain = np.zeros((3, 5))
+        strain[:, [number[pair] for pair in pairs]] = np.linalg.inv(rows)
+        lengths = np.array([np.linalg.norm(d) for d in along])
+        powers = np.maximum((lengths / lengths.max()) ** 4, 0.25)
+        parts = 0.5 * abs(along[0][0] * along[1][1] - along[0][1] * along[1][0]) * powers / powers.sum()
+        expected += (parts[1] + parts[2]) * strain.T @ stress @ strain
+        mean += parts[0] * strain
+        inner_area += parts[0]
+    expected += mean.T @ stress @ mean / inner_area
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * expected.max())
 
 
 @pytest.mark.parametrize("family", ["equilateral", "right", "union-jack"])
