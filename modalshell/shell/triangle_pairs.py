@@ -14,7 +14,7 @@ their definite stiffness, frequencies of lumped masses are exact to this order; 
 :math:`(1 - w) \beta = 1/16`, at w from 0.56 to 0.79. The weight here lies between both.
 
 Pairs follow from the shape alone: a symmetry of the mesh is one of the energy, and numbers of vertices do not matter.
-Where two edges of a triangle are alike in all respects neither makes a pair.
+Where two edges of a triangle rank the same, it is paired over neither.
 """
 
 from __future__ import annotations
