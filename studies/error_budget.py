@@ -172,7 +172,7 @@ def finding(result: StudyResult) -> str:
     hinges, theory = ([largest(load, f"on {head}") for load in (0.2, 1.0)] for head in ("hinges", "shell theory"))
     return (
         "Where a sheet bends two ways or twists, modal warping (MWTS) on modes of hinges is off shell theory by up to "
-        f"{hinges[0]} under small loads and {hinges[1]} under large ones; on modes of shell theory by up to {theory[0]} "
+        f"{hinges[0]} under small loads and {hinges[1]} under large ones, on modes of shell theory by {theory[0]} "
         f"and {theory[1]}. In {larger} of {len(rows)} cases the hinges themselves are off by more than modes and warp "
         "together."
     )

@@ -102,6 +102,68 @@ def test_the_stiffness_of_a_sheet_of_one_pair():
     np.testing.assert_allclose(found, expected, rtol=1e-11)
 
 
+def powers_of(place, wave, count):
+    """Terms of ``exp(i k . x)`` by powers of k."""
+    phase = sp.I * wave.dot(place)
+    return [sp.expand(phase**m / sp.factorial(m)) for m in range(count)]
+
+
+def adjoint(matrix):
+    return matrix.applyfunc(sp.conjugate).T
+
+
+@pytest.mark.slow
+def test_a_plane_wave_on_pairs_of_equilateral_triangles():
+    """Theory 5, eq. 4 and 5: of the flexibility of eq. 2, expanded by the wave number, the mean over directions."""
+    nu, weight, angle = sp.symbols("nu w theta", real=True)
+    across, down = sp.symbols("c s", real=True)
+    wave, high = sp.Matrix([across, down]), sp.sqrt(3) / 2
+    own, turned, other = steps = [
+        sp.Matrix([1, 0]), sp.Matrix([sp.Rational(1, 2), high]), sp.Matrix([-sp.Rational(1, 2), high])
+    ]  # fmt: skip
+    tensors = sp.Matrix([[step[1] ** 2, step[0] ** 2, -2 * step[0] * step[1]] for step in steps]).inv()
+    first, second = sp.zeros(3, 5), sp.zeros(3, 5)
+    for column, (one, two) in enumerate(((0, 0), (1, 3), (2, 4))):
+        first[:, one] = second[:, two] = tensors[:, column]
+    elastic = sp.Matrix([[1, -nu, 0], [-nu, 1, 0], [0, 0, 2 * (1 + nu)]]) / (1 - nu**2)
+    mean, area = (first + second) / 2, high / 2
+    flexibility = (1 - weight) * area * (first.T * elastic * first + second.T * elastic * second)
+    flexibility += 2 * weight * area * mean.T * elastic * mean
+    moments = [sp.zeros(5, 3) for _ in range(3)]
+    moments[0][0, 0] = moments[0][1, 1] = moments[0][2, 2] = 1
+    for m in range(3):  # edges 3 and 4 are edges 1 and 2, a lattice step away
+        moments[m][3, 1] += powers_of(own - turned, wave, 3)[m]
+        moments[m][4, 2] += powers_of(-turned, wave, 3)[m]
+    of_order = [sp.zeros(3, 3) for _ in range(3)]
+    for one in range(3):
+        for two in range(3 - one):
+            of_order[one + two] += adjoint(moments[one]) * flexibility * moments[two]
+    here = sp.zeros(2, 1)
+    ends = ((here, own), (here, turned), (own, turned))
+    apexes = ((turned, own - turned), (own, other), (here, own + turned))
+
+    def fold(m):
+        places = zip(ends, apexes, strict=True)
+        sums = [sum(powers_of(e, wave, 5)[m] for e in end) - sum(powers_of(a, wave, 5)[m] for a in apex)
+                for end, apex in places]  # fmt: skip
+        return sp.Matrix(sums) / high
+
+    two, three, four = (fold(m) for m in (2, 3, 4))
+    inverse = of_order[0].applyfunc(sp.expand).inv().applyfunc(sp.simplify)
+    slope = -inverse * of_order[1] * inverse
+    bent = inverse * of_order[1] * inverse * of_order[1] * inverse - inverse * of_order[2] * inverse
+    direction = {across: sp.cos(angle), down: sp.sin(angle)}
+
+    def along(value):
+        return sp.expand(sp.expand(value[0] / high).subs(direction))
+
+    assert sp.simplify(along(adjoint(two) * inverse * two)) == 1
+    next_order = adjoint(two) * inverse * four + adjoint(four) * inverse * two + adjoint(three) * inverse * three
+    next_order += adjoint(two) * slope * three + adjoint(three) * slope * two + adjoint(two) * bent * two
+    found = sp.integrate(along(next_order), (angle, 0, 2 * sp.pi)) / (2 * sp.pi)
+    assert sp.simplify(found + (1 - weight) * (3 + nu) ** 3 / (192 * (1 - nu**2))) == 0
+
+
 def flat_edges(points, pairs):
     return [points[b] - points[a] for a, b in pairs]
 
