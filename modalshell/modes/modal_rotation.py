@@ -21,7 +21,7 @@ def triangle_rotations(mesh: TriangleMesh) -> Array:
     """Matrices B (T, 3, 3, 3): the rotation vector that fits the corner displacements best is ``sum_k B[t, k] u_k``.
 
     Least squares over ``|w x P_k - (u_k - mean u)|^2`` with P_k the corner from the centroid: ``B_k = A^-1 [P_k]``,
-    ``A = sum_k [P_k]^T [P_k]``.
+    ``A = sum_k [P_k]^T [P_k]`` (theory 2, eq. 2).
     """
     corners = mesh.vertices[mesh.faces]
     skew = cross_matrices(corners - corners.mean(axis=1, keepdims=True))

@@ -38,7 +38,10 @@ def _factorised(stiffness: sps.csc_matrix) -> tuple[Any, ...]:
 
 @final
 class FoldShares:
-    """Constant matrices of the bending energy, and its least shares: of all, or of the combinations of ``fields``."""
+    """Constant matrices of the bending energy, and its least shares: of all, or of the combinations of ``fields``.
+
+    See theory 4, eq. 10.
+    """
 
     def __init__(self, folds: SplitFolds, fields: Array | None = None) -> None:
         self.by_fold, self.coupling, self.stiffness = folds.matrices()

@@ -43,7 +43,7 @@ class _State(NamedTuple):
 
 @final
 class SplitFoldEnergy(ElasticEnergy):
-    """Bending by split folds and smoothed membrane of an isotropic sheet.
+    """Bending by split folds and smoothed membrane of an isotropic sheet; see theory 4, eq. 11, and theory 6, eq. 6.
 
     Parameters
     ----------

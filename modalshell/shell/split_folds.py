@@ -10,12 +10,13 @@ without mass, which parts the fold between its triangles: :math:`\gamma_{T,e} = 
 
 The energy is least for the shares at which the bending moment across each edge is continuous ([morley1968]; the
 mixed element of [herrmann1967] and [johnson1973]). The shares follow linearly from the fold angles, so the bending
-energy is :math:`\delta^T H \delta / 2` with one constant matrix H.
+energy is :math:`\delta^T H \delta / 2` with one constant matrix H (theory 4, eq. 3 to 10).
 
 Most triangles bend in pairs, which know how moments vary (:mod:`modalshell.shell.triangle_pairs`): the fold inside a
 pair counts in it whole, without a share, and the moment inside it is that across its five edges. Which of two pairs is
-the first at an edge between them is free: pairs are coloured so that neighbours differ where possible, and folds count
-in those of one colour, so that positions are coupled across every other pair only and factors stay sparse.
+the first at an edge between them is free: pairs are coloured so that neighbours differ where possible, and a fold
+counts in the pair of one colour. Pairs of the other colour then couple none of their neighbours' vertices, and factors
+stay sparse.
 
 Edges: a free edge has no moment, so its fold is condensed out of K_T. At a clamped edge the whole fold belongs to the
 one free triangle, against a held triangle or against a ghost vertex: the mirror image of the opposite vertex in the

@@ -6,15 +6,15 @@ triangles that share an edge the moments M, M' of both are known from the moment
 
 .. math:: (1 - w) (A\, M : C : M + A'\, M' : C : M') / 2 + w (A + A') \bar M : C : \bar M / 2 .
 
-Constant moments keep their energy. At w = 2/3 it is the energy of moments that go linearly from edge to edge of a
-parallelogram. A plane wave of wave number k on equilateral triangles of edge h, all pairs in one direction, has the
-stiffness :math:`D k^4 (1 - (1 - w) \beta k^2 h^2)` in the mean over directions, with :math:`\beta` = 0.141, 0.206 and
-0.298 for Poisson's ratios 0, 0.3 and 0.5. With w = 1, at which pairs lose their definite stiffness, frequencies of
-lumped masses are exact to this order; deflections under loads are where :math:`(1 - w) \beta = 1/16`, at w from 0.56
-to 0.79. The weight here lies between both.
+Constant moments keep their energy (theory 5, eq. 2). At w = 2/3 and equal areas it is the energy of a moment that goes
+linearly from M to M' over the pair. A plane wave of wave number k on equilateral triangles of edge h, all pairs in one
+direction, has the stiffness :math:`D k^4 (1 - (1 - w) \beta k^2 h^2)` in the mean over directions, with :math:`\beta`
+= 0.141, 0.206 and 0.298 for Poisson's ratios 0, 0.3 and 0.5 (theory 5, eq. 4 and 5). With w = 1, at which pairs lose
+their definite stiffness, frequencies of lumped masses are exact to this order; deflections under loads are where
+:math:`(1 - w) \beta = 1/16`, at w from 0.56 to 0.79. The weight here lies between both.
 
 Pairs follow from the shape alone: a symmetry of the mesh is one of the energy, and numbers of vertices do not matter.
-Where two edges of a triangle are alike in all respects neither makes a pair.
+Where two edges of a triangle rank the same, it is paired over neither.
 """
 
 from __future__ import annotations
