@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
 
+from modalshell.core.checks import checked_number
 from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, Damping, MotionState
 from modalshell.models.base.modal import as_modal
@@ -24,6 +26,26 @@ _FEW, _MUCH = 4.0, 0.02
 _LEAST = 1e-300
 _AIM = 0.05
 """Share of the damping asked for, or of its least that counts, that a better step may add."""
+
+
+@final
+@dataclass(frozen=True)
+class Tolerance:
+    """Error that the steps of a motion may make.
+
+    Attributes
+    ----------
+    share : float
+        Of the shell's size.
+    span : float
+        Time [s] over which errors add up to that.
+    """
+
+    share: float
+    span: float
+
+    def __post_init__(self) -> None:
+        checked_number("tolerance", self.share, at_least=1e-9, at_most=1.0)
 
 
 @final
@@ -48,7 +70,7 @@ class StepErrors:
     def __init__(self, stepper: Stepper, start: MotionState) -> None:
         self._stepper = stepper
         self._damping: Damping = stepper.setup.damping
-        self._start = start.coordinates
+        self._first, self._start = start, start.coordinates
         self.error, self._largest, self.halvings = 0.0, 0.0, 0
         self._gained, self._moved, self._steps, self._known = 0.0, 0.0, 0, True
         self._size, self._shape = 0.0, 0.0
@@ -67,6 +89,11 @@ class StepErrors:
         )
         self.halvings, self._steps, self._known = int(halvings), int(steps), bool(known)
         self.peaks = np.array(arrays["peaks"])
+
+    def are_known(self, dt: float) -> bool:
+        """Whether the model's rule knows the error of a step of ``dt`` [s] at the start."""
+        start = self._first
+        return COST in start.memory or self._stepper.model.local_error(start, start, dt) is not None
 
     def of_step(self, before: MotionState, after: MotionState, dt: float) -> tuple[float, float, float]:
         """Squares of one step's error and of its changes of rates and coordinates, in the norm of the mass."""
@@ -137,9 +164,10 @@ class StepErrors:
         """Damping ratio asked for at the motion's frequency."""
         return 0.5 * self._damping_rate() / self.frequency if self.frequency else 0.0
 
-    def allowed(self, tolerance: float, dt: float, span: float) -> float:
-        """Error [m] that a step of ``dt`` [s] may make, so that those of a ``span`` [s] add up to ``tolerance`` [m]."""
-        return tolerance * dt / (_COHERENT * min(span, 1.0 / max(self.decay, 1.0 / span)))
+    def allowed(self, tolerance: Tolerance, dt: float) -> float:
+        """Error [m] that a step of ``dt`` [s] may make, so that all of them add up to a tolerance."""
+        adding = 1.0 / max(self.decay, 1.0 / tolerance.span)
+        return tolerance.share * self._stepper.shell.size * dt / (_COHERENT * adding)
 
     def obtained(self, dt: float) -> float:
         """Damping ratio that steps of ``dt`` [s] give motion of its frequency; not a number where it is not known."""

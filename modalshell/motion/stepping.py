@@ -17,7 +17,7 @@ from modalshell.core.typing import Array
 from modalshell.integrators.state import COST, Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models import Model
-from modalshell.motion.step_error import StepErrors
+from modalshell.motion.step_error import StepErrors, Tolerance
 from modalshell.shell import Shell
 from modalshell.supports import SupportPath
 
@@ -70,8 +70,7 @@ class Motion:
         start: ArrayLike | None = None,
         supports: SupportPath | None = None,
         constraints: Sequence[Constraint] | None = None,
-        tolerance: float | None = None,
-        span: float = 1.0,
+        tolerance: Tolerance | None = None,
     ) -> None:
         if not isinstance(damping, Damping):
             damping = Damping(*checked_vectors("damping", damping, (2,), OptionError).tolist())
@@ -86,13 +85,9 @@ class Motion:
         self.stepper = model.stepper(self.setup)
         self.state = self.stepper.start(None if start is None else shell.checked_positions(start))
         self.errors = StepErrors(self.stepper, self.state)
-        self._tolerance, self._span = tolerance, span
-        if tolerance is not None:
-            checked_number("tolerance", tolerance, at_least=1e-9, at_most=1.0)
-            if self.model.local_error(self.state, self.state, dt) is None and COST not in self.state.memory:
-                raise OptionError(
-                    f"{model.name} by this integrator does not know its steps' errors: leave out tolerance"
-                )
+        self._tolerance = tolerance
+        if tolerance is not None and not self.errors.are_known(dt):
+            raise OptionError(f"{model.name} by this integrator does not know its steps' errors: leave out tolerance")
         self.count, self.unconverged, self.finite = 0, 0, True
         self._remarks: dict[str, int] = {}
         self._moved = np.empty(shell.rest_positions.shape)
@@ -163,14 +158,14 @@ class Motion:
     def _divided_step(self) -> bool:
         """Take a step in parts, halved as often as the tolerance asks for; whether all of them were solved."""
         assert self._tolerance is not None
-        errors, tolerance, place, solved = self.errors, self._tolerance * self.shell.size, 0, True
+        errors, tolerance, place, solved = self.errors, self._tolerance, 0, True
         while place < _PARTS:
             part = _PARTS >> errors.halvings
             dt, before = self.setup.dt * part / _PARTS, self.state
             begin = self.time + self.setup.dt * place / _PARTS
             after, converged = self.stepper.advance(begin, dt, before, self.load)
             errors.see(after)
-            cost, allowed = errors.of_step(before, after, dt), errors.allowed(tolerance, dt, self._span)
+            cost, allowed = errors.of_step(before, after, dt), errors.allowed(tolerance, dt)
             error = errors.length(cost[0])
             if part > 1 and not (converged and error <= allowed):
                 errors.halvings += 1
