@@ -196,12 +196,12 @@ def membrane_elements(strained: list[Strained], elastic: Array) -> list[Membrane
 
 def membrane_matrix(elements: list[MembraneElements], edge_count: int) -> sps.csr_array:
     """Q (E, E) of all elements together."""
-    total = sps.csr_array((edge_count, edge_count))
+    kinds = []
     for e in elements:
-        rows = np.broadcast_to(e.edges[:, :, None], e.matrices.shape).ravel()
-        columns = np.broadcast_to(e.edges[:, None, :], e.matrices.shape).ravel()
-        total = total + sps.csr_array(sps.coo_array((e.matrices.ravel(), (rows, columns)), shape=total.shape))
-    return sps.csr_array(total)
+        edges = e.edges.astype(np.int32)
+        places = (np.broadcast_to(side, e.matrices.shape).ravel() for side in (edges[:, :, None], edges[:, None, :]))
+        kinds.append(sps.csr_array(sps.coo_array((e.matrices.ravel(), tuple(places)), shape=(edge_count, edge_count))))
+    return sps.csr_array(sum(kinds[1:], kinds[0]))
 
 
 def strain_of_lengths(mesh: TriangleMesh, triangles: Index, side: float = 1.0) -> Array:
