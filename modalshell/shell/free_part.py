@@ -57,7 +57,7 @@ class VertexPart:
     def matrix(self, data: Array) -> sps.csc_array:
         """See :class:`FreePart`."""
         indices, indptr = self._structure
-        values = np.empty(indices.size, dtype=data.dtype)
+        values = np.empty(indices.size)
         blocks, coupling = self._blocks, self._coupling
         structure = blocks.indptr, blocks.indices, coupling.indptr, coupling.indices, *self._meeting, self._own.indptr
         free_values(data, self._free, *structure, values)
@@ -82,6 +82,7 @@ class MappedPart:
         self._size, used = whole.shape[1], np.diff(whole.indptr).astype(np.int64)
         starts = whole.indptr.astype(np.int64)
         rows, columns = np.repeat(np.arange(whole.shape[0]), np.diff(numbers.indptr)), numbers.indices
+        source = numbers.data.astype(np.int64) - 1
         # Each entry of K goes to every pair of the unknowns of its row and its column.
         pairs = used[rows] * used[columns]
         entry = np.repeat(np.arange(pairs.size), pairs)
@@ -91,8 +92,8 @@ class MappedPart:
         keys = whole.indices[first].astype(np.int64) * self._size + whole.indices[second]
         keys, slots = np.unique(keys, return_inverse=True)
         weights = whole.data[first] * whole.data[second]
-        shape = (keys.size, int(numbers.data.max(initial=0)))
-        self._entries = sps.csr_array(sps.coo_array((weights, (slots, numbers.data[entry] - 1)), shape=shape))
+        shape = (keys.size, int(source.max(initial=-1)) + 1)
+        self._entries = sps.csr_array(sps.coo_array((weights, (slots, source[entry])), shape=shape))
         row, column = np.divmod(keys, self._size)
         self._indices = column.astype(np.int32)
         self._indptr = np.searchsorted(row, np.arange(self._size + 1)).astype(np.int32)

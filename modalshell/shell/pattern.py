@@ -180,7 +180,7 @@ def build_pattern(
     free: FreePart = VertexPart(blocks, ~unknowns.held, coupling, among)
     if unknowns.matrix is not None:
         every = VertexPart(blocks, np.ones(vertex_count, dtype=bool), coupling, among)
-        entries = np.arange(1, whole.nnz + 3 * coupling.nnz + among.nnz + 1)
+        entries = np.arange(1.0, whole.nnz + 3 * coupling.nnz + among.nnz + 1)
         free = MappedPart(every.matrix(entries).T, unknowns.matrix)
     pattern = SparsePattern(
         indptr=whole.indptr,
@@ -201,12 +201,13 @@ def incidence(stencil: Index, count: int) -> sps.csr_array:
     return sps.csr_array((np.ones(members.size, dtype=bool), members, ends), shape=(len(stencil), count))
 
 
-def block_slots(
-    rows: Index, columns: Index, blocks: sps.csr_array, lead: int, shift: int, size: int
-) -> NDArray[np.int32]:
-    """Slots (elements, r, c), among ``size`` entries, of the elements' rows and columns; see :func:`find_blocks`."""
+def block_slots(rows: Index, columns: Index, blocks: sps.csr_array, lead: int, shift: int, size: int) -> Index:
+    """Slots (elements, r, c), among ``size`` entries, of the elements' rows and columns; see :func:`find_blocks`.
+
+    They are int32 where that is enough.
+    """
     kind: Any = np.int32 if size < 2**31 else np.int64
-    slots: NDArray[np.int32] = np.empty((*rows.shape, columns.shape[1]), kind)
+    slots: Index = np.empty((*rows.shape, columns.shape[1]), kind)
     find_blocks(rows, columns, blocks.indptr, blocks.indices, lead, shift, slots)
     return slots
 

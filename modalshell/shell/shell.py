@@ -33,7 +33,7 @@ from modalshell.supports.base import checked_supports
 from modalshell.supports.held import held_vertices
 from modalshell.supports.reactions import shared_reactions
 
-_VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 19_000
+_VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 5_000
 """Memory of the assembly of the stiffness pattern, and of that with fold shares [bytes]."""
 
 

@@ -188,8 +188,7 @@ def membrane_elements(strained: list[Strained], elastic: Array) -> list[Membrane
     ``elastic`` (T, 3, 3) is the elasticity of every triangle [N/m]; means over the areas count across smooth edges.
     """
     pairs, *singles = (
-        MembraneElements(e.stencils, e.pairs, e.edges, _matrices(e, elastic), e.faces, e.areas)
-        for e in strained
+        MembraneElements(e.stencils, e.pairs, e.edges, _matrices(e, elastic), e.faces, e.areas) for e in strained
     )
     names = ("stencils", "edges", "matrices", "faces", "areas")
     if len(singles) > 1:

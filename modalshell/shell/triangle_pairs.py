@@ -147,9 +147,7 @@ def _single(mesh: TriangleMesh, faces: Index, rigidity: Any, poisson: Any, free:
     return moments
 
 
-def _joined(
-    constants: tuple[TriangleMesh, Any, Any], faces: Index, corners: Index, free: NDArray[np.bool_]
-) -> Any:
+def _joined(constants: tuple[TriangleMesh, Any, Any], faces: Index, corners: Index, free: NDArray[np.bool_]) -> Any:
     """Stiffness (P, 5, 5) of pairs, of the mesh, rigidity and Poisson's ratio (T,); see :func:`fold_moments`."""
     mesh, rigidity, poisson = constants
     tensors, areas = _pair_tensors(mesh, faces, corners)

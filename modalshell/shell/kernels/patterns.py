@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from modalshell.kernels.compiler import njit
 
 
@@ -58,16 +60,28 @@ def free_values(
     at, begin = 0, 0
     coupling, own = 9 * columns.size, 9 * columns.size + 3 * coupled.size
     for vertex in range(free.size):
+        width = 3 * (starts[vertex + 1] - starts[vertex])
+        if not free[vertex]:
+            begin += 3 * width
+            continue
+        kept = 0
+        for place in range(starts[vertex], starts[vertex + 1]):
+            kept += 3 * free[columns[place]]
         for axis in range(3):
-            for place in range(starts[vertex], starts[vertex + 1]):
-                if free[vertex] and free[columns[place]]:
-                    out[at], out[at + 1], out[at + 2] = data[begin], data[begin + 1], data[begin + 2]
-                    at += 3
-                begin += 3
-            if free[vertex]:
-                for place in range(meeting_starts[vertex], meeting_starts[vertex + 1]):
-                    out[at] = data[coupling + 3 * meeting[place] + axis]
-                    at += 1
+            if kept == width:
+                target, source = np.uintp(at), np.uintp(begin)  # signed ones are checked for counts from the end
+                for k in range(np.uintp(width)):
+                    out[target + k] = data[source + k]
+                at += width
+            else:
+                for k in range(width):
+                    if free[columns[starts[vertex] + k // 3]]:
+                        out[at] = data[begin + k]
+                        at += 1
+            begin += width
+            for place in range(meeting_starts[vertex], meeting_starts[vertex + 1]):
+                out[at] = data[coupling + 3 * meeting[place] + axis]
+                at += 1
     for unknown in range(own_starts.size - 1):
         for place in range(coupling_starts[unknown], coupling_starts[unknown + 1]):
             if free[coupled[place]]:
