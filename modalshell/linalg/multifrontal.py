@@ -75,7 +75,8 @@ def factorise(
         width = (first[s + 1] - first[s]) * block
         below = (row_starts[s + 1] - row_starts[s]) * block - width
         panel, behind = panels[first_panel[s]], panels[first_panel[s + 1]]
-        values[panel:behind] = 0.0
+        for k in range(panel, behind):
+            values[k] = 0.0
         for e in range(entry_begins[s], entry_begins[s + 1]):
             values[places[e]] = data[sources[e]]
         update = buffer if below * below <= len(values) - buffer else behind
@@ -83,7 +84,8 @@ def factorise(
         if has_children:
             for j in range(below):
                 begin = update + j * below
-                values[begin + j : begin + below] = 0.0
+                for k in range(begin + j, begin + below):
+                    values[k] = 0.0
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
             top = _gather(supernodes, waiting[depth], values, begins[depth], update, runs)
@@ -174,7 +176,9 @@ def _stack(values: Array, top: int, update: int, below: int) -> int:
     target = top
     for j in range(below):
         begin = update + j * below
-        values[target : target + below - j] = values[begin + j : begin + below]
+        to, source = np.uintp(target), np.uintp(begin + j)
+        for i in range(np.uintp(below - j)):
+            values[to + i] = values[source + i]
         target += below - j
     return top
 

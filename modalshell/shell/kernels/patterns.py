@@ -19,10 +19,9 @@ def find_blocks(rows: Any, columns: Any, starts: Any, indices: Any, lead: int, s
     for element in range(rows.shape[0]):
         for i in range(rows.shape[1]):
             row = rows[element, i]
-            if row < 0 or row >= starts.size - 1:
-                slots[element, i] = -1
-                continue
-            last = indices[starts[row + 1] - 1] if starts[row + 1] > starts[row] else -1
+            last = -1
+            if 0 <= row < starts.size - 1 and starts[row] < starts[row + 1]:
+                last = indices[starts[row + 1] - 1]
             for j in range(columns.shape[1]):
                 column = columns[element, j]
                 if column < 0 or column > last:
