@@ -75,8 +75,7 @@ def factorise(
         width = (first[s + 1] - first[s]) * block
         below = (row_starts[s + 1] - row_starts[s]) * block - width
         panel, behind = panels[first_panel[s]], panels[first_panel[s + 1]]
-        for k in range(panel, behind):
-            values[k] = 0.0
+        _clear(values, panel, behind)
         for e in range(entry_begins[s], entry_begins[s + 1]):
             values[places[e]] = data[sources[e]]
         update = buffer if below * below <= len(values) - buffer else behind
@@ -84,8 +83,7 @@ def factorise(
         if has_children:
             for j in range(below):
                 begin = update + j * below
-                for k in range(begin + j, begin + below):
-                    values[k] = 0.0
+                _clear(values, begin + j, begin + below)
         while depth > 0 and parent[waiting[depth - 1]] == s:
             depth -= 1
             top = _gather(supernodes, waiting[depth], values, begins[depth], update, runs)
@@ -103,6 +101,14 @@ def factorise(
             waiting[depth], begins[depth] = s, top
             depth += 1
     return -1
+
+
+@njit
+def _clear(values: Array, begin: int, end: int) -> None:
+    """Write zeros; a slice, which numba compiles slowly, would do no more."""
+    start = np.uintp(begin)
+    for i in range(np.uintp(end - begin)):
+        values[start + i] = 0.0
 
 
 @njit
