@@ -45,7 +45,7 @@ class FoldShares:
 
     def __init__(self, folds: SplitFolds, fields: Array | None = None) -> None:
         self.by_fold, self.coupling, self.stiffness = folds.matrices()
-        self.coupling_transposed = sps.csr_array(self.coupling.T)
+        self.coupling_transposed = self.coupling.T  # of the same arrays
         self._factor = PerThread(functools.partial(_factorised, sps.csc_matrix(self.stiffness)))
         self._fields = fields
         if fields is not None:
