@@ -1,4 +1,4 @@
-"""What the hybrid says of its error: that of its coarse shell against DS beside its own, and none next to a snap."""
+"""What the hybrid says of its error: that of its coarse shell against DS next to its own, and none next to a snap."""
 
 import re
 
