@@ -22,9 +22,9 @@ from modalshell.files.atomic_io import make_folder
 from modalshell.files.outputs import checked_target, refuse_foreign
 from modalshell.mesh.files import WRITABLE, Up, repair_mesh, up_as_text
 from modalshell.mesh.parts import chosen_part
-from modalshell.mesh.resolution import FEWEST_EDGES, edges_per_half_wave
 from modalshell.models.factory import MODE_COUNT
 from modalshell.models.registry import MODELS
+from modalshell.modes import model_basis
 from modalshell.render.content import DEFAULT_CAMERA, checked_direction
 from modalshell.run.results import DISPLACEMENT, Look
 from modalshell.run.run_shell import ShellRun
@@ -204,7 +204,7 @@ def _choose(
         warnings.simplefilter("ignore", ms.ModalShellWarning)  # they are repeated for the shell that is simulated
         shell = options.scene(path, mesh, tables).build_shell(mesh)
     count = min(checked_count("modes", modes), 3 * len(shell.free))
-    young, timing = softening(ms.solve_modes(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)
+    young, timing = softening(model_basis(shell, count), gravity) * _YOUNG, Timing.of_sag(mesh.size, gravity)
     chosen = f"Young's modulus {young:.2g} Pa, at which the weight bends it; time step {timing.dt:.2g} s"
     return replace(options, young=young), timing, f"{end}; {chosen}"
 
@@ -214,22 +214,7 @@ def _solve_modes(shell: ms.Shell, count: int) -> ms.Basis:
     basis = ms.solve_modes(shell, count)
     span = f"{basis.frequencies[0]:.4g} to {basis.frequencies[-1]:.4g} Hz"
     say(f"{basis.count} modes, {basis.rigid_modes} rigid, {span}")
-    _say_unresolved(basis)
     return basis
-
-
-def _say_unresolved(basis: ms.Basis) -> None:
-    """Print which modes have waves too short for the mesh."""
-    edges = {
-        k + 1: edges_per_half_wave(basis.shell.mesh, basis.modes[:, k]) for k in range(basis.rigid_modes, basis.count)
-    }
-    if few := [str(mode) for mode, count in edges.items() if count < FEWEST_EDGES]:
-        modes = f"mode {few[0]} has" if len(few) == 1 else f"modes {', '.join(few)} have"
-        least = min(edges.values())
-        say(
-            f"{modes} fewer than {FEWEST_EDGES:g} edges a half wave (least: {least:.2g}), so that frequencies are more "
-            "than some 3 % off: take a finer mesh"
-        )
 
 
 def _with_options(text: str) -> str:
@@ -326,7 +311,6 @@ def modes(
     for k, frequency in enumerate(basis.frequencies):
         table.add_row(str(k + 1), f"{frequency:.6g}", "rigid" if k < basis.rigid_modes else "elastic")
     CONSOLE.print(table)
-    _say_unresolved(basis)
     basis.save(out / f"{mesh.stem}_basis.npz")
     say(out / f"{mesh.stem}_basis.npz")
     say(basis.plot().save(out / f"{mesh.stem}_modes.png"))

@@ -28,7 +28,7 @@ from modalshell.mesh.resolution import sliver_remark
 from modalshell.mesh.selection import selected
 from modalshell.models import Equilibrium, Model
 from modalshell.models.factory import ModelFactory
-from modalshell.modes import Basis, solve_modes
+from modalshell.modes import Basis, model_basis
 from modalshell.motion import Motion, SupportPath
 from modalshell.scene import tables
 from modalshell.scene.coarse import scene_coarse_mesh
@@ -175,7 +175,7 @@ class ShellScene(Scene):
         """All input except the mesh's vertices and faces, as plain dicts and lists."""
         return super().content() | {"constraints": [table.plain() for table in self.constraints]}
 
-    def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = solve_modes) -> BuiltScene:
+    def build(self, shell: Shell | None = None, solve: Callable[[Shell, int], Basis] = model_basis) -> BuiltScene:
         """Everything that the scene declares, on ``shell`` if that is built already, with modes by ``solve``.
 
         Raises
@@ -193,7 +193,7 @@ class ShellScene(Scene):
             model = self.model.build(self.model_factory(shell, solve))
         return BuiltScene(self, shell, model, force, loads, path, constraints)
 
-    def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = solve_modes) -> ModelFactory:
+    def model_factory(self, shell: Shell, solve: Callable[[Shell, int], Basis] = model_basis) -> ModelFactory:
         """What builds models on ``shell``, with modes by ``solve``, the loads and the coarser meshes of this scene."""
         coarse = partial(scene_coarse_mesh, self.mesh, self.material, shell)
         return ModelFactory(shell, lambda: self.largest_load(shell)[0], coarse, solve)
