@@ -47,6 +47,7 @@ from modalshell.scene.read import located
 from modalshell.scene.signatures import energy_entries, load_entries
 from modalshell.scene.units import odd_values
 from modalshell.shell import Shell
+from modalshell.shell.demands import demand_shell
 from modalshell.supports import Clamp, Support, Unknowns, supported_unknowns
 from modalshell.supports.held import held_vertices
 
@@ -103,6 +104,10 @@ class Scene(ABC):
     def build_mesh(self) -> TriangleMesh:
         """The mesh, generated or read from its file; SceneError where it is refused."""
         with located(self.file, "mesh", self.mesh):
+            cells: Sequence[int] = getattr(self.mesh, "cells", ())
+            if len(cells) == 2 and min(cells) > 0:  # before the mesh is made, which takes a while
+                split = isinstance(self.material, tables.PhysicalSheet) and not self.material.calibrated
+                demand_shell((cells[0] + 1) * (cells[1] + 1), split=split)
             return build_mesh(self.mesh, self.file.parent)
 
     def build_shell(self, mesh: TriangleMesh | None = None) -> Shell:
