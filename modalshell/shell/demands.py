@@ -9,6 +9,6 @@ _VERTEX_BYTES, _SPLIT_VERTEX_BYTES = 2_700, 19_000
 
 
 def demand_shell(vertices: int, *, split: bool) -> None:
-    """OptionError if there is no memory for a shell of so many vertices; ``split``: of :class:`Isotropic`."""
+    """OptionError if there is no memory for a shell of that many vertices; ``split``: of :class:`Isotropic`."""
     each = _SPLIT_VERTEX_BYTES if split else _VERTEX_BYTES
     demand_memory(f"a shell of {vertices} vertices", each * vertices, "take a coarser mesh")
