@@ -84,7 +84,7 @@ async def _asked(address: str, security: Any) -> None:
 
     A client waits without end for one that is silent, and prints a traceback once it is dropped without a connection.
     """
-    from distributed.comm import connect as connected
+    from distributed.comm.core import connect as connected
 
     arguments = security.get_connection_args("client")
     comm = await asyncio.wait_for(connected(address, timeout=_SECONDS, **arguments), _SECONDS)
