@@ -261,6 +261,8 @@ def simulate(
     """
     options, look = shell or _ShellOptions(), (film or _FilmOptions()).look
     chosen, moved = model or _ModelOptions(), motion or _MotionOptions()
+    name = f"{mesh.stem}_{chosen.model}"
+    refuse_foreign(out / f"{name}.npz")
     formats = ["png"] if moved.static else ["mp4", *(["png"] if look.still is not None else [])]
     tables: dict[str, Any] = {
         "model": chosen.table,
@@ -272,19 +274,19 @@ def simulate(
         options, timing, description = _choose(options, mesh, built_mesh, tables, chosen.modes)
     if not moved.static:
         tables["motion"] = moved.table(timing)
-    scene = replace(options.scene(mesh, built_mesh, tables), name=f"{mesh.stem}_{chosen.model}")
+    scene = replace(options.scene(mesh, built_mesh, tables), name=name)
     built = scene.build_shell(built_mesh)
     say(f"{mesh}: {len(built.mesh.vertices)} vertices, {len(built.mesh.faces)} triangles, {built.clamped.sum()} held")
     if description:
         say(f"{mesh}: {description}")
-    name = scene.model.spec.name
+    spec = scene.model.spec.name
     rate = look.rate or (_FILM_RATE if timing is not _TIMING and moved.dt is None else None)
-    look = replace(look, rate=rate, title=f"{mesh.stem}, {name}")
-    with progress(f"{name} steps") as on_step, progress("film") as on_frame:
+    look = replace(look, rate=rate, title=f"{mesh.stem}, {spec}")
+    with progress(f"{spec} steps") as on_step, progress("film") as on_frame:
         result = ShellRun(scene, built, out, look, on_frame, _solve_modes).run(restart, on_step)
-    say(f"{name}: {result.summary}")
+    say(f"{spec}: {result.summary}")
     if built.clamped.any():
-        say(f"{name}: {motion_as_text(result.trajectory, built.mesh.size)}")
+        say(f"{spec}: {motion_as_text(result.trajectory, built.mesh.size)}")
     say(*result.files, sep="\n")
     end_with(result.outcome)
 
