@@ -14,12 +14,14 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 from hypothesis import strategies as st
 from scenes import TINY_BEAM, held
 
 import modalshell as ms
+from fuzzing.command_line import called, check_exit
 from fuzzing.harness import HalfRead, Input
 from fuzzing.mutations import TOKENS, array_like, byte_damage, damaged, flips
 from modalshell.compare.tradeoff import outside_positions
@@ -87,6 +89,7 @@ def results() -> tuple[Saved, ...]:
         folder = Path(name)
         basis.save(folder / "basis.npz")
         ms.save_trajectory(run, folder / "run.npz")
+        ms.save_trajectory(run, folder / "run.clip")
         findings = {"rows": [{"label": "DS", "error": 0.25, "modes": 8}], "note": "é"}
         arrays = {"a": np.arange(6.0), "b": mesh.faces}
         StudyResult("study", findings, arrays, run_record({"cells": [2, 2]})).save(folder)
@@ -99,7 +102,7 @@ def results() -> tuple[Saved, ...]:
         def kind(title: str, damaged_file: str, names: tuple[str, ...], read: Callable[[Path], Any]) -> None:
             files = {name: (folder / name).read_bytes() for name in names}
             arrays = {}
-            if damaged_file.endswith(".npz"):
+            if damaged_file.endswith((".npz", ".clip")):
                 with np.load(folder / damaged_file) as stored:
                     arrays = dict(stored)
             expected = whole.trajectory if title == "frames" else read(folder)
@@ -136,9 +139,18 @@ def results() -> tuple[Saved, ...]:
                 raise ms.FileFormatError(f"no sound case in {at}: it would be computed again")
             return found
 
+        def exported(at: Path) -> Any:
+            """As an archive too large to be verified by whoever only looks at it."""
+            with mock.patch("modalshell.export.archive._VERIFIED", 0):
+                _, errors, status = called(["export", "run.npz", "--to", "clip"], at)
+            check_exit(status, errors)
+            return ms.load_clip(at / "run.clip")
+
         both = ("study.json", "study.npz")
         kind("basis", "basis.npz", ("basis.npz",), lambda at: ms.Basis.load(at / "basis.npz"))
         kind("trajectory", "run.npz", ("run.npz",), lambda at: ms.load_trajectory(at / "run.npz"))
+        kind("clip", "run.clip", ("run.clip",), lambda at: ms.load_clip(at / "run.clip"))
+        kind("exported archive", "run.npz", ("run.npz",), exported)
         kind("study's arrays", "study.npz", both, lambda at: StudyResult.load(at, "study"))
         kind("study's findings", "study.json", both, lambda at: StudyResult.load(at, "study"))
         kind("frames", "beam.frames", ("beam.frames", "beam.toml"), resumed)
