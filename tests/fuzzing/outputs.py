@@ -31,6 +31,8 @@ FOREIGN = (
 )
 """Names that commands derive, in the hands of other programs."""
 NAMED = ("new", "scene", "panel", "data", "run", "modes", "notes", "linked", "hard")
+_ALIASED = {".html": "scene.toml", ".json": "data.json", ".obj": "panel.obj", ".toml": "scene.toml", ".npz": "run.npz"}
+"""Inputs that go by other names, too, with a suffix that a command may write."""
 _OF_EXPORT = {"usd": ".usdc", "gltf": ".glb", "pc2": ".pc2", "mdd": ".mdd", "clip": ".clip", "page": ".html"}
 
 
@@ -53,6 +55,8 @@ def _inputs() -> dict[str, bytes]:
         (folder / "data.json").write_text('{"frequencies": [1.0]}')
         (folder / "notes.txt").write_text("mine\n")
         ms.save_mesh(ms.sheet(length=1.0, width=0.4, cells=(4, 2)), folder / "panel.obj")
+        text = (folder / "panel.obj").read_text()
+        (folder / "panel.obj").write_text(f"# mine\n{text}")  # what is written over it is not the same
         ms.save_trajectory(_run(), folder / "run.npz")
         ms.solve_modes(held(ms.v_beam(cells=(2, 2)), 0.6), 2).save(folder / "modes.npz")
         return {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -84,16 +88,13 @@ def _command(folder: Path, argv: list[str], foreign: list[str]) -> None:
     }.items():
         (work / f"linked{suffix}").symlink_to(work / name)
         (work / f"hard{suffix}").hardlink_to(work / name)
-    told = Path(argv[argv.index("--out") + 1]) if "--out" in argv else None
+    at = argv.index("--out") if "--out" in argv else len(argv)
+    told = work / argv[at + 1] if at < len(argv) else None
     before = {path: path.read_bytes() for path in work.iterdir() if path.is_file()}
     _, errors, status = called(argv, work)
-    read = {work / word for word in argv[1:] if (work / word).is_file()} - {work / told if told else work}
+    read = {(work / word).resolve() for word in argv[1:at] if (work / word).is_file()}
     for path, data in before.items():
-        named = (
-            told is not None
-            and (work / told).resolve() == path.resolve()
-            and path.resolve() not in {one.resolve() for one in read}
-        )
+        named = told is not None and told.resolve() == path.resolve() and path.resolve() not in read
         if not named and (not path.is_file() or path.read_bytes() != data):
             raise Destroyed(f"{path.name} is not what it was after {argv}")
     check_exit(status, errors)
@@ -163,7 +164,7 @@ def _read_back(path: Path) -> Any:
 
 
 def _sized(folder: Path, units: UnitSystem, offset: Any, suffix: str) -> Any:
-    """A motion in other units and far away, exported and read again, has its size, and its place to single precision."""
+    """A motion in other units and far away keeps its size, and its place to single precision, in a file."""
     run = _run()
     run = replace(run, units=units, positions=run.positions + offset, rest_positions=run.rest_positions + offset)
     path = folder / f"sized{suffix}"
@@ -225,7 +226,7 @@ def _stored(mesh: ms.TriangleMesh, path: Path, flat: bool) -> None:
 def _same_parts(folder: Path, count: int, cells: tuple[int, int], suffix: str, flat: bool, gap: float) -> Any:
     """Sheets next to one another: as many parts as were written, and refused to be clamped one by one where many."""
     one = ms.sheet(length=1.0, width=0.5, cells=cells)
-    vertices = np.vstack([one.vertices + [0.0, k * (0.5 + gap), 0.0] for k in range(count)])
+    vertices = np.vstack([one.vertices + np.array([0.0, k * (0.5 + gap), 0.0]) for k in range(count)])
     faces = np.vstack([one.faces + k * len(one.vertices) for k in range(count)])
     path = folder / f"parts{suffix}"
     _stored(ms.TriangleMesh(vertices, faces), path, flat)

@@ -90,6 +90,8 @@ def results() -> tuple[Saved, ...]:
         basis.save(folder / "basis.npz")
         ms.save_trajectory(run, folder / "run.npz")
         ms.save_trajectory(run, folder / "run.clip")
+        longer = ms.simulate(ms.ModalWarping(basis), duration=2.0, gravity=(0.0, 0.0, -4.0))
+        ms.save_trajectory(longer, folder / "long.npz")
         findings = {"rows": [{"label": "DS", "error": 0.25, "modes": 8}], "note": "é"}
         arrays = {"a": np.arange(6.0), "b": mesh.faces}
         StudyResult("study", findings, arrays, run_record({"cells": [2, 2]})).save(folder)
@@ -142,15 +144,15 @@ def results() -> tuple[Saved, ...]:
         def exported(at: Path) -> Any:
             """As an archive too large to be verified by whoever only looks at it."""
             with mock.patch("modalshell.export.archive._VERIFIED", 0):
-                _, errors, status = called(["export", "run.npz", "--to", "clip"], at)
+                _, errors, status = called(["export", "long.npz", "--to", "pc2"], at)
             check_exit(status, errors)
-            return ms.load_clip(at / "run.clip")
+            return np.frombuffer((at / "long.pc2").read_bytes(), np.uint8)
 
         both = ("study.json", "study.npz")
         kind("basis", "basis.npz", ("basis.npz",), lambda at: ms.Basis.load(at / "basis.npz"))
         kind("trajectory", "run.npz", ("run.npz",), lambda at: ms.load_trajectory(at / "run.npz"))
         kind("clip", "run.clip", ("run.clip",), lambda at: ms.load_clip(at / "run.clip"))
-        kind("exported archive", "run.npz", ("run.npz",), exported)
+        kind("exported archive", "long.npz", ("long.npz",), exported)
         kind("study's arrays", "study.npz", both, lambda at: StudyResult.load(at, "study"))
         kind("study's findings", "study.json", both, lambda at: StudyResult.load(at, "study"))
         kind("frames", "beam.frames", ("beam.frames", "beam.toml"), resumed)
@@ -357,7 +359,10 @@ def make(folder: Path) -> st.SearchStrategy[Input]:
     place.mkdir(exist_ok=True)
     anywhere = st.one_of(flips.map(lambda flip: [flip]), st.lists(byte_damage, max_size=2))
     quick = [saved for saved in kinds if not any(name.endswith(".toml") for name in saved.files)]
-    any_kind = st.sampled_from([*quick, *quick, *kinds])  # to run a scene takes ten times as long as to read a file
+    large = [saved for saved in kinds if saved.name == "exported archive"]
+    any_kind = st.sampled_from(
+        [*quick, *quick, *kinds, *large, *large]
+    )  # to run a scene takes ten times as long as to read a file
     broken = st.builds(_damage, st.just(place), any_kind, anywhere)
     replaced = st.builds(
         _damage, st.just(place), any_kind, st.sampled_from(TOKENS).map(lambda token: [lambda _: token])
