@@ -52,7 +52,7 @@ def _inputs() -> dict[str, bytes]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "scene.toml").write_text(SCENE)
-        (folder / "data.json").write_text('{"frequencies": [1.0]}')
+        (folder / "data.json").write_text('{"frequencies": [1.0, 2.0]}')
         (folder / "notes.txt").write_text("mine\n")
         ms.save_mesh(ms.sheet(length=1.0, width=0.4, cells=(4, 2)), folder / "panel.obj")
         text = (folder / "panel.obj").read_text()
