@@ -241,7 +241,8 @@ def files_of_others_unseen(monkeypatch):
     monkeypatch.setattr(sys.modules["modalshell.files.outputs"], "_is_ours", lambda _: True)
 
 
-def archives_unchecked(monkeypatch):
+def clips_unchecked(monkeypatch):
+    monkeypatch.setattr(sys.modules["modalshell.export.clip"], "_check_values", lambda _: None)
     monkeypatch.setattr(sys.modules["modalshell.files.archive"], "check_arrays", lambda *_, **__: {})
 
 
@@ -297,7 +298,7 @@ SEEDS = {two_lines: 1, shared_scratch: 6}
         (memory_error_escapes, "properties", UncaughtException),
         (inputs_forgotten, "outputs", Destroyed),
         (files_of_others_unseen, "outputs", Destroyed),
-        (archives_unchecked, "saved", (SilentNonFinite, UncaughtException)),
+        (clips_unchecked, "saved", (HalfRead, SilentNonFinite, UncaughtException)),
         (large_archives_unverified, "saved", HalfRead),
         pytest.param(units_of_exports_forgotten, "outputs", Contradiction, marks=needs_interchange),
         (far_from_the_origin, "outputs", Contradiction),
