@@ -301,8 +301,8 @@ SEEDS = {two_lines: 1, shared_scratch: 6}
         (clips_unchecked, "saved", (HalfRead, SilentNonFinite, UncaughtException)),
         (large_archives_unverified, "saved", HalfRead),
         pytest.param(units_of_exports_forgotten, "outputs", Contradiction, marks=needs_interchange),
-        (far_from_the_origin, "outputs", Contradiction),
-        (clamps_left_behind, "properties", Contradiction),
+        pytest.param(far_from_the_origin, "outputs", Contradiction, marks=pytest.mark.slow),
+        pytest.param(clamps_left_behind, "properties", Contradiction, marks=pytest.mark.slow),
         (flat_shading_kept, "outputs", Contradiction),
     ],
 )
