@@ -47,7 +47,7 @@ SURFACES = {
 }
 ASKED = os.environ.get("MODALSHELL_FUZZ_INPUTS")
 SEED = os.environ.get("MODALSHELL_FUZZ_SEED")
-DEFAULT, LONG = 240, 4000
+DEFAULT, LONG = 280, 4700
 
 
 def attempts(surface, count, folder, seed=None):
