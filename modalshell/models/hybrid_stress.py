@@ -32,6 +32,7 @@ from modalshell.models.coarse_discrete_shell import CoarseDiscreteShell
 from modalshell.models.hybrid.assumed_stress import ReducedStress, reduce_energy
 from modalshell.models.hybrid.assumed_stress_step import evaluate, implicit_step
 from modalshell.models.hybrid.slopes import differences, forces_by_constants
+from modalshell.models.hybrid.stated_error import coarse_errors, next_to_snap, stated
 from modalshell.models.hybrid.stress_potential import StressPotential
 from modalshell.models.hybrid.training import Trained, Training, train
 from modalshell.models.reduction.derivatives import edge_changes
@@ -57,6 +58,7 @@ _HYBRID = Archive(
         "strain_limit": Field("f", (), ""),
         "energy": Field("f", (), "J"),
         "description": Field("U"),
+        "coarse_errors": Field("f", ("c", 2), ""),
         "rest": Field("f", ("n", 3), "m"),
     },
     most=LARGEST,
@@ -91,6 +93,8 @@ class HybridStress(ImplicitModel):
     ----------
     held_out_error : float
         90th percentile of the motions' errors against the coarse shell on loads that were not in training.
+    coarse_errors : ndarray, shape (c, 2)
+        Shares of the load of training, and the coarse shell's own error against DS at rest under each, at most 1.
     training : str
         What it was trained on.
 
@@ -111,6 +115,7 @@ class HybridStress(ImplicitModel):
         self.integrator = implicit_rule(integrator)
         self.coarse = CoarseDiscreteShell(shell, trainable(coarse), integrator=self.integrator)
         self.held_out_error, self.training = trained.held_out_error, trained.description
+        self.coarse_errors = trained.coarse_errors
         self._trained, self._basis = trained, trained.basis
         parts = trained.basis, trained.stresses, trained.viscous
         self._reduced: ReducedStress = reduce_energy(coarse.centred()[0], *parts)
@@ -182,7 +187,9 @@ class HybridStress(ImplicitModel):
         checked_kind("shell", shell, Shell)
         load, small = shell.total_load(gravity, force, loads), trainable(coarse or shell)
         training = Training(modes, motions, seed, error)
-        found = train(small, CoarseDiscreteShell(shell, small).restrict(load), training, on_step)
+        model = CoarseDiscreteShell(shell, small)
+        found = train(small, model.restrict(load), training, on_step)
+        found = replace(found, coarse_errors=coarse_errors(model, load, training.frames))
         return cls(shell, small, found, integrator=integrator)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -209,7 +216,7 @@ class HybridStress(ImplicitModel):
                 raise ValueError(f"its stresses are those of {len(data['stresses'])} triangles and edges")
             arrays = data["basis"], data["stresses"], data["viscous"]
             numbers = float(data["held_out_error"]), float(data["strain_limit"]), float(data["energy"])
-            trained = Trained(*arrays, *numbers, str(data["description"]))
+            trained = Trained(*arrays, *numbers, str(data["description"]), data["coarse_errors"])
         return cls(shell, small, trained, integrator=integrator)
 
     def centred(self) -> tuple[Self, Array]:
@@ -269,11 +276,10 @@ class HybridStress(ImplicitModel):
         z = found.point
         if not found.converged or not self._sees_state(z):
             return self._handed_over(load, start, "the assumed stresses do not see the membrane there")
+        note = stated(self._trained, next_to_snap(problem, z, found.jumps))
+        ended = verdict(found.residual, True, note=note)
         positions = self._fine(self._coarse_positions(z))
-        return Equilibrium(
-            positions, *verdict(found.residual, True, note=self._range()), found.iterations, found.residual, True,
-            coordinates=z,
-        )  # fmt: skip
+        return Equilibrium(positions, *ended, found.iterations, found.residual, True, coordinates=z)
 
     def _statics(self, push: Array) -> StressPotential:
         return StressPotential(push, np.zeros_like(push), self._reduced, self._scaling, self._edge_change, self._count)
@@ -290,14 +296,10 @@ class HybridStress(ImplicitModel):
     def remark(self, state: MotionState) -> str:
         """The range of training, or that the coarse shell has taken the step."""
         if state.coordinates.ndim == 1:
-            return self._range()
+            return stated(self._trained)
         seen = self._last_load().seen
         reason = "the trained states do not hold the motion" if seen else "the trained model does not hold the load"
         return f"answered by {self.coarse.name}: {reason}"
-
-    def _range(self) -> str:
-        error = f"{100 * self.held_out_error:.1f} %"
-        return f"trained on {self.training}; error {error} on held-out loads (90th percentile), more just below a snap"
 
     def _hessian(self, z: Array) -> Array:
         """Hessian of the energy, that of hinges with a rest angle without their second derivatives."""

@@ -14,7 +14,7 @@ from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
-from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.models.reduction.warp_frame import WarpFrame
 from modalshell.modes import Basis
@@ -26,7 +26,7 @@ _DERIVATIVES = 600
 
 
 @final
-class ModalWarping(ModalModel):
+class ModalWarping(UnstretchedModel):
     """MWTS: ``u_i = Rt(w_i) (Phi q)_i`` with ``w = Psi q``, under the rotated load ``p = Phi^T R(w)^T f``.
 
     The displacement is the closed form of [choi2007, eq. 16] along a straight path from rest: it depends on q alone, so

@@ -14,7 +14,7 @@ from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
 from modalshell.kernels.frame import TILE
 from modalshell.loads import Loading
-from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.unstretched import UnstretchedModel
 from modalshell.models.reduction import rotation_strain_kernels as kernel
 from modalshell.models.reduction.load_points import LoadPoints
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
@@ -45,7 +45,7 @@ class LoadAdjoint:
     constant: Array
 
 
-class TurnedTriangles(ModalModel):
+class TurnedTriangles(UnstretchedModel):
     """A modal model whose displacements are linear in q and in ``F_t = exp([w_t(q)]) (I + S_t(q))`` of triangles.
 
     So is the work of a load, ``f . u(q)``: its adjoint is found once a load, and its derivatives are sums over
