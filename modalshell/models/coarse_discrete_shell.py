@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from modalshell.core.checks import checked_kind, checked_number, checked_vectors
 from modalshell.core.errors import MeshError
 from modalshell.core.typing import Array
+from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import FullIntegrator
 from modalshell.integrators.full.implicit_rule import EulerStart, ShellSteps
 from modalshell.integrators.state import Damping, MotionState
@@ -137,6 +138,15 @@ class CoarseDiscreteShell(ImplicitModel):
         """State of the coarse shell at rest."""
         begin = None if positions is None else self.sampled(self.shell.checked_positions(positions))
         return self.integrator.at_rest(self.coarse.start_motion(begin).coordinates)
+
+    @property
+    def free_parts(self) -> FreeParts | None:
+        """Parts of the coarse shell that nothing holds."""
+        return self.coarse.free_parts
+
+    def own_load(self, load: Array) -> Array:
+        """A load (n, 3) [N] on the coarse vertices."""
+        return self._prolongation.restrict(load)
 
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Positions (k, 3) [m] of the coarse shell after a step of implicit Euler, in the frame of its supports."""

@@ -48,9 +48,11 @@ class BDF2(ImplicitRule, key="bdf2"):
             after, solved = two_euler_steps(euler, state, dt)
         elif euler.turn(x, dt * gain) <= VIOLENT:
             ahead = x + move
-            start = EulerStart(x + move / 3.0, v + gain / 3.0, dt / 1.5, 1.0, v + gain, x, ahead, 1.0)
+            made_of = (4.0 / 3.0, state), (-1.0 / 3.0, MotionState(x - move, v - gain))
+            start = EulerStart(x + move / 3.0, v + gain / 3.0, dt / 1.5, 1.0, v + gain, x, ahead, 1.0, made_of)
             after, solved = euler.solve(start)
         if not solved:
             after, solved = euler_step(euler, state, dt, 0.0, 1.0)
+        after = euler.landed(state, after, dt)
         kept = {"move": after.coordinates - x, "gain": after.rates - v, "known": np.ones(1)}
         return MotionState(after.coordinates, after.rates, kept), solved

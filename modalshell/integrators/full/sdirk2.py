@@ -39,15 +39,18 @@ class SDIRK2(ImplicitRule, key="sdirk2"):
         solved = False
         if state.memory["known"][0] and euler.turn(x, dt * gain) <= VIOLENT:
             part, middle = GAMMA * dt, x + 0.5 * dt * v
-            first = EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, 0.5)
+            first = EulerStart(x, v, part, GAMMA, v + GAMMA * gain, x, middle, 0.5, ((1.0, state),))
             half, solved = euler.solve(first)
             if solved:
                 w, rest = half.rates, (1.0 - GAMMA) * dt
-                change = rest * (w - v) / part
+                lead, near = rest / part, half.coordinates
+                made_of = (1.0 - lead, state), (lead, half)
+                change, expected = rest * (w - v) / part, v + (w - v) / GAMMA
                 after, solved = euler.solve(
-                    EulerStart(x + rest * w, v + change, part, 1.0, v + (w - v) / GAMMA, half.coordinates, middle, 0.5)
+                    EulerStart(x + rest * w, v + change, part, 1.0, expected, near, middle, 0.5, made_of)
                 )
         if not solved:
             after, solved = two_euler_steps(euler, state, dt)
+        after = euler.landed(state, after, dt)
         kept = {"gain": after.rates - v, "known": np.ones(1)}
         return MotionState(after.coordinates, after.rates, kept), solved

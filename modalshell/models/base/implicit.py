@@ -8,8 +8,9 @@ from typing import final
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
+from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
-from modalshell.integrators.full.implicit_rule import EulerStart
+from modalshell.integrators.full.implicit_rule import EulerStart, steps_of
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.models.base.model import Drag, FrameModel, Stepper
 
@@ -37,6 +38,15 @@ class ImplicitModel(FrameModel):
 
     integrator: ImplicitRule
 
+    @property
+    def free_parts(self) -> FreeParts | None:
+        """Parts that nothing holds, of a model whose coordinates are positions."""
+        return None
+
+    def own_load(self, load: Array) -> Array:
+        """A load (n, 3) [N] on the vertices whose positions are the coordinates."""
+        return load
+
     @abstractmethod
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
         """Coordinates after a step of implicit Euler under ``load`` (n, 3) [N]; also whether it was solved."""
@@ -47,7 +57,8 @@ class ImplicitModel(FrameModel):
 
     def march(self, state: MotionState, dt: float, load_at: LoadAt, damping: Damping) -> tuple[MotionState, bool]:
         """Advance by ``dt`` [s] under loads that are asked for where they are needed."""
-        return self.integrator.march(ModelSteps(self, load_at, damping), state, dt)
+        steps = steps_of(ModelSteps(self, load_at, damping), self.free_parts, damping)
+        return self.integrator.march(steps, state, dt)
 
     def step(
         self, state: MotionState, dt: float, load: Array, damping: Damping, held: Array | None = None
@@ -67,16 +78,27 @@ class ModelSteps:
     def __init__(self, model: ImplicitModel, load_at: LoadAt, damping: Damping) -> None:
         self._model, self._load_at, self._damping = model, load_at, damping
         self.turn = model.turn
+        self._load: Array | None = None
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """State at the end, and whether its equations were solved."""
         load, drag = self._load_at(start)
+        self._load = load
         coordinates, solved = self._model.euler_step(start, load, self._damping)
         after = start.after(coordinates)
         if drag is not None:
             expected = MotionState(start.origin, start.expected_rates)
             after = self._model.dragged(after, expected, start.dt, self._damping, *drag)
         return after, solved
+
+    def load_on(self, x: Array) -> Array:  # noqa: ARG002 (loads are those expected)
+        """Load [N] of the last step on the vertices of the model's own."""
+        assert self._load is not None
+        return self._model.own_load(self._load)
+
+    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:  # noqa: ARG002
+        """``after``: nothing is free."""
+        return after
 
 
 @final
