@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import final
+from typing import NamedTuple, final
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -66,6 +66,29 @@ class FreePart:
         return np.asarray((self.mass[:, None] * b).T @ a)
 
 
+class RigidMove(NamedTuple):
+    """A turn about a centre that moves, and a change of velocity and spin.
+
+    Attributes
+    ----------
+    centre, velocity : ndarray, shape (3,)
+        Where the centre was [m], and its velocity [m/s].
+    turn : ndarray, shape (3, 3)
+        Rotation about it.
+    new_centre, new_velocity : ndarray, shape (3,)
+        Where it belongs, and its velocity.
+    spin : ndarray, shape (3,)
+        Angular velocity to add [rad/s].
+    """
+
+    centre: Array
+    velocity: Array
+    turn: Array
+    new_centre: Array
+    new_velocity: Array
+    spin: Array
+
+
 @final
 class FreeParts:
     """All free parts of a shell; see :meth:`of`.
@@ -109,26 +132,36 @@ class FreeParts:
             at[1] = axial(pushed.T @ (own - part.mean(own)))
         return found
 
-    def carried(self, before: MotionState, after: MotionState, first: Array, last: Array, dt: float) -> MotionState:
-        """``after`` a step from ``before``, its free parts moved and turned as rigid bodies to keep their momenta.
+    def moves(self, before: Array, after: MotionState, first: Array, last: Array, dt: float) -> list[RigidMove]:
+        """Rigid moves that bring ``after``, a step from positions ``before`` (n, 3), to its momenta.
 
         Momenta go from ``first`` to ``last``; their mean over the step says how far centres move, and by what discrete
         momentum ``sum m x_n x x_{n+1}`` parts turn. A part that no rotation brings there keeps its own.
         """
-        x, rates = after.coordinates.copy(), after.rates.copy()
+        found = []
         for part, start, end in zip(self.parts, first, last, strict=True):
-            old, new = before.coordinates[part.vertices], x[part.vertices]
-            centre, own = part.mean(old), part.mean(new)
+            old, new, rates = (x[part.vertices] for x in (before, after.coordinates, after.rates))
+            centre, own, drift = part.mean(old), part.mean(new), part.mean(rates)
             arms, mean = new - own, 0.5 * dt * (start + end)
-            turn, found = turn_keeping(part.moments(old - centre, arms), mean[1], np.zeros(3))
-            if found:
-                arms = arms @ turn.T
-            relative = rates[part.vertices]
-            relative = relative - part.mean(relative)
-            if found:
-                relative = relative @ turn.T
+            turn, kept = turn_keeping(part.moments(old - centre, arms), mean[1], np.zeros(3))
+            if not kept:
+                turn = np.eye(3)
+            arms, relative = arms @ turn.T, (rates - drift) @ turn.T
             missing = end[1] - axial(part.moments(arms, relative))
             spin = np.linalg.solve(inertia_of(part.moments(arms, arms)), missing)
-            x[part.vertices] = arms + (centre + mean[0] / part.total)
-            rates[part.vertices] = relative + np.cross(spin, arms) + end[0] / part.total
-        return MotionState(x, rates, after.memory)
+            found.append(RigidMove(own, drift, turn, centre + mean[0] / part.total, end[0] / part.total, spin))
+        return found
+
+    def moved(self, state: MotionState, moves: list[RigidMove]) -> MotionState:
+        """A state of positions (n, 3) and rates whose parts are moved."""
+        x, rates = state.coordinates.copy(), state.rates.copy()
+        for part, move in zip(self.parts, moves, strict=True):
+            arms = (x[part.vertices] - move.centre) @ move.turn.T
+            x[part.vertices] = arms + move.new_centre
+            relative = (rates[part.vertices] - move.velocity) @ move.turn.T
+            rates[part.vertices] = relative + np.cross(move.spin, arms) + move.new_velocity
+        return MotionState(x, rates, state.memory)
+
+    def carried(self, before: MotionState, after: MotionState, first: Array, last: Array, dt: float) -> MotionState:
+        """``after`` a step from ``before``, with the :meth:`moves` that its momenta ask for."""
+        return self.moved(after, self.moves(before.coordinates, after, first, last, dt))

@@ -13,7 +13,6 @@ from typing import Protocol, final
 import numpy as np
 
 from modalshell.core.typing import Array
-from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full.base import Body, FullIntegrator, hold, step_potential
 from modalshell.integrators.state import Damping, MotionState
 from modalshell.kernels.rotations import largest_turn
@@ -189,6 +188,19 @@ class LoadedSteps(EulerSteps, Protocol):
         """Load [N] of the last step on every vertex, at its end x."""
 
 
+class Floating(Protocol):
+    """What knows the momenta (parts, 2, 3) of free parts; see :class:`FreeParts`."""
+
+    def momenta(self, x: Array, rates: Array) -> Array:
+        """Momenta of coordinates and rates."""
+
+    def wrenches(self, x: Array, load: Array) -> Array:
+        """Forces and torques of a load."""
+
+    def carried(self, before: MotionState, after: MotionState, first: Array, last: Array, dt: float) -> MotionState:
+        """``after`` a step from ``before``, brought to its momenta."""
+
+
 @final
 class Flight:
     """Steps of implicit Euler of a shell with free parts, and what becomes of the momenta of these.
@@ -198,7 +210,7 @@ class Flight:
     they should, and what solves and quadrature add to the angular momentum, an error of the rule's own order, is gone.
     """
 
-    def __init__(self, euler: LoadedSteps, free: FreeParts, damping: Damping) -> None:
+    def __init__(self, euler: LoadedSteps, free: Floating, damping: Damping) -> None:
         self._euler, self._free, self._drag = euler, free, damping.mass_factor
         self._known: list[tuple[MotionState, Array]] = []
         self.turn = euler.turn
@@ -225,6 +237,6 @@ class Flight:
         return momenta
 
 
-def steps_of(euler: LoadedSteps, free: FreeParts | None, damping: Damping) -> EulerSteps:
+def steps_of(euler: LoadedSteps, free: Floating | None, damping: Damping) -> EulerSteps:
     """The same steps, those of a shell with free parts."""
     return euler if free is None else Flight(euler, free, damping)

@@ -8,9 +8,8 @@ from typing import final
 
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
-from modalshell.integrators.free_parts import FreeParts
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
-from modalshell.integrators.full.implicit_rule import EulerStart, steps_of
+from modalshell.integrators.full.implicit_rule import EulerStart, Floating, steps_of
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.models.base.model import Drag, FrameModel, Stepper
 
@@ -39,13 +38,9 @@ class ImplicitModel(FrameModel):
     integrator: ImplicitRule
 
     @property
-    def free_parts(self) -> FreeParts | None:
-        """Parts that nothing holds, of a model whose coordinates are positions."""
+    def free_parts(self) -> Floating | None:
+        """Parts that nothing holds, of a model that takes such shells."""
         return None
-
-    def own_load(self, load: Array) -> Array:
-        """A load (n, 3) [N] on the vertices whose positions are the coordinates."""
-        return load
 
     @abstractmethod
     def euler_step(self, start: EulerStart, load: Array, damping: Damping) -> tuple[Array, bool]:
@@ -92,9 +87,9 @@ class ModelSteps:
         return after, solved
 
     def load_on(self, x: Array) -> Array:  # noqa: ARG002 (loads are those expected)
-        """Load [N] of the last step on the vertices of the model's own."""
+        """Load (n, 3) [N] of the last step."""
         assert self._load is not None
-        return self._model.own_load(self._load)
+        return self._load
 
     def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:  # noqa: ARG002
         """``after``: nothing is free."""
