@@ -10,7 +10,6 @@ import numpy as np
 from modalshell.core.cost import count_products, count_read
 from modalshell.core.typing import Array, Index
 from modalshell.integrators.modal import ModalIntegrator
-from modalshell.integrators.state import MotionState
 from modalshell.kernels import rotations
 from modalshell.kernels.frame import WORK, push_frame
 from modalshell.loads import Loading
@@ -67,7 +66,7 @@ class ModalWarping(ModalModel):
         count_read(self.basis.rotations.nbytes)
         return np.asarray(self.basis.rotations @ q).reshape(-1, 3)
 
-    def raw_displacement(self, q: Array) -> Array:
+    def warped(self, q: Array) -> Array:
         """Warped displacements (n, 3) [m] [choi2007, eq. 17]."""
         count_read(self.basis.modes.nbytes)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
@@ -75,17 +74,17 @@ class ModalWarping(ModalModel):
         rotations.warp(self.rotation_vectors(q), linear, 1.0, out)
         return out
 
-    def positions(self, state: MotionState) -> Array:
-        """Vertex positions (n, 3) [m] of a state, in one fused pass."""
+    def warped_positions(self, q: Array) -> Array:
+        """Vertex positions (n, 3) [m] at q, in one fused pass."""
         count_read(self._frame.bytes_read)
-        return self._frame.positions(state.coordinates)
+        return self._frame.positions(q)
 
     @cached_property
     def _frame(self) -> WarpFrame:
         """At first use: it holds a second copy of the modal data."""
         return WarpFrame(self.basis)
 
-    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+    def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), by the closed form of the warp."""
         modes = self._patch_rows(self.basis.modes, vertices)
         turns = self._patch_rows(self.basis.rotations, vertices)
@@ -96,7 +95,7 @@ class ModalWarping(ModalModel):
         value = self.shell.rest_positions[vertices] + np.einsum("vij,vj->vi", averages, linear)
         return value.mean(axis=0), (averages @ modes + slopes @ turns).mean(axis=0)
 
-    def modal_force(self, q: Array, load: Array) -> Array:
+    def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
         if self.consistent_force:
             return self.work(q, load)[1]
@@ -119,7 +118,7 @@ class ModalWarping(ModalModel):
         """The same model on another basis of its shell."""
         return ModalWarping(basis, consistent_force=self.consistent_force)
 
-    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+    def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
         return self.work(q, weights)[1]
 

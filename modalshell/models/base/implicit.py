@@ -86,12 +86,12 @@ class ModelSteps:
             after = self._model.dragged(after, expected, start.dt, self._damping, *drag)
         return after, solved
 
-    def load_on(self, x: Array) -> Array:  # noqa: ARG002 (loads are those expected)
+    def load_on(self, x: Array) -> Array:
         """Load (n, 3) [N] of the last step."""
         assert self._load is not None
         return self._load
 
-    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:  # noqa: ARG002
+    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:
         """``after``: nothing is free."""
         return after
 

@@ -86,7 +86,7 @@ class TurnedTriangles(ModalModel):
         adjoint = self._adjoint(force)
         return lambda q: self._work_of(adjoint, q)[1]
 
-    def modal_force(self, q: Array, load: Array) -> Array:
+    def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``d(f . u)/dq`` (m,): a new load costs its adjoint, that of the call before does not."""
         return self.work(q, load)[1]
 
@@ -94,7 +94,7 @@ class TurnedTriangles(ModalModel):
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient (m,), the modal force."""
         return self._work_of(self._face(load), q)
 
-    def displacement_gradient(self, q: Array, weights: Array) -> Array:
+    def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
         return self.work(q, weights)[1]
 
@@ -109,7 +109,7 @@ class TurnedTriangles(ModalModel):
         """Derivatives ``dp/dq`` (m, m) of the modal force: those of the work once more."""
         return self.work_curvature(q, load)
 
-    def patch_position(self, q: Array, vertices: Index) -> tuple[Array, Array]:
+    def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch at q, and its Jacobian (3, m), exactly."""
         key = vertices.tobytes()
         adjoints = self._patches.get(key)
