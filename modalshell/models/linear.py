@@ -10,8 +10,10 @@ from modalshell.core.cost import count_read
 from modalshell.core.typing import Array, Index
 from modalshell.loads import Loading
 from modalshell.models.base.modal import ModalModel
+from modalshell.models.base.model import FrameModel
 from modalshell.models.reduction.load_quadrature import LoadQuadrature, ModalPush
 from modalshell.statics.least_potential import Statics
+from modalshell.statics.path import Followable
 
 
 @final
@@ -34,7 +36,20 @@ class LinearModal(ModalModel):
         count_read(self.basis.modes.nbytes)
         return self.basis.modes.T @ load.ravel()
 
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work ``f . Phi q`` [J] and its gradient (m,)."""
+        force = self.warped_force(q, load)
+        return float(force @ q), force
+
+    def warped_curvature(self, q: Array, load: Array) -> Array:
+        """Zero (m, m)."""
+        return self.warped_jacobian(q, load)
+
+    def followable(self, load: Array) -> Followable:
+        """OptionError: its answer is linear."""
+        return FrameModel.followable(self, load)
+
+    def warped_jacobian(self, q: Array, load: Array) -> Array:
         """Zero (m, m): the force is the same at every q."""
         return np.zeros((q.size, q.size))
 

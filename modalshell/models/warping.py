@@ -98,13 +98,13 @@ class ModalWarping(ModalModel):
     def warped_force(self, q: Array, load: Array) -> Array:
         """Modal force ``Phi^T R(q)^T f`` (m,), or ``J(q)^T f`` if it is to be consistent."""
         if self.consistent_force:
-            return self.work(q, load)[1]
+            return self.warped_work(q, load)[1]
         count_read(self._frame.bytes_read)
         force = np.empty_like(q)
         push_frame(self._frame.modal_data, load, q, np.empty(WORK), force)
         return force
 
-    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
         """Work ``f . u(q)`` [J] of the load (n, 3) and its gradient ``J^T f`` (m,), by the closed form."""
         count_read(2 * self.basis.modes.nbytes + self.basis.rotations.nbytes)
         count_products(_DERIVATIVES * len(load))
@@ -120,9 +120,9 @@ class ModalWarping(ModalModel):
 
     def warped_gradient(self, q: Array, weights: Array) -> Array:
         """Derivatives (m,) at q of the displacements, contracted with weights (n, 3)."""
-        return self.work(q, weights)[1]
+        return self.warped_work(q, weights)[1]
 
-    def work_curvature(self, q: Array, load: Array) -> Array:
+    def warped_curvature(self, q: Array, load: Array) -> Array:
         """Second derivatives (m, m) of the work."""
         w = self.rotation_vectors(q)
         linear = np.asarray(self.basis.modes @ q).reshape(-1, 3)
@@ -131,10 +131,10 @@ class ModalWarping(ModalModel):
         by_modes = self.basis.modes.T @ self._turned(mixed)
         return by_modes + by_modes.T + self.basis.rotations.T @ self._turned(curvature)
 
-    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+    def warped_jacobian(self, q: Array, load: Array) -> Array:
         """Derivatives ``dp/dq`` (m, m) of the modal force; not symmetric unless the force is consistent."""
         if self.consistent_force:
-            return self.work_curvature(q, load)
+            return self.warped_curvature(q, load)
         blocks = np.empty((*load.shape, 3))
         rotations.rotated_load_jacobian(self.rotation_vectors(q), load, blocks)
         return self.basis.modes.T @ self._turned(blocks)
@@ -169,7 +169,7 @@ class ModalWarping(ModalModel):
             return pushed
 
         def slope(q: Array, share: float) -> Array:
-            return self.modal_force_jacobian(q, share * load)
+            return self.warped_jacobian(q, share * load)
 
         return balance(force, slope, self.basis.eigenvalues, self.basis.rigid_modes, self.largest_turn, start)
 

@@ -146,26 +146,31 @@ class FreeFrames:
     def pull(self, q: Array, weights: Array, gradient: Gradient, shape: Shape) -> Array:
         """Derivatives (m,) at q of the positions, contracted with weights (n, 3)."""
         own, forces = self._own(q, weights, shape)
-        poses = self.poses(q)
-        for force, pose in zip(forces, poses, strict=True):
-            force[1] = left_jacobian(pose[1]).T @ force[1]
+        for force, (_, vector) in zip(forces, self.poses(q), strict=True):
+            force[1] = left_jacobian(vector).T @ force[1]
         return self._joined(gradient(self.elastic(q), own), forces)
 
-    def push(
-        self, q: Array, load: Array, force: Gradient, shape: Shape, moving: tuple[Array, float] | None = None
-    ) -> Array:
+    def bending(self, q: Array, load: Array, jacobian: Gradient, shape: Shape) -> Array:
+        """Derivatives (m, m) of modal forces by the elastic coordinates, frames resting."""
+        return jacobian(self.elastic(q), self._own(q, load, shape)[0])
+
+    def with_elastic(self, whole: Array, bent: Array) -> Array:
+        """A matrix (m, m) with the part of another that belongs to elastic modes."""
+        whole[self._count :, self._count :] = bent[self._count :, self._count :]
+        return whole
+
+    def push(self, q: Array, load: Array, force: Gradient, shape: Shape, moving: tuple[Array, float]) -> Array:
         """Modal forces (m,) of a load (n, 3) [N]; those of the rigid modes are forces and torques, taken to the modes.
 
-        A load that accelerates every vertex alike does not bend the shape. In motion, of rates (m,) and a short time
-        [s] over which velocities are differences, inertial loads of the turning frames are felt, too.
+        A load that accelerates every vertex alike does not bend the shape. Inertial loads of the turning frames do, by
+        the rates (m,) and a short time [s] over which velocities are differences: ``moving``.
         """
         own, forces = self._own(q, load, shape)
-        if moving is not None:
-            rates, lead = moving
-            spins = self._spins(q, rates)
-            if spins.any() or forces[:, 1].any():
-                speed = self._speeds(q, rates, lead, shape) if spins.any() else np.zeros_like(own)
-                self._add_inertia(q, spins, speed, forces, own, shape)
+        rates, lead = moving
+        spins = self._spins(q, rates)
+        if spins.any() or forces[:, 1].any():
+            speed = self._speeds(q, rates, lead, shape) if spins.any() else np.zeros_like(own)
+            self._add_inertia(q, spins, speed, forces, own, shape)
         pushed = force(self.elastic(q), own) if own.any() else np.zeros_like(q)
         return self._joined(pushed, forces)
 

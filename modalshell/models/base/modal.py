@@ -181,7 +181,7 @@ class ModalModel(ModalMotion):
 
     def followable(self, load: Array) -> Followable:
         """The modal potential, for models that know the work of a load and its derivatives."""
-        if not self.conservative or not hasattr(self, "work"):
+        if not self.conservative:
             return super().followable(load)
         if self.basis.rigid_modes:
             raise OptionError(f"a path needs a shell that its supports hold (got {self.basis.rigid_modes} rigid modes)")

@@ -24,6 +24,7 @@ from modalshell.models.base.model import LEAD, FrameModel, Stepper
 from modalshell.models.base.warp import Warp
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
+from modalshell.statics.modal_balance import differences
 from modalshell.supports import Pose
 
 CONSTRAINT_MET = 1e-6
@@ -79,6 +80,18 @@ class ModalMotion(Warp, FrameModel):
         """Derivatives (m,) of :meth:`warped`, contracted with weights (n, 3)."""
         return super().displacement_gradient(q, weights)
 
+    def warped_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives (m, m) of :meth:`warped_force`; by central differences unless overridden."""
+        return super().modal_force_jacobian(q, load)
+
+    def warped_work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work [J] of a load (n, 3) [N] on :meth:`warped`, and its gradient (m,)."""
+        raise NotImplementedError
+
+    def warped_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of :meth:`warped_work`."""
+        raise NotImplementedError
+
     def warped_patch(self, q: Array, vertices: Index) -> tuple[Array, Array]:
         """Mean position (3,) [m] of a patch by :meth:`warped`, and its Jacobian (3, m)."""
         raise self.no_constraints()
@@ -116,13 +129,39 @@ class ModalMotion(Warp, FrameModel):
         return self.frames.pull(q, weights, self.warped_gradient, self.warped_positions)
 
     def modal_force(self, q: Array, load: Array) -> Array:
-        """Modal force (m,) of a load (n, 3) [N] at q; of rigid modes of free parts, that of its forces and torques."""
+        """Modal force (m,) of a load (n, 3) [N] at q; on the rigid modes of free parts, derivatives of its work."""
         if self.frames is None:
             return self.warped_force(q, load)
-        return self.frames.push(q, load, self.warped_force, self.warped_positions)
+        return self.frames.pull(q, load, self.warped_force, self.warped_positions)
+
+    def modal_force_jacobian(self, q: Array, load: Array) -> Array:
+        """Derivatives ``dp/dq`` (m, m) of the modal force at q; differences where frames of free parts move."""
+        if self.frames is None:
+            return self.warped_jacobian(q, load)
+        whole = super().modal_force_jacobian(q, load)
+        whole = 0.5 * (whole + whole.T) if self.conservative else whole
+        bent = self.frames.bending(q, load, self.warped_jacobian, self.warped_positions)
+        return self.frames.with_elastic(whole, bent)
+
+    def work(self, q: Array, load: Array) -> tuple[float, Array]:
+        """Work ``f . u(q)`` [J] of a load (n, 3) [N] and its gradient (m,); of models that know it."""
+        if self.frames is None:
+            return self.warped_work(q, load)
+        return float(np.vdot(load, self.raw_displacement(q))), self.displacement_gradient(q, load)
+
+    def work_curvature(self, q: Array, load: Array) -> Array:
+        """Second derivatives (m, m) of the work."""
+        if self.frames is None:
+            return self.warped_curvature(q, load)
+        whole = differences(lambda q: self.displacement_gradient(q, load), q, self.basis.rotations)
+        bent = self.frames.bending(q, load, self.warped_curvature, self.warped_positions)
+        return self.frames.with_elastic(0.5 * (whole + whole.T), bent)
 
     def push(self, q: Array, rates: Array, load: Array, dt: float) -> Array:
-        """Modal force (m,) of a load (n, 3) [N] on a shell that moves in steps of ``dt`` [s]."""
+        """Modal force (m,) of a load (n, 3) [N] on a shell that moves in steps of ``dt`` [s], inertial ones with it.
+
+        On the rigid modes of free parts it is that of the load's forces and torques.
+        """
         if self.frames is None:
             return self.modal_force(q, load)
         return self.frames.push(q, load, self.warped_force, self.warped_positions, (rates, LEAD * dt))
