@@ -78,8 +78,9 @@ class EulerSteps(Protocol):
     def turn(self, coordinates: Array, move: Array) -> float:
         """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
 
-    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:
+    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:  # noqa: ARG002
         """``after`` a whole step from ``before``, with the momenta of free parts that its steps of Euler gave."""
+        return after
 
 
 class ImplicitRule(FullIntegrator):
@@ -136,7 +137,7 @@ class StageOf(Protocol):
 
 
 @final
-class ShellSteps:
+class ShellSteps(EulerSteps):
     """Steps of implicit Euler of a shell whose unknowns are its vertices."""
 
     def __init__(self, body: Body, at: StageOf, damping: Damping) -> None:
@@ -176,10 +177,6 @@ class ShellSteps:
         load, live = self._felt
         return load if live is None else load + live.force(x)
 
-    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:  # noqa: ARG002
-        """``after``: nothing is free."""
-        return after
-
 
 class LoadedSteps(EulerSteps, Protocol):
     """Steps of implicit Euler that know the load that they took."""
@@ -202,7 +199,7 @@ class Floating(Protocol):
 
 
 @final
-class Flight:
+class Flight(EulerSteps):
     """Steps of implicit Euler of a shell with free parts, and what becomes of the momenta of these.
 
     A rule takes the momenta as it takes the rates, each step of Euler changing them by its own forces and torques. At
@@ -213,7 +210,6 @@ class Flight:
     def __init__(self, euler: LoadedSteps, free: Floating, damping: Damping) -> None:
         self._euler, self._free, self._drag = euler, free, damping.mass_factor
         self._known: list[tuple[MotionState, Array]] = []
-        self.turn = euler.turn
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
         """A step of Euler, and its momenta."""
@@ -227,6 +223,10 @@ class Flight:
     def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:
         """``after`` a whole step from ``before``, its free parts brought to their momenta."""
         return self._free.carried(before, after, self._momenta(before), self._momenta(after), dt)
+
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+        return self._euler.turn(coordinates, move)
 
     def _momenta(self, state: MotionState) -> Array:
         for known, momenta in self._known:

@@ -9,7 +9,7 @@ from typing import final
 from modalshell.core.errors import OptionError
 from modalshell.core.typing import Array
 from modalshell.integrators.full import FullIntegrator, ImplicitRule
-from modalshell.integrators.full.implicit_rule import EulerStart, Floating, steps_of
+from modalshell.integrators.full.implicit_rule import EulerStart, EulerSteps, Floating, steps_of
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.models.base.model import Drag, FrameModel, Stepper
 
@@ -67,12 +67,11 @@ class ImplicitModel(FrameModel):
 
 
 @final
-class ModelSteps:
+class ModelSteps(EulerSteps):
     """Steps of implicit Euler of a model."""
 
     def __init__(self, model: ImplicitModel, load_at: LoadAt, damping: Damping) -> None:
         self._model, self._load_at, self._damping = model, load_at, damping
-        self.turn = model.turn
         self._load: Array | None = None
 
     def solve(self, start: EulerStart) -> tuple[MotionState, bool]:
@@ -86,14 +85,14 @@ class ModelSteps:
             after = self._model.dragged(after, expected, start.dt, self._damping, *drag)
         return after, solved
 
+    def turn(self, coordinates: Array, move: Array) -> float:
+        """Largest rotation [rad] of a vertex by a small ``move`` of the coordinates."""
+        return self._model.turn(coordinates, move)
+
     def load_on(self, x: Array) -> Array:
         """Load (n, 3) [N] of the last step."""
         assert self._load is not None
         return self._load
-
-    def landed(self, before: MotionState, after: MotionState, dt: float) -> MotionState:
-        """``after``: nothing is free."""
-        return after
 
 
 @final
