@@ -197,11 +197,10 @@ class RigidStepper(Stepper):
             raise model.no_constraints()
         super().__init__(model, setup, in_frame=True)
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the body."""
-        dt = self.setup.dt
 
         def load_at(at: MotionState, share: float) -> tuple[Array, Drag | None]:
-            return self.felt((count + share) * dt, load, at)
+            return self.felt(begin + share * dt, load, at)
 
         return self.model.march(state, dt, load_at, self.setup.damping)

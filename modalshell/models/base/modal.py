@@ -205,6 +205,7 @@ class ModalModel(ModalMotion):
         tangent = np.diag(self.basis.eigenvalues) - self.modal_force_jacobian(answer.coordinates, load)
         return float(scipy.linalg.eigvals(tangent).real.min())
 
+
 def as_modal(model: Model) -> ModalModel | None:
     """``model`` if its unknowns are modal coordinates, else None."""
     return model if isinstance(model, ModalModel) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import final
 
 import numpy as np
@@ -20,7 +21,7 @@ from modalshell.integrators.modal.base import ForceInTime
 from modalshell.integrators.state import Damping, MotionSetup, MotionState
 from modalshell.loads import Loading
 from modalshell.models.base.free_frames import FreeFrames
-from modalshell.models.base.model import LEAD, FrameModel, Stepper
+from modalshell.models.base.model import LEAD, FrameModel, Stepper, probes
 from modalshell.models.base.warp import Warp
 from modalshell.models.reduction.load_quadrature import LoadQuadrature
 from modalshell.modes import Basis
@@ -192,9 +193,7 @@ class ModalMotion(Warp, FrameModel):
         """One step of the integrator for every mode."""
         return self.march(state, dt, lambda q, rates, _: self.push(q, rates, load, dt), damping)
 
-    def march(
-        self, state: MotionState, dt: float, force: ForceInTime, damping: Damping
-    ) -> tuple[MotionState, bool]:
+    def march(self, state: MotionState, dt: float, force: ForceInTime, damping: Damping) -> tuple[MotionState, bool]:
         """One step of the integrator under modal forces that are asked for where they are needed.
 
         Also returns whether the frames of free parts turned as they should.
@@ -210,8 +209,24 @@ class ModalMotion(Warp, FrameModel):
 
         after = self.integrator.advance(state, felt, eigenvalues, damp, dt, self._mass_size)
         memory = state.memory
-        first = memory["force"] if "known" in memory and memory["known"][0] else seen[0]
+        first = memory["force"] if "force" in memory and memory["step"][0] else seen[0]
         return frames.flown(state, after, (first, seen[-1]), dt, damping.mass_factor, self.warped_positions)
+
+    def local_error(self, before: MotionState, after: MotionState, dt: float) -> Array | None:
+        """Error (m,) in the coordinates that a step has made, by the integrator's theory."""
+        return self.integrator.local_error(before, after, self.basis.eigenvalues, dt)
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a vertex by a small ``change`` (m,), of those that the modes move most."""
+        return super().largest_move(self._probes @ change)
+
+    @cached_property
+    def _probes(self) -> Array:
+        return probes(self.basis.modes)
+
+    def growth(self, stiffness: float, damp: float, dt: float) -> complex:
+        """What steps multiply an oscillation by, by the integrator's theory."""
+        return complex(max(self.integrator.multipliers(stiffness, damp, dt)[0], key=abs))
 
     def _modal_damping(self, damping: Damping) -> Array:
         """Damping [1/s] of the modes (m,), kept from step to step."""
@@ -334,13 +349,13 @@ class ModalStepper(Stepper):
         still = setup.supports is None and self.model.frames is None
         self._quadrature = self.model.load_quadrature(setup.loading) if still else None
 
-    def advance(self, count: int, state: MotionState, load: Array) -> tuple[MotionState, bool]:
+    def advance(self, begin: float, dt: float, state: MotionState, load: Array) -> tuple[MotionState, bool]:
         """One step of the model's rule, onto the constraints."""
-        model, dt, damping = self.model, self.setup.dt, self.setup.damping
+        model, damping = self.model, self.setup.damping
         last: list[tuple[Array, Array]] = []
 
         def force(q: Array, rates: Array, share: float) -> Array:
-            pushed, drag = self._push((count + share) * dt, load, MotionState(q, rates))
+            pushed, drag = self._push(begin + share * dt, load, MotionState(q, rates))
             last[:] = [] if drag is None else [(rates, drag)]
             return pushed
 
@@ -348,7 +363,7 @@ class ModalStepper(Stepper):
         if last:
             after = model.slowed(after, last[0][0], dt, damping, last[0][1])
         if self.setup.constraints:
-            after = self._met(count, state, after)
+            after = self._met(begin, dt, state, after)
             if "force" in after.memory:
                 after.memory["force"] = force(after.coordinates, after.rates, 1.0)
         return after, solved
@@ -367,14 +382,14 @@ class ModalStepper(Stepper):
         push += model.modal_force(q, self._quadrature.dead(load, time))
         return push, slope if by_velocity else None
 
-    def _met(self, count: int, state: MotionState, free: MotionState) -> MotionState:
+    def _met(self, begin: float, dt: float, state: MotionState, free: MotionState) -> MotionState:
         """``free``, the state after a step from ``state``, moved onto the constraints."""
         setup = self.setup
 
         def targets_at(share: float) -> PatchTargets:
-            time = (count + share) * setup.dt
+            time = begin + share * dt
             pose = None if self._frame is None else self._frame.at(time)
             return self.model._targets(setup.constraints, state.coordinates, time, pose)
 
-        after, self.residuals = self.model.meet_constraints(state, free, setup.dt, setup.damping, targets_at)
+        after, self.residuals = self.model.meet_constraints(state, free, dt, setup.damping, targets_at)
         return after
