@@ -164,6 +164,19 @@ class RigidShell(FrameModel):
         arms = Rotation.from_rotvec(state.coordinates[3:]).apply(self._arms)
         return np.asarray(state.rates[:3] + np.cross(state.rates[3:], arms))
 
+    def squared(self, vector: Array) -> float:
+        """Square [kg m^2] of a displacement and a rotation (6,), in the norm of the mass."""
+        if not self._free:
+            return 0.0
+        return float(self._mass * vector[:3] @ vector[:3] + vector[3:] @ self._inertia @ vector[3:])
+
+    def largest_move(self, change: Array) -> float:
+        """Largest displacement [m] of a vertex by a small displacement and rotation (6,), at most."""
+        if not self._free:
+            return 0.0
+        reach = np.linalg.norm(self._arms, axis=1).max()
+        return float(np.linalg.norm(change[:3]) + reach * np.linalg.norm(change[3:]))
+
     def angular_momentum(self, state: MotionState) -> Array:
         """Angular momentum (3,) about the centre of mass [kg m^2/s], in the world's frame."""
         if not self._free:
